@@ -1,0 +1,116 @@
+"""The sensor array: where its sensors sit, their noise, and what that makes of K readings."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tam_calibration.problems import InputError
+from tam_calibration.units import FloatArray
+
+OUTPUT_NAMES = ("bx", "by", "bz", "gxx", "gxy", "gxz", "gyy", "gyz", "gzz")
+"""The order of the nine outputs of an array: centre field, then the gradient tensor."""
+
+TENSOR_OUTPUTS = (3, 4, 5, 6, 7)
+"""Positions of the five independent tensor components xx, xy, xz, yy, yz among the outputs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Array:
+    """Positions and noise of K tri-axial magnetometers and the scalar magnetometer beside them.
+
+    Parameters
+    ----------
+    positions_m : (K, 3) array
+        Sensor positions in the array frame (x forward, y left, z up; origin at the centre), metres.
+    vector_noise_T : (K,) array, optional
+        Standard deviation of the white noise of each axis of each sensor, tesla.
+        None means unknown: it is estimated from the recording.
+    scalar_noise_T : float, optional
+        Standard deviation of the scalar magnetometer's noise, tesla. None means unknown.
+
+    Raises
+    ------
+    InputError
+        When a position or noise is not finite, not positive or has the wrong shape.
+    """
+
+    positions_m: FloatArray
+    vector_noise_T: FloatArray | None = None
+    scalar_noise_T: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check shapes and values."""
+        positions = np.asarray(self.positions_m, dtype=float)
+        if positions.ndim != 2 or positions.shape[0] < 1 or positions.shape[1] != 3:
+            raise InputError(f"positions_m must be K rows of x, y, z; its shape is {positions.shape}")
+        if not np.isfinite(positions).all():
+            raise InputError("positions_m holds a value that is not finite")
+        object.__setattr__(self, "positions_m", positions)
+        if self.vector_noise_T is not None:
+            noise = np.asarray(self.vector_noise_T, dtype=float)
+            if noise.shape != (len(positions),):
+                raise InputError(f"vector noise must have one value for each of the {len(positions)} sensors, not shape {noise.shape}")
+            if not (np.isfinite(noise).all() and (noise > 0).all()):
+                raise InputError("every vector noise must be a positive number")
+            object.__setattr__(self, "vector_noise_T", noise)
+        if self.scalar_noise_T is not None and not (np.isfinite(self.scalar_noise_T) and self.scalar_noise_T >= 0):
+            raise InputError("the scalar noise must be zero or a positive number")
+
+    @classmethod
+    def cross(cls, baseline_m: float, vector_noise_T: float | None = None, scalar_noise_T: float | None = None) -> "Array":
+        """Make the four-sensor cross: sensors 1, 3 at +x, -x and 2, 4 at +y, -y, half a baseline out.
+
+        Raises
+        ------
+        InputError
+            When the baseline is not a positive number of metres.
+        """
+        if not (np.isfinite(baseline_m) and baseline_m > 0):
+            raise InputError(f"the baseline must be a positive number of metres, not {baseline_m}")
+        half = baseline_m / 2
+        positions = np.array([[half, 0, 0], [0, half, 0], [-half, 0, 0], [0, -half, 0]])
+        return cls(positions, None if vector_noise_T is None else np.full(4, vector_noise_T), scalar_noise_T)
+
+    @property
+    def sensor_count(self) -> int:
+        """Number of sensors K."""
+        return len(self.positions_m)
+
+    @cached_property
+    def has_gradient(self) -> bool:
+        """Whether the geometry determines the five tensor components that a plane array can see."""
+        return bool(np.linalg.matrix_rank(self._linear_field) == 8)
+
+    @cached_property
+    def _linear_field(self) -> FloatArray:
+        """(3K, 8) readings in a linear field, of its bx by bz gxx gxy gxz gyy gyz."""
+        rows = np.zeros((self.sensor_count, 3, 8))
+        x, y, z = self.positions_m.T
+        rows[:, :, :3] = np.eye(3)
+        rows[:, 0, 3], rows[:, 2, 3] = x, -z
+        rows[:, 0, 4], rows[:, 1, 4] = y, x
+        rows[:, 0, 5], rows[:, 2, 5] = z, x
+        rows[:, 1, 6], rows[:, 2, 6] = y, -z
+        rows[:, 1, 7], rows[:, 2, 7] = z, y
+        return rows.reshape(-1, 8)
+
+    @cached_property
+    def operator(self) -> FloatArray:
+        """(9, 3K) matrix from the stacked true fields at the sensors to the outputs.
+
+        Rows in the order of ``OUTPUT_NAMES``. The gradient is the least-squares fit of a symmetric,
+        trace-free tensor; for the cross it is Li 2018a eq. 2 with the mean of the two xy. Where the
+        geometry does not determine it, the centre is the sensors' mean and the gradient rows are NaN.
+        """
+        operator = np.full((9, 3 * self.sensor_count), np.nan)
+        if self.has_gradient:
+            operator[:8] = np.linalg.pinv(self._linear_field)
+            operator[8] = -operator[3] - operator[6]
+        else:
+            operator[:3] = np.tile(np.eye(3), self.sensor_count) / self.sensor_count
+        return operator
+
+    def has_geometry_of(self, other: "Array") -> bool:
+        """Whether the other array has its sensors at the same places, to a micrometre."""
+        return self.positions_m.shape == other.positions_m.shape and bool(np.allclose(self.positions_m, other.positions_m, rtol=0, atol=1e-6))

@@ -1,0 +1,236 @@
+"""The result of a fit: the sensors' errors with their covariance, how good they are, and how to apply them."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.linalg import inv, norm
+
+from tam_calibration.array import TENSOR_OUTPUTS, Array
+from tam_calibration.errors import SensorErrors
+from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+FRAME_STATEMENT = (
+    "The array frame is the orthogonal frame of sensor 1 (its z axis along its own z, its x-z plane holding its own "
+    "x-y-z triad as Wu 2025 Fig. 2 draws it). A uniform field cannot see how that frame is turned against the baselines: "
+    "three of the 12 K parameters, the common rotation, stay unknown and are taken as zero."
+)
+SCALE_STATEMENT = (
+    "Without a scalar reference the absolute scale is unknown: the determinants of the matrices D have the geometric mean 1, "
+    "and the intensity is given on that scale."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Root mean square residuals of corrected readings in a uniform field of known intensity.
+
+    Parameters
+    ----------
+    sensor_intensity_T : (K,) array
+        RMS of |b_i| - s for each sensor (Wu 2025 eqs. 14, 15), tesla.
+    center_intensity_T : float
+        The same for the centre vector, tesla.
+    tensor_T_per_m : (5,) array
+        RMS of the components xx, xy, xz, yy, yz, T/m; NaN where the geometry has no gradient.
+    """
+
+    sensor_intensity_T: FloatArray
+    center_intensity_T: float
+    tensor_T_per_m: FloatArray
+
+    @property
+    def tensor_rmse_T_per_m(self) -> float:
+        """Root of the summed squares of the five components, e_T of Wu 2025 eqs. 16, 17."""
+        return float(norm(self.tensor_T_per_m))
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """The recording that a calibration came from: file name, size and SHA-256 of its bytes."""
+
+    name: str
+    size_bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """Centre vector and magnetic gradient tensor in the array frame.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Time stamps of the recording, seconds.
+    outputs : (N, 9) array
+        Columns ``array.OUTPUT_NAMES``: bx by bz in tesla, gxx gxy gxz gyy gyz gzz in T/m; the gradient is
+        NaN where the array's geometry has none.
+    standard_errors : (9,) array
+        Standard error of each column: sensor noise and the calibration's own uncertainty.
+    """
+
+    time_s: FloatArray
+    outputs: FloatArray
+    standard_errors: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """The estimated errors of an array's sensors.
+
+    Parameters
+    ----------
+    method : str
+        Name of the fit.
+    array : Array
+        Geometry, and the noise that the fit used.
+    noise_is_estimated : bool
+        Whether a noise was not stated and was estimated from the recording.
+    errors : SensorErrors
+        The estimate. What the data cannot determine is zero: see ``statements``.
+    covariance : (12 K, 12 K) array, optional
+        Of ``errors.to_vector()`` flattened, SI; zero for what is fixed. None where it was not to be had.
+    has_scalar_reference : bool
+        Whether the absolute scale comes from a scalar reference.
+    intensity_T : float
+        Mean intensity of the field of the recording: the reference's, or the fitted constant, tesla.
+    before, in_sample, floor : Residuals
+        Residuals of the raw and of the corrected recording, and what sensor noise alone makes.
+    samples : int
+        Number of samples of the recording.
+    time_span_s : (float, float)
+        First and last time stamp of the recording, seconds.
+    coverage : float
+        Part of the sphere of field directions that the recording visited, 0 to 1.
+    reduced_chi_square : dict
+        ``differential`` (between sensors) and ``common_mode`` (against the scalar) whitened residual energy per
+        degree of freedom; 1 when noise alone is left. Empty where there is no redundancy.
+    held_out : Residuals, optional
+        Residuals of samples that the fit did not see.
+    source : Provenance, optional
+        Where the recording came from.
+    """
+
+    method: str
+    array: Array
+    noise_is_estimated: bool
+    errors: SensorErrors
+    covariance: FloatArray | None
+    has_scalar_reference: bool
+    intensity_T: float
+    before: Residuals
+    in_sample: Residuals
+    floor: Residuals
+    samples: int
+    time_span_s: tuple[float, float]
+    coverage: float
+    reduced_chi_square: dict[str, float] = field(default_factory=dict)
+    held_out: Residuals | None = None
+    source: Provenance | None = None
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """What holds for the frame, and what the data could not determine."""
+        return (FRAME_STATEMENT,) if self.has_scalar_reference else (FRAME_STATEMENT, SCALE_STATEMENT)
+
+    @cached_property
+    def standard_errors(self) -> FloatArray:
+        """(K, 12) standard errors in the order of ``errors.PARAMETER_NAMES``; NaN where unknown."""
+        shape = (self.errors.sensor_count, 12)
+        if self.covariance is None:
+            return np.full(shape, np.nan)
+        return np.sqrt(np.diag(self.covariance)).reshape(shape)
+
+    @cached_property
+    def correction_matrix(self) -> FloatArray:
+        """(9, 3K) matrix C of outputs = C (y - o), y the stacked raw readings and o the stacked biases."""
+        sensors = self.array.operator.reshape(9, -1, 3)
+        return np.einsum("rki,kij->rkj", sensors, inv(self.errors.matrix)).reshape(9, -1)
+
+    @cached_property
+    def output_standard_errors(self) -> FloatArray:
+        """(9,) standard errors of the outputs: sensor noise, and the calibration's own error.
+
+        The second part is the root mean square over all directions of a field of the calibration's intensity.
+        """
+        assert self.array.vector_noise_T is not None
+        noise = self.correction_matrix**2 @ np.repeat(self.array.vector_noise_T**2, 3)
+        return np.sqrt(noise + self._calibration_variance())
+
+    def _calibration_variance(self) -> FloatArray:
+        if self.covariance is None:
+            return np.zeros(9)
+        sensor_count = self.errors.sensor_count
+        # d output = -C_i (dM_i b + do_i); rows (K, 3, 4) of [dM | do] by the twelve parameters of each sensor.
+        rows = np.zeros((sensor_count, 3, 4, 12))
+        jacobian = self.errors.matrix_jacobian()
+        rows[:, :, :3, :6], rows[:, :, :3, 9:] = jacobian[..., :6], jacobian[..., 6:]
+        rows[:, :, 3, 6:9] = np.eye(3)
+        by_parameter = np.einsum("rki,kidp->rdkp", self.correction_matrix.reshape(9, sensor_count, 3), rows).reshape(9, 4, -1)
+        mean_square = np.array([*[self.intensity_T**2 / 3] * 3, 1.0])
+        variance: FloatArray = np.einsum("rdp,pq,rdq,d->r", by_parameter, self.covariance, by_parameter, mean_square, optimize=True)
+        return variance
+
+    def correct(self, recording: Recording) -> Corrected:
+        """Return the centre vector and gradient tensor of raw readings.
+
+        Raises
+        ------
+        InputError
+            When the recording has another number of sensors, or its readings are not geomagnetic in tesla.
+        """
+        if recording.sensor_count != self.errors.sensor_count:
+            raise InputError(
+                f"the calibration is of {self.errors.sensor_count} sensors, the recording of {recording.sensor_count}: "
+                "use the calibration of this array"
+            )
+        recording.check_units()
+        return Corrected(recording.time_s, self.apply(recording.readings_T), self.output_standard_errors)
+
+    def apply(self, readings_T: FloatArray) -> FloatArray:
+        """Return the (N, 9) outputs of (N, K, 3) readings; a sample's result does not depend on its neighbours."""
+        unbiased = (readings_T - self.errors.bias_T).reshape(len(readings_T), -1)
+        outputs: FloatArray = np.einsum("nj,ij->ni", unbiased, self.correction_matrix)
+        return outputs
+
+
+def measure_residuals(errors: SensorErrors, array: Array, recording: Recording, intensity_T: float) -> Residuals:
+    """Return the residuals of a recording in a uniform field, corrected with given errors.
+
+    ``intensity_T`` stands in where the recording has no scalar reading.
+    """
+    corrected = errors.restore(recording.readings_T)
+    scalar = np.full(recording.sample_count, intensity_T) if recording.scalar_T is None else recording.scalar_T
+    known = np.isfinite(scalar)
+    outputs = np.einsum("nj,ij->ni", corrected.reshape(len(corrected), -1), array.operator)
+    return Residuals(
+        _root_mean_square(norm(corrected, axis=2)[known] - scalar[known, None]),
+        float(_root_mean_square(norm(outputs[known, :3], axis=1) - scalar[known])),
+        _root_mean_square(outputs[:, TENSOR_OUTPUTS]),
+    )
+
+
+def noise_floor(errors: SensorErrors, array: Array, scalar_noise_T: float) -> Residuals:
+    """Return the residuals that sensor noise alone leaves, whatever the calibration.
+
+    The noise of an intensity is the mean over all directions of the noise along the field.
+    """
+    assert array.vector_noise_T is not None
+    unmix = inv(errors.matrix)
+    sensor_variance = array.vector_noise_T**2 * (unmix**2).sum(axis=(1, 2)) / 3
+    operator = np.einsum("rki,kij->rkj", array.operator.reshape(9, -1, 3), unmix).reshape(9, -1)
+    output_variance = operator**2 @ np.repeat(array.vector_noise_T**2, 3)
+    return Residuals(
+        np.sqrt(sensor_variance + scalar_noise_T**2),
+        float(np.sqrt(output_variance[:3].mean() + scalar_noise_T**2)),
+        np.sqrt(output_variance[list(TENSOR_OUTPUTS)]),
+    )
+
+
+
+
+def _root_mean_square(values: FloatArray) -> FloatArray:
+    mean_square: FloatArray = np.sqrt(np.mean(values**2, axis=0))
+    return mean_square

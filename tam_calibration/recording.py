@@ -1,0 +1,149 @@
+"""The data of one run, checked."""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from tam_calibration.problems import InputError
+from tam_calibration.units import FloatArray
+
+EARTH_FIELD_T = (15e-6, 100e-6)
+"""Bounds of the intensity of the geomagnetic field at which a scalar reading is believed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """N simultaneous samples of K tri-axial sensors and the channels beside them.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Time stamps, strictly increasing, seconds.
+    readings_T : (N, K, 3) array
+        Raw readings of the sensors along their own axes x, y, z, tesla.
+    scalar_T : (N,) array, optional
+        Intensity from the scalar magnetometer, tesla; NaN where there is none.
+    temperature_C : (N,) array, optional
+        Temperature, degrees Celsius.
+    current_A : (N,) array, optional
+        Current that may disturb the sensors, ampere.
+    attitude : (N, 4) array, optional
+        Quaternion x, y, z, w that turns vectors of the array frame into the world's.
+
+    Raises
+    ------
+    InputError
+        When a shape is wrong, a value that is needed is not finite, or time does not increase.
+    """
+
+    time_s: FloatArray
+    readings_T: FloatArray
+    scalar_T: FloatArray | None = None
+    temperature_C: FloatArray | None = None
+    current_A: FloatArray | None = None
+    attitude: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        """Check shapes, finiteness and the order of time."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None:
+                object.__setattr__(self, field.name, np.asarray(value, dtype=float))
+        if self.readings_T.ndim != 3 or self.readings_T.shape[2] != 3 or self.readings_T.shape[1] < 1:
+            raise InputError(f"readings must have the shape (samples, sensors, 3), not {self.readings_T.shape}")
+        self._check_shapes()
+        if self.sample_count == 0:
+            raise InputError("the recording holds no sample")
+        self._check_finite()
+        self._check_time()
+
+    def _check_shapes(self) -> None:
+        expected = {"time_s": (self.sample_count,), "scalar_T": (self.sample_count,), "temperature_C": (self.sample_count,)}
+        expected |= {"current_A": (self.sample_count,), "attitude": (self.sample_count, 4)}
+        for name, shape in expected.items():
+            value = getattr(self, name)
+            if value is not None and value.shape != shape:
+                raise InputError(f"{name} must have the shape {shape} to match the readings, not {value.shape}")
+
+    def _check_finite(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is None or field.name == "scalar_T":
+                continue
+            bad = ~np.isfinite(value)
+            if bad.any():
+                index = np.argwhere(bad)[0]
+                where = f"sensor {index[1] + 1} axis {'xyz'[index[2]]}" if field.name == "readings_T" else field.name
+                count = int(bad.reshape(len(bad), -1).any(axis=1).sum())
+                raise InputError(f"{count} of {self.sample_count} samples hold NaN or infinite values, first {where} in sample {index[0] + 1}: remove these samples")
+        if self.scalar_T is not None and np.isinf(self.scalar_T).any():
+            raise InputError("the scalar intensity holds infinite values: leave it empty where there is no reading")
+
+    def _check_time(self) -> None:
+        step = np.diff(self.time_s)
+        if (step > 0).all():
+            return
+        first = int(np.argmax(step <= 0))
+        kind = "repeats" if step[first] == 0 else "goes backwards"
+        raise InputError(
+            f"time {kind} at sample {first + 2} (after {self.time_s[first]:.6f} s comes {self.time_s[first + 1]:.6f} s; "
+            f"{int((step <= 0).sum())} such places): sort the samples by time and keep one of each"
+        )
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples N."""
+        return len(self.readings_T)
+
+    @property
+    def sensor_count(self) -> int:
+        """Number of sensors K."""
+        return self.readings_T.shape[1]
+
+    def take(self, index: slice | np.ndarray) -> "Recording":
+        """Return the recording of the samples that a slice, mask or increasing index selects."""
+        chosen = {field.name: getattr(self, field.name) for field in fields(self)}
+        return replace(self, **{name: value[index] for name, value in chosen.items() if value is not None})
+
+    def check_plausible(self) -> None:
+        """Check that readings and scalar can be a geomagnetic field in tesla that the array was turned in.
+
+        Raises
+        ------
+        InputError
+            When a sensor's axis is constant, or sizes betray another unit than the one stated.
+        """
+        spread = np.ptp(self.readings_T, axis=0)
+        if self.sample_count > 1 and (spread == 0).any():
+            sensor, axis = np.argwhere(spread == 0)[0]
+            raise InputError(f"sensor {sensor + 1} axis {'xyz'[axis]} reads the same value in all {self.sample_count} samples: it is not connected, or was not turned")
+        self.check_units()
+
+    def check_units(self) -> None:
+        """Check that the sizes of readings and scalar are those of a geomagnetic field in tesla.
+
+        Raises
+        ------
+        InputError
+            When they betray another unit than the one stated.
+        """
+        low, high = EARTH_FIELD_T
+        if self.scalar_T is not None and np.isfinite(self.scalar_T).any():
+            intensity = float(np.nanmedian(self.scalar_T))
+            if not low <= intensity <= high:
+                raise InputError(f"the scalar intensity is {_microtesla(intensity)}, outside the {low * 1e6:.0f} to {high * 1e6:.0f} µT of the Earth's field: {_unit_hint(intensity)}")
+        size = np.median(np.linalg.norm(self.readings_T, axis=2), axis=0)
+        for sensor, value in enumerate(size):
+            if not low / 100 <= value <= high * 100:
+                raise InputError(f"sensor {sensor + 1} reads {_microtesla(float(value))}, far from the {low * 1e6:.0f} to {high * 1e6:.0f} µT of the Earth's field: {_unit_hint(float(value))}")
+
+
+def _microtesla(tesla: float) -> str:
+    return f"{tesla * 1e6:.4g} µT"
+
+
+def _unit_hint(tesla: float) -> str:
+    factors = {"µT given as T": 1e6, "nT given as T": 1e9, "gauss given as T": 1e4, "µT given as nT": 1e-3, "T given as µT": 1e-6, "T given as nT": 1e-9}
+    low, high = EARTH_FIELD_T
+    fits = [name for name, factor in factors.items() if low <= tesla / factor <= high]
+    return f"is this {' or '.join(fits)}?" if fits else "check the unit and the source"
