@@ -1,0 +1,51 @@
+"""The main geomagnetic field of a place and date, from the International Geomagnetic Reference Field."""
+
+from datetime import date, datetime
+
+import numpy as np
+
+from tam_calibration.problems import InputError
+from tam_calibration.units import FloatArray, from_nanotesla
+
+MODEL_YEARS = (1900, 2030)
+"""First year of IGRF-14, and the year at whose beginning it ends."""
+
+
+def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day: date) -> FloatArray:
+    """Return the field of IGRF-14 at a place: the Earth's core only, without crust, ionosphere and buildings.
+
+    Parameters
+    ----------
+    latitude_deg : float
+        Geodetic latitude, -90 to 90 degrees.
+    longitude_deg : float
+        Longitude, degrees east, -180 to 360.
+    height_m : float
+        Height above the WGS84 ellipsoid, metres.
+    day : date
+        Day of the field, 1900 to 2029.
+
+    Returns
+    -------
+    (3,) array
+        Components east, north, up, tesla.
+
+    Raises
+    ------
+    InputError
+        When a coordinate or the day lies outside its bounds.
+    """
+    import ppigrf  # type: ignore[import-untyped]  # has no type hints; imported late as it brings pandas
+
+    if not -90 <= latitude_deg <= 90:
+        raise InputError(f"the latitude must lie between -90 and 90 degrees, not at {latitude_deg}")
+    if not -180 <= longitude_deg <= 360:
+        raise InputError(f"the longitude must lie between -180 and 360 degrees east, not at {longitude_deg}")
+    if not -10e3 <= height_m <= 600e3:
+        raise InputError(f"the height must lie between -10 and 600 km, not at {height_m} m")
+    if not MODEL_YEARS[0] <= day.year < MODEL_YEARS[1]:
+        raise InputError(
+            f"the geomagnetic model IGRF-14 holds from {MODEL_YEARS[0]} to {MODEL_YEARS[1] - 1}, not in {day.year}"
+        )
+    components = ppigrf.igrf(longitude_deg, latitude_deg, height_m / 1e3, datetime(day.year, day.month, day.day))
+    return from_nanotesla(np.ravel(components).astype(float))
