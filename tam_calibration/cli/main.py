@@ -1,0 +1,66 @@
+"""The `tam` command: one group, its subcommands loaded when they are called."""
+
+from importlib import import_module
+from typing import Any
+
+import click
+
+from tam_calibration import __version__
+from tam_calibration.problems import InputError, Refused
+
+SUBCOMMANDS = {
+    "simulate": "Make a recording of a known array and field, with the truth beside it.",
+    "calibrate": "Estimate the errors of an array's sensors from a recording.",
+    "correct": "Turn raw readings into the centre vector and the gradient tensor.",
+    "nodes": "Start the collector, calibrator and corrector nodes together.",
+    "play": "Play a bag onto its topics, to feed the nodes.",
+    "demo": "Run the whole chain over ROS 2 and show what it gained.",
+}
+
+
+class LazyGroup(click.Group):
+    """A group whose subcommand NAME is ``tam_calibration.cli.NAME.command``, imported when called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in the order in which they are used."""
+        return list(SUBCOMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import and return a subcommand."""
+        if cmd_name not in SUBCOMMANDS:
+            return None
+        command: click.Command = import_module(f"tam_calibration.cli.{cmd_name}").command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of subcommands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(SUBCOMMANDS.items()))
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a subcommand; what the user can mend becomes one sentence and an exit code."""
+        try:
+            return super().invoke(ctx)
+        except Refused as problem:
+            _end(ctx, str(problem), code=1)
+        except InputError as problem:
+            _end(ctx, str(problem), code=2)
+        except BrokenPipeError:
+            raise
+        except OSError as problem:
+            where = "" if problem.filename is None else f"{problem.filename}: "
+            _end(ctx, where + (problem.strerror or str(problem)), code=2)
+
+
+def _end(ctx: click.Context, sentence: str, code: int) -> None:
+    click.echo(f"tam: {sentence}", err=True)
+    ctx.exit(code)
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="tam")
+def main() -> None:
+    """Calibrate arrays of tri-axial magnetometers, offline and over ROS 2.
+
+    Exits 0 when done, 1 when the answer is no (refused, with the reason), 2 on bad input.
+    """
