@@ -35,7 +35,7 @@ def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day
     InputError
         When a coordinate or the day lies outside its bounds.
     """
-    import ppigrf  # type: ignore[import-untyped]  # has no type hints; imported late as it brings pandas
+    import ppigrf  # late, as it brings pandas with it
 
     if not -90 <= latitude_deg <= 90:
         raise InputError(f"the latitude must lie between -90 and 90 degrees, not at {latitude_deg}")
