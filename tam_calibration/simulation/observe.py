@@ -1,0 +1,122 @@
+"""From a scenario to the recording that its array would have made, and the truth behind it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.errors import SensorErrors
+from tam_calibration.recording import Recording
+from tam_calibration.simulation.scenario import Scenario
+from tam_calibration.units import FloatArray
+
+RANDOM_PARTS = ("motion", "vector", "scalar", "temperature", "current", "attitude")
+"""What draws random numbers; each has a generator of its own, so that one more channel changes no other's noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A simulated recording and its truth.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        What was simulated.
+    recording : Recording
+        What the instruments read.
+    attitude : (N, 4) array
+        True quaternions x, y, z, w from the array frame to the world.
+    center_field_T : (N, 3) array
+        True field at the array's centre in the array frame, tesla.
+    gradient_T_per_m : (N, 3, 3) array
+        True gradient tensor there in the array frame, T/m.
+    """
+
+    scenario: Scenario
+    recording: Recording
+    attitude: FloatArray
+    center_field_T: FloatArray
+    gradient_T_per_m: FloatArray
+
+    @property
+    def errors(self) -> SensorErrors:
+        """The true errors of the sensors."""
+        return self.scenario.errors
+
+
+def simulate(scenario: Scenario) -> Simulation:
+    """Return the recording of a scenario, with the truth.
+
+    Raises
+    ------
+    InputError
+        When the scenario's drift does not span the run.
+    """
+    time_s = scenario.time_s
+    attitude = scenario.motion.attitudes(time_s, _generator(scenario, "motion"))
+    rotation = Rotation.from_quat(attitude)
+    uniform = _uniform_field(scenario, rotation)
+    at_sensors = uniform[:, None] + _dipole_field(scenario, rotation, scenario.array.positions_m)
+    center = uniform + _dipole_field(scenario, rotation, np.zeros((1, 3)))[:, 0]
+    recording = Recording(
+        time_s,
+        scenario.errors.distort(at_sensors) + _vector_noise(scenario),
+        _scalar(scenario, center),
+        None
+        if scenario.temperature is None
+        else scenario.temperature.readings(time_s, _generator(scenario, "temperature")),
+        None if scenario.current is None else scenario.current.readings(time_s, _generator(scenario, "current")),
+        None if scenario.attitude is None else scenario.attitude.readings(attitude, _generator(scenario, "attitude")),
+    )
+    return Simulation(scenario, recording, attitude, center, _gradient(scenario, rotation))
+
+
+def _generator(scenario: Scenario, part: str, number: int = 0) -> np.random.Generator:
+    key = (RANDOM_PARTS.index(part), number)
+    return np.random.default_rng(np.random.SeedSequence(scenario.seed, spawn_key=key))
+
+
+def _uniform_field(scenario: Scenario, rotation: Rotation) -> FloatArray:
+    """Return the (N, 3) drifting field of the site in the array frame."""
+    world = np.tile(scenario.site_field_T, (scenario.sample_count, 1))
+    if scenario.drift is not None:
+        world = world + scenario.drift.variation_T(scenario.time_s, scenario.site_field_T)
+    field: FloatArray = rotation.inv().apply(world)
+    return field
+
+
+def _dipole_field(scenario: Scenario, rotation: Rotation, positions_m: FloatArray) -> FloatArray:
+    """Return the (N, P, 3) field of the dipole in the array frame at positions (P, 3) of that frame."""
+    if scenario.dipole is None:
+        return np.zeros((1, 1, 3))
+    matrix = rotation.as_matrix()
+    world = scenario.dipole.field_T(np.einsum("nij,pj->npi", matrix, positions_m))
+    field: FloatArray = np.einsum("nji,npj->npi", matrix, world)
+    return field
+
+
+def _gradient(scenario: Scenario, rotation: Rotation) -> FloatArray:
+    """Return the (N, 3, 3) gradient tensor at the centre in the array frame."""
+    if scenario.dipole is None:
+        return np.zeros((scenario.sample_count, 3, 3))
+    matrix = rotation.as_matrix()
+    gradient: FloatArray = np.swapaxes(matrix, 1, 2) @ scenario.dipole.gradient_T_per_m(np.zeros(3)) @ matrix
+    return gradient
+
+
+def _vector_noise(scenario: Scenario) -> FloatArray:
+    """Return the (N, K, 3) white noise of the sensors, each from its own generator."""
+    noise = scenario.array.vector_noise_T
+    if noise is None:
+        return np.zeros((1, 1, 3))
+    shape = (scenario.sample_count, 3)
+    drawn = [_generator(scenario, "vector", sensor).normal(0, size, shape) for sensor, size in enumerate(noise)]
+    return np.stack(drawn, axis=1)
+
+
+def _scalar(scenario: Scenario, center_T: FloatArray) -> FloatArray | None:
+    if scenario.scalar is None:
+        return None
+    intensity = np.linalg.norm(center_T, axis=1)
+    noise = scenario.array.scalar_noise_T or 0.0
+    return scenario.scalar.readings(scenario.time_s, intensity, noise, _generator(scenario, "scalar"))

@@ -1,0 +1,148 @@
+"""Where the field comes from: the site's uniform field, its drift, and a dipole; in the world's east, north, up."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.linalg import norm
+from scipy.constants import mu_0
+
+from tam_calibration.problems import InputError
+from tam_calibration.units import FloatArray
+
+
+def field_from_elements(intensity_T: float, inclination: float, declination: float) -> FloatArray:
+    """Return the (3,) field east, north, up, tesla.
+
+    Angles in radians, the inclination positive downwards and the declination positive to the east.
+    """
+    north = np.cos(inclination) * np.cos(declination)
+    east = np.cos(inclination) * np.sin(declination)
+    return intensity_T * np.array([east, north, -np.sin(inclination)])
+
+
+class Drift(Protocol):
+    """How the uniform field of the site changes with time."""
+
+    def variation_T(self, time_s: FloatArray, site_field_T: FloatArray) -> FloatArray:
+        """Return what is added to the site field (3,) at times (N,): (N, 3), tesla."""
+
+
+@dataclass(frozen=True)
+class SinusoidDrift:
+    """An intensity that swings as a sinusoid about the site's.
+
+    Parameters
+    ----------
+    standard_deviation_T : float
+        Of the intensity over the samples, tesla.
+    period_s : float
+        Duration of one swing, seconds.
+    """
+
+    standard_deviation_T: float
+    period_s: float
+
+    def variation_T(self, time_s: FloatArray, site_field_T: FloatArray) -> FloatArray:
+        """Return what is added to the site field (3,) at times (N,): (N, 3), tesla."""
+        return _along(site_field_T, np.sin(2 * np.pi * time_s / self.period_s), self.standard_deviation_T)
+
+
+@dataclass(frozen=True)
+class RampDrift:
+    """An intensity that rises steadily about the site's.
+
+    Parameters
+    ----------
+    standard_deviation_T : float
+        Of the intensity over the samples, tesla.
+    """
+
+    standard_deviation_T: float
+
+    def variation_T(self, time_s: FloatArray, site_field_T: FloatArray) -> FloatArray:
+        """Return what is added to the site field (3,) at times (N,): (N, 3), tesla."""
+        return _along(site_field_T, time_s, self.standard_deviation_T)
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedDrift:
+    """The variation that an observatory recorded about its mean, turned from its magnetic meridian into the site's.
+
+    Parameters
+    ----------
+    time_s : (M,) array
+        Times of the record, increasing; 0 is the start of the simulation.
+    field_T : (M, 3) array
+        Components to magnetic north, magnetic east and down, tesla; NaN where the record has a gap.
+    """
+
+    time_s: FloatArray
+    field_T: FloatArray
+
+    def variation_T(self, time_s: FloatArray, site_field_T: FloatArray) -> FloatArray:
+        """Return what is added to the site field (3,) at times (N,): (N, 3), tesla.
+
+        Raises
+        ------
+        InputError
+            When the record has a gap in the time of the simulation, or does not span it.
+        """
+        columns = [np.interp(time_s, self.time_s, column, left=np.nan, right=np.nan) for column in self.field_T.T]
+        north, east, down = np.array(columns) - np.mean(columns, axis=1, keepdims=True)
+        if not np.isfinite(north + east + down).all():
+            span = time_s[-1] - time_s[0]
+            raise InputError(
+                f"the observatory's record has a gap within the {span:.0f} s of the simulation, or does not span them: "
+                "choose another start or fewer samples"
+            )
+        meridian = np.arctan2(site_field_T[0], site_field_T[1])
+        cosine, sine = np.cos(meridian), np.sin(meridian)
+        return np.stack([north * sine + east * cosine, north * cosine - east * sine, -down], axis=1)
+
+
+def _along(site_field_T: FloatArray, shape: FloatArray, standard_deviation_T: float) -> FloatArray:
+    """Return the (N, 3) variation along the site field that has the shape (N,) and exactly the standard deviation."""
+    if np.ptp(shape) == 0:
+        raise InputError("one sample cannot drift: ask for more samples or for no drift")
+    intensity = standard_deviation_T * (shape - shape.mean()) / shape.std()
+    return np.outer(intensity, site_field_T / norm(site_field_T))
+
+
+@dataclass(frozen=True, eq=False)
+class Dipole:
+    """A magnetic dipole that rests in the world.
+
+    Parameters
+    ----------
+    position_m : (3,) array
+        East, north, up from the array's centre, metres.
+    moment_Am2 : (3,) array
+        Magnetic moment east, north, up, A m².
+    """
+
+    position_m: FloatArray
+    moment_Am2: FloatArray
+
+    def field_T(self, points_m: FloatArray) -> FloatArray:
+        """Return the field (…, 3) at points (…, 3) of the world, tesla: μ₀/4π (3 (m·n) n - m)/r³."""
+        offset, moment, distance = self._geometry(points_m)
+        along = offset @ moment
+        field: FloatArray = mu_0 / (4 * np.pi) * (3 * along[..., None] * offset / distance**5 - moment / distance**3)
+        return field
+
+    def gradient_T_per_m(self, points_m: FloatArray) -> FloatArray:
+        """Return the symmetric, trace-free gradient tensor (…, 3, 3) at points (…, 3), T/m."""
+        offset, moment, distance = self._geometry(points_m)
+        along = (offset @ moment)[..., None, None]
+        crossed = offset[..., :, None] * moment
+        diagonal = along * np.eye(3)
+        squared = offset[..., :, None] * offset[..., None, :]
+        distance = distance[..., None]
+        sum_of_firsts = (crossed + np.swapaxes(crossed, -1, -2) + diagonal) / distance**5
+        gradient: FloatArray = mu_0 / (4 * np.pi) * (3 * sum_of_firsts - 15 * along * squared / distance**7)
+        return gradient
+
+    def _geometry(self, points_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        offset = np.asarray(points_m) - self.position_m
+        return offset, np.asarray(self.moment_Am2), norm(offset, axis=-1, keepdims=True)
