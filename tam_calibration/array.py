@@ -50,7 +50,9 @@ class Array:
         if self.vector_noise_T is not None:
             noise = np.asarray(self.vector_noise_T, dtype=float)
             if noise.shape != (len(positions),):
-                raise InputError(f"vector noise must have one value for each of the {len(positions)} sensors, not shape {noise.shape}")
+                raise InputError(
+                    f"vector noise needs one value for each of {len(positions)} sensors, not the shape {noise.shape}"
+                )
             if not (np.isfinite(noise).all() and (noise > 0).all()):
                 raise InputError("every vector noise must be a positive number")
             object.__setattr__(self, "vector_noise_T", noise)
@@ -58,7 +60,9 @@ class Array:
             raise InputError("the scalar noise must be zero or a positive number")
 
     @classmethod
-    def cross(cls, baseline_m: float, vector_noise_T: float | None = None, scalar_noise_T: float | None = None) -> "Array":
+    def cross(
+        cls, baseline_m: float, vector_noise_T: float | None = None, scalar_noise_T: float | None = None
+    ) -> "Array":
         """Make the four-sensor cross: sensors 1, 3 at +x, -x and 2, 4 at +y, -y, half a baseline out.
 
         Raises
@@ -113,4 +117,6 @@ class Array:
 
     def has_geometry_of(self, other: "Array") -> bool:
         """Whether the other array has its sensors at the same places, to a micrometre."""
-        return self.positions_m.shape == other.positions_m.shape and bool(np.allclose(self.positions_m, other.positions_m, rtol=0, atol=1e-6))
+        return self.positions_m.shape == other.positions_m.shape and bool(
+            np.allclose(self.positions_m, other.positions_m, rtol=0, atol=1e-6)
+        )

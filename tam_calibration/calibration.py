@@ -13,13 +13,13 @@ from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 FRAME_STATEMENT = (
-    "The array frame is the orthogonal frame of sensor 1 (its z axis along its own z, its x-z plane holding its own "
-    "x-y-z triad as Wu 2025 Fig. 2 draws it). A uniform field cannot see how that frame is turned against the baselines: "
-    "three of the 12 K parameters, the common rotation, stay unknown and are taken as zero."
+    "The array frame is the orthogonal frame of sensor 1: z along its z axis, y in the plane of its y and z axes. "
+    "A uniform field cannot see how that frame is turned against the baselines: of the 12 K parameters the three of "
+    "this common rotation stay unknown and are taken as zero."
 )
 SCALE_STATEMENT = (
-    "Without a scalar reference the absolute scale is unknown: the determinants of the matrices D have the geometric mean 1, "
-    "and the intensity is given on that scale."
+    "Without a scalar reference the absolute scale is unknown: the determinants of the matrices are given the "
+    "geometric mean 1, and the intensity is told on that scale."
 )
 
 
@@ -107,6 +107,8 @@ class Calibration:
     reduced_chi_square : dict
         ``differential`` (between sensors) and ``common_mode`` (against the scalar) whitened residual energy per
         degree of freedom; 1 when noise alone is left. Empty where there is no redundancy.
+    warnings : tuple of str
+        What speaks against trusting the calibration, one sentence each.
     held_out : Residuals, optional
         Residuals of samples that the fit did not see.
     source : Provenance, optional
@@ -127,6 +129,7 @@ class Calibration:
     time_span_s: tuple[float, float]
     coverage: float
     reduced_chi_square: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
     held_out: Residuals | None = None
     source: Provenance | None = None
 
@@ -163,14 +166,13 @@ class Calibration:
         if self.covariance is None:
             return np.zeros(9)
         sensor_count = self.errors.sensor_count
-        # d output = -C_i (dM_i b + do_i); rows (K, 3, 4) of [dM | do] by the twelve parameters of each sensor.
-        rows = np.zeros((sensor_count, 3, 4, 12))
-        jacobian = self.errors.matrix_jacobian()
-        rows[:, :, :3, :6], rows[:, :, :3, 9:] = jacobian[..., :6], jacobian[..., 6:]
-        rows[:, :, 3, 6:9] = np.eye(3)
-        by_parameter = np.einsum("rki,kidp->rdkp", self.correction_matrix.reshape(9, sensor_count, 3), rows).reshape(9, 4, -1)
+        # d output = -C_i (dM_i b + do_i)
+        sensors = self.correction_matrix.reshape(9, sensor_count, 3)
+        by_parameter = np.einsum("rki,kidp->rdkp", sensors, self.errors.jacobian()).reshape(9, 4, -1)
         mean_square = np.array([*[self.intensity_T**2 / 3] * 3, 1.0])
-        variance: FloatArray = np.einsum("rdp,pq,rdq,d->r", by_parameter, self.covariance, by_parameter, mean_square, optimize=True)
+        variance: FloatArray = np.einsum(
+            "rdp,pq,rdq,d->r", by_parameter, self.covariance, by_parameter, mean_square, optimize=True
+        )
         return variance
 
     def correct(self, recording: Recording) -> Corrected:
@@ -229,8 +231,6 @@ def noise_floor(errors: SensorErrors, array: Array, scalar_noise_T: float) -> Re
     )
 
 
-
-
 def _root_mean_square(values: FloatArray) -> FloatArray:
-    mean_square: FloatArray = np.sqrt(np.mean(values**2, axis=0))
-    return mean_square
+    root: FloatArray = np.sqrt(np.mean(values**2, axis=0))
+    return root

@@ -138,36 +138,43 @@ class SensorErrors:
         """Return the (N, K, 3) readings of the true fields (N, K, 3) at the sensors, or (N, 3) uniform."""
         if field_T.ndim == 2:
             field_T = field_T[:, None, :]
-        return np.einsum("kij,nkj->nki", self.matrix, np.broadcast_to(field_T, (len(field_T), self.sensor_count, 3))) + self.bias_T
+        return (
+            np.einsum("kij,nkj->nki", self.matrix, np.broadcast_to(field_T, (len(field_T), self.sensor_count, 3)))
+            + self.bias_T
+        )
 
     def restore(self, readings_T: FloatArray) -> FloatArray:
         """Return the (N, K, 3) fields in the array frame from raw readings (N, K, 3)."""
         return np.einsum("kij,nkj->nki", inv(self.matrix), readings_T - self.bias_T)
 
-    def matrix_jacobian(self) -> FloatArray:
-        """Return the (K, 3, 3, 9) derivatives of D Λ by S, non-orthogonality and misalignment.
-
-        The last axis holds Sx, Sy, Sz, θ, φ, ψ, α, β, γ.
-        """
+    def jacobian(self) -> FloatArray:
+        """Return the (K, 3, 4, 12) derivatives of [D Λ | o] by the parameters in the order of ``PARAMETER_NAMES``."""
         (sx, sy, _), (theta, phi, psi) = self.scale_factor.T, self.non_orthogonality.T
         measurement, rotation = self.measurement, self.rotation
-        derivative = np.zeros((self.sensor_count, 9, 3, 3))
+        derivative = np.zeros((self.sensor_count, 12, 3, 4))
+        matrix = derivative[..., :3]
         for axis in range(3):
-            derivative[:, axis, axis] = measurement[:, axis] / self.scale_factor[:, axis, None]
-        derivative[:, 3, 0] = np.stack([-sx * np.sin(theta) * np.cos(phi), -sx * np.sin(theta) * np.sin(phi), sx * np.cos(theta)], 1)
-        derivative[:, 4, 0, 0], derivative[:, 4, 0, 1] = -measurement[:, 0, 1], measurement[:, 0, 0]
-        derivative[:, 5, 1, 1], derivative[:, 5, 1, 2] = -sy * np.sin(psi), sy * np.cos(psi)
-        derivative[:, :6] = derivative[:, :6] @ rotation[:, None]
+            matrix[:, axis, axis] = measurement[:, axis] / self.scale_factor[:, axis, None]
+        matrix[:, 3, 0] = np.stack(
+            [-sx * np.sin(theta) * np.cos(phi), -sx * np.sin(theta) * np.sin(phi), sx * np.cos(theta)], 1
+        )
+        matrix[:, 4, 0, 0], matrix[:, 4, 0, 1] = -measurement[:, 0, 1], measurement[:, 0, 0]
+        matrix[:, 5, 1, 1], matrix[:, 5, 1, 2] = -sy * np.sin(psi), sy * np.cos(psi)
+        matrix[:, :6] = matrix[:, :6] @ rotation[:, None]
+        derivative[:, 6:9, :, 3] = np.eye(3)
         alpha, beta, gamma = self.misalignment.T
         rx, ry, rz = _rotate_x(alpha), _rotate_y(beta), _rotate_z(gamma)
         # A passive rotation by an angle has the derivative -[axis]× times itself.
-        derivative[:, 6] = measurement @ -_CROSS[0] @ rotation
-        derivative[:, 7] = measurement @ rx @ -_CROSS[1] @ ry @ rz
-        derivative[:, 8] = measurement @ rotation @ -_CROSS[2]
+        matrix[:, 9] = measurement @ -_CROSS[0] @ rotation
+        matrix[:, 10] = measurement @ rx @ -_CROSS[1] @ ry @ rz
+        matrix[:, 11] = measurement @ rotation @ -_CROSS[2]
         return np.moveaxis(derivative, 1, 3)
 
 
-_CROSS = np.array([[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]], dtype=float)
+_CROSS = np.array(
+    [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]],
+    dtype=float,
+)
 
 
 def _stack_rows(*rows: list[FloatArray]) -> FloatArray:

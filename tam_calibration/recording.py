@@ -58,7 +58,11 @@ class Recording:
         self._check_time()
 
     def _check_shapes(self) -> None:
-        expected = {"time_s": (self.sample_count,), "scalar_T": (self.sample_count,), "temperature_C": (self.sample_count,)}
+        expected = {
+            "time_s": (self.sample_count,),
+            "scalar_T": (self.sample_count,),
+            "temperature_C": (self.sample_count,),
+        }
         expected |= {"current_A": (self.sample_count,), "attitude": (self.sample_count, 4)}
         for name, shape in expected.items():
             value = getattr(self, name)
@@ -75,7 +79,9 @@ class Recording:
                 index = np.argwhere(bad)[0]
                 where = f"sensor {index[1] + 1} axis {'xyz'[index[2]]}" if field.name == "readings_T" else field.name
                 count = int(bad.reshape(len(bad), -1).any(axis=1).sum())
-                raise InputError(f"{count} of {self.sample_count} samples hold NaN or infinite values, first {where} in sample {index[0] + 1}: remove these samples")
+                raise InputError(
+                    f"{count} of {self.sample_count} samples hold NaN or infinite values, first {where} in sample {index[0] + 1}: remove these samples"
+                )
         if self.scalar_T is not None and np.isinf(self.scalar_T).any():
             raise InputError("the scalar intensity holds infinite values: leave it empty where there is no reading")
 
@@ -116,7 +122,9 @@ class Recording:
         spread = np.ptp(self.readings_T, axis=0)
         if self.sample_count > 1 and (spread == 0).any():
             sensor, axis = np.argwhere(spread == 0)[0]
-            raise InputError(f"sensor {sensor + 1} axis {'xyz'[axis]} reads the same value in all {self.sample_count} samples: it is not connected, or was not turned")
+            raise InputError(
+                f"sensor {sensor + 1} axis {'xyz'[axis]} reads the same value in all {self.sample_count} samples: it is not connected, or was not turned"
+            )
         self.check_units()
 
     def check_units(self) -> None:
@@ -131,11 +139,15 @@ class Recording:
         if self.scalar_T is not None and np.isfinite(self.scalar_T).any():
             intensity = float(np.nanmedian(self.scalar_T))
             if not low <= intensity <= high:
-                raise InputError(f"the scalar intensity is {_microtesla(intensity)}, outside the {low * 1e6:.0f} to {high * 1e6:.0f} µT of the Earth's field: {_unit_hint(intensity)}")
+                raise InputError(
+                    f"the scalar intensity is {_microtesla(intensity)}, outside the {low * 1e6:.0f} to {high * 1e6:.0f} µT of the Earth's field: {_unit_hint(intensity)}"
+                )
         size = np.median(np.linalg.norm(self.readings_T, axis=2), axis=0)
         for sensor, value in enumerate(size):
             if not low / 100 <= value <= high * 100:
-                raise InputError(f"sensor {sensor + 1} reads {_microtesla(float(value))}, far from the {low * 1e6:.0f} to {high * 1e6:.0f} µT of the Earth's field: {_unit_hint(float(value))}")
+                raise InputError(
+                    f"sensor {sensor + 1} reads {_microtesla(float(value))}, far from the {low * 1e6:.0f} to {high * 1e6:.0f} µT of the Earth's field: {_unit_hint(float(value))}"
+                )
 
 
 def _microtesla(tesla: float) -> str:
@@ -143,7 +155,14 @@ def _microtesla(tesla: float) -> str:
 
 
 def _unit_hint(tesla: float) -> str:
-    factors = {"µT given as T": 1e6, "nT given as T": 1e9, "gauss given as T": 1e4, "µT given as nT": 1e-3, "T given as µT": 1e-6, "T given as nT": 1e-9}
+    factors = {
+        "µT given as T": 1e6,
+        "nT given as T": 1e9,
+        "gauss given as T": 1e4,
+        "µT given as nT": 1e-3,
+        "T given as µT": 1e-6,
+        "T given as nT": 1e-9,
+    }
     low, high = EARTH_FIELD_T
     fits = [name for name, factor in factors.items() if low <= tesla / factor <= high]
     return f"is this {' or '.join(fits)}?" if fits else "check the unit and the source"

@@ -1,7 +1,8 @@
-"""The linear ellipsoid fit of Wu 2025 step 1 from moments, with a varying intensity.
+"""The linear ellipsoid fit of Wu 2025 from moments, with a varying intensity.
 
 The moments are those of the eleven monomials ``x² y² z² 2xy 2xz 2yz x y z 1 s²`` of points and intensity, so that
 one pass over the data suffices, parts of the data can be added and taken away, and the origin can be moved afterwards.
+Every function takes any number of leading axes and treats each set of moments apart.
 """
 
 import numpy as np
@@ -10,9 +11,9 @@ from numpy.linalg import LinAlgError
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
-NOT_AN_ELLIPSOID = (
-    "do not lie on an ellipsoid around their bias: the array was not turned through enough directions, "
-    "or the field or the sensor changed during the recording"
+NO_ELLIPSOID = (
+    "the readings do not lie on an ellipsoid: the array was not turned through enough directions, "
+    "or the field or a sensor changed during the recording"
 )
 
 
@@ -23,70 +24,83 @@ def monomials(points: FloatArray, intensity: FloatArray) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
-def shift_origin(origin: FloatArray) -> FloatArray:
-    """Return the (11, 11) matrix that turns the monomials of p into those of p - origin."""
-    x, y, z = origin
-    shift = np.eye(11)
-    shift[0, [6, 9]] = -2 * x, x * x
-    shift[1, [7, 9]] = -2 * y, y * y
-    shift[2, [8, 9]] = -2 * z, z * z
-    shift[3, [6, 7, 9]] = -2 * y, -2 * x, 2 * x * y
-    shift[4, [6, 8, 9]] = -2 * z, -2 * x, 2 * x * z
-    shift[5, [7, 8, 9]] = -2 * z, -2 * y, 2 * y * z
-    shift[[6, 7, 8], 9] = -origin
-    return shift
+def move_origin(moments: FloatArray, origin: FloatArray) -> FloatArray:
+    """Return the moments (..., 11, 11) of the points seen from an origin (..., 3)."""
+    x, y, z = np.moveaxis(origin, -1, 0)
+    shift = np.zeros(moments.shape)
+    shift[...] = np.eye(11)
+    shift[..., 0, 6], shift[..., 1, 7], shift[..., 2, 8] = -2 * x, -2 * y, -2 * z
+    shift[..., 3, 6], shift[..., 3, 7] = -2 * y, -2 * x
+    shift[..., 4, 6], shift[..., 4, 8] = -2 * z, -2 * x
+    shift[..., 5, 7], shift[..., 5, 8] = -2 * z, -2 * y
+    shift[..., :3, 9] = origin**2
+    shift[..., 3, 9], shift[..., 4, 9], shift[..., 5, 9] = 2 * x * y, 2 * x * z, 2 * y * z
+    shift[..., 6:9, 9] = -origin
+    moved: FloatArray = shift @ moments @ np.swapaxes(shift, -1, -2)
+    return moved
 
 
 def symmetric(elements: FloatArray) -> FloatArray:
-    """Return the symmetric 3 × 3 matrix of its elements xx yy zz xy xz yz."""
-    xx, yy, zz, xy, xz, yz = elements
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    """Return the symmetric (..., 3, 3) matrices of their elements (..., 6) xx yy zz xy xz yz."""
+    return elements[..., [0, 3, 4, 3, 1, 5, 4, 5, 2]].reshape(*elements.shape[:-1], 3, 3)
 
 
-def solve_center(moments: FloatArray, mean_square_intensity: float) -> FloatArray:
-    """Return the centre of the ellipsoid (p - o)ᵀ A (p - o) = s²/mean s².
-
-    Solves Wu 2025 eq. 9 with the right-hand side s²/mean s² instead of 1, and again with the origin at the centre
-    found, where the constant oᵀ A o that the linear form neglects vanishes.
+def linear_center(moments: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the centres (..., 3) of the ellipsoids pᵀ A p - 2 (A o)ᵀ p = r of Wu 2025 eq. 9.
 
     Parameters
     ----------
-    moments : (11, 11) array
-        Sum of the outer products of the monomials, points scaled to order one.
-    mean_square_intensity : float
-        Mean of s² in the same scale.
+    moments : (..., 11, 11) array
+        Sums of the outer products of the monomials, points scaled to order one.
+    right : (..., 9) array
+        Sums of the first nine monomials times the right-hand side r.
 
     Raises
     ------
     InputError
         When the points do not determine an ellipsoid.
     """
-    center = np.zeros(3)
+    unknowns = _solve(moments[..., :9, :9], right)
+    return _solve(symmetric(unknowns[..., :6]), -unknowns[..., 6:] / 2)
+
+
+def center_of(moments: FloatArray) -> FloatArray:
+    """Return the centres (..., 3) of the ellipsoids (p - o)ᵀ A (p - o) = s²/mean s².
+
+    This is Wu 2025 eq. 9 with the right-hand side s²/mean s² instead of 1, solved again with the origin at the
+    centre found until it stays: there the constant oᵀ A o vanishes, which a varying s would otherwise not let pass
+    into the scale of A.
+
+    Raises
+    ------
+    InputError
+        When the points do not determine an ellipsoid.
+    """
+    mean_square = moments[..., 9, 10] / moments[..., 9, 9]
+    center = np.zeros((*moments.shape[:-2], 3))
     for _ in range(20):
-        shift = shift_origin(center)
-        shifted = shift @ moments @ shift.T
-        step = _center_of(_solve(shifted[:9, :9], shifted[:9, 10] / mean_square_intensity))
+        moved = move_origin(moments, center)
+        step = linear_center(moved, moved[..., :9, 10] / mean_square[..., None])
         center = center + step
-        if np.abs(step).max() < 1e-15 * max(1.0, float(np.abs(center).max())):
+        if np.abs(step).max() < 1e-14:
             break
     return center
 
 
-def solve_shape(moments: FloatArray, center: FloatArray) -> FloatArray:
-    """Return the matrix A of (p - o)ᵀ A (p - o) = s² about a given centre: Wu 2025 eq. 13, least squares.
+def shape_about(moments: FloatArray, center: FloatArray) -> FloatArray:
+    """Return the matrices A (..., 3, 3) of (p - o)ᵀ A (p - o) = s² about given centres: Wu 2025 eq. 13.
 
     Raises
     ------
     InputError
         When the points do not determine an ellipsoid.
     """
-    shift = shift_origin(center)
-    shifted = shift @ moments @ shift.T
-    return symmetric(_solve(shifted[:6, :6], shifted[:6, 10]))
+    moved = move_origin(moments, center)
+    return symmetric(_solve(moved[..., :6, :6], moved[..., :6, 10]))
 
 
 def square_root(shape: FloatArray) -> FloatArray:
-    """Return the upper triangular Ω with a positive diagonal and Ωᵀ Ω = A.
+    """Return the upper triangular Ω (..., 3, 3) with a positive diagonal and Ωᵀ Ω = A.
 
     Raises
     ------
@@ -94,22 +108,17 @@ def square_root(shape: FloatArray) -> FloatArray:
         When A is not positive definite.
     """
     try:
-        return np.linalg.cholesky(shape).T
+        return np.swapaxes(np.linalg.cholesky(shape), -1, -2)
     except LinAlgError:
-        raise InputError(f"the readings {NOT_AN_ELLIPSOID}") from None
+        raise InputError(NO_ELLIPSOID) from None
 
 
-def _center_of(unknowns: FloatArray) -> FloatArray:
-    """Return o from the unknowns of Wu 2025 eq. 9, whose last three are -2 A o."""
-    return np.linalg.solve(symmetric(unknowns[:6]), -unknowns[6:] / 2)
-
-
-def _solve(normal: FloatArray, right: FloatArray) -> FloatArray:
-    scale = 1 / np.sqrt(np.diag(normal))
+def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve symmetric systems after scaling the rows and columns to a unit diagonal."""
+    scale = 1 / np.sqrt(np.maximum(np.abs(np.diagonal(matrix, axis1=-2, axis2=-1)), np.finfo(float).tiny))
+    scaled = matrix * scale[..., :, None] * scale[..., None, :]
     try:
-        if not np.isfinite(scale).all() or np.linalg.cond(normal * np.outer(scale, scale)) > 1e14:
-            raise LinAlgError
-        solution: FloatArray = scale * np.linalg.solve(normal * np.outer(scale, scale), scale * right)
+        solution: FloatArray = scale * np.linalg.solve(scaled, (scale * right)[..., None])[..., 0]
     except LinAlgError:
-        raise InputError(f"the readings {NOT_AN_ELLIPSOID}") from None
+        raise InputError(NO_ELLIPSOID) from None
     return solution

@@ -1,0 +1,91 @@
+"""One call from a recording to a calibration that was checked before, after, and on samples it has not seen."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from tam_calibration.array import Array
+from tam_calibration.calibration import Calibration, Residuals, measure_residuals
+from tam_calibration.fit.consistency import find_warnings, require_one_calibration
+from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_accurate, require_determined
+from tam_calibration.fit.lossless import lossless
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
+
+METHODS: dict[str, Callable[[Recording, Array], Calibration]] = {
+    "maximum_likelihood": maximum_likelihood,
+    "lossless": lossless,
+}
+DEFAULT_METHOD = "maximum_likelihood"
+
+FOLDS = 5
+BLOCKS_PER_FOLD = 10
+
+
+def calibrate(recording: Recording, array: Array, method: str = DEFAULT_METHOD) -> Calibration:
+    """Fit the errors of an array's sensors and judge the fit.
+
+    Parameters
+    ----------
+    recording : Recording
+        Samples in a uniform field, the array turned through many directions.
+    array : Array
+        Geometry and noise.
+    method : str
+        A name of ``METHODS``.
+
+    Returns
+    -------
+    Calibration
+        With the residuals of held-out blocks of time where the recording is long enough.
+
+    Raises
+    ------
+    InputError
+        When the recording cannot be used, does not belong to the array or leaves parameters open.
+    Refused
+        When the recording is not one calibration.
+    """
+    if method not in METHODS:
+        raise InputError(f"there is no method {method!r}: choose one of {', '.join(METHODS)}")
+    if recording.sensor_count != array.sensor_count:
+        raise InputError(
+            f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
+            "use the array file of this recording"
+        )
+    recording.check_plausible()
+    require_determined(recording, array)
+    calibration = METHODS[method](recording, array)
+    require_one_calibration(recording, calibration)
+    require_accurate(calibration.standard_errors, calibration.intensity_T)
+    warnings = find_warnings(recording, calibration)
+    return replace(calibration, warnings=warnings, held_out=_held_out(recording, array, method))
+
+
+def _held_out(recording: Recording, array: Array, method: str) -> Residuals | None:
+    """Return the residuals of every sample, each corrected by a fit to the other folds of blocks of time."""
+    count = recording.sample_count
+    block = np.arange(count) * FOLDS * BLOCKS_PER_FOLD // count
+    parts, sizes = [], []
+    for fold in range(FOLDS):
+        test = block % FOLDS == fold
+        if not test.any() or (~test).sum() < 2 * FEWEST_SAMPLES:
+            return None
+        try:
+            fitted = METHODS[method](recording.take(~test), array)
+        except InputError:
+            return None
+        seen = recording.take(test)
+        parts.append(measure_residuals(fitted.errors, array, seen, fitted.intensity_T))
+        sizes.append(test.sum())
+    return _pool(parts, np.array(sizes))
+
+
+def _pool(parts: list[Residuals], sizes: np.ndarray) -> Residuals:
+    weight = sizes / sizes.sum()
+    sensors = np.array([part.sensor_intensity_T for part in parts])
+    center = np.array([part.center_intensity_T for part in parts])
+    tensor = np.array([part.tensor_T_per_m for part in parts])
+    return Residuals(np.sqrt(weight @ sensors**2), float(np.sqrt(weight @ center**2)), np.sqrt(weight @ tensor**2))

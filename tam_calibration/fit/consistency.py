@@ -1,0 +1,95 @@
+"""Whether one calibration describes a whole recording, and what speaks against trusting it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.calibration import Calibration
+from tam_calibration.problems import Refused
+from tam_calibration.recording import EARTH_FIELD_T, Recording
+from tam_calibration.units import FloatArray, to_nanotesla
+
+PARTS = 10
+_FEWEST_IN_PART = 10
+_STEADY_RATIO = 4.0
+_LARGEST_STEADY_RESIDUAL = 1e-5
+_LARGEST_RESIDUAL = 0.01
+_LARGEST_CHI_SQUARE = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """Median size of the intensity residual, tesla, in parts of equal length, and their first and last times."""
+
+    residual_T: FloatArray
+    start_s: FloatArray
+    end_s: FloatArray
+
+    def exceeds(self, residual_T: float) -> bool:
+        """Whether the residual changes much between the parts and grows above a size."""
+        loud = float(self.residual_T.max())
+        return loud > residual_T and loud > _STEADY_RATIO * float(self.residual_T.min())
+
+    def sentence(self) -> str:
+        loud, quiet = int(self.residual_T.argmax()), int(self.residual_T.argmin())
+        return (
+            f"the residual of the intensity is {self._describe(quiet)} but {self._describe(loud)}: "
+            "something magnetic came near or was attached"
+        )
+
+    def _describe(self, part: int) -> str:
+        residual_nT = to_nanotesla(float(self.residual_T[part]))
+        return f"{residual_nT:.3g} nT between {self.start_s[part]:.1f} and {self.end_s[part]:.1f} s"
+
+
+def require_one_calibration(recording: Recording, calibration: Calibration) -> None:
+    """Check that a fit is of a field on Earth and leaves the same residual throughout the recording.
+
+    Raises
+    ------
+    Refused
+        With the reason, and the times at which the residual is smallest and largest.
+    """
+    low, high = EARTH_FIELD_T
+    parts = _residual_in_parts(recording, calibration)
+    if parts is not None and parts.exceeds(_LARGEST_RESIDUAL * calibration.intensity_T):
+        raise Refused(f"the recording is not one calibration: {parts.sentence()}; calibrate the parts apart")
+    if not low <= calibration.intensity_T <= high:
+        raise Refused(
+            f"the fitted intensity of {calibration.intensity_T * 1e6:.4g} µT is outside the {low * 1e6:.0f} to "
+            f"{high * 1e6:.0f} µT of the Earth's field: the readings are not those of one sensor turned in one field"
+        )
+
+
+def find_warnings(recording: Recording, calibration: Calibration) -> tuple[str, ...]:
+    """Return what speaks against trusting a calibration, one sentence each."""
+    warnings = []
+    names = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
+    for channel, value in calibration.reduced_chi_square.items():
+        if value > _LARGEST_CHI_SQUARE:
+            warnings.append(
+                f"the residual {names[channel]} is {np.sqrt(value):.3g} times the stated noise: "
+                "the model or the noise is wrong, and the standard errors are too small"
+            )
+    parts = _residual_in_parts(recording, calibration)
+    if parts is not None and parts.exceeds(_LARGEST_STEADY_RESIDUAL * calibration.intensity_T):
+        warnings.append(parts.sentence())
+    return tuple(warnings)
+
+
+def _residual_in_parts(recording: Recording, calibration: Calibration) -> _Parts | None:
+    scalar = recording.scalar_T
+    reference = np.full(recording.sample_count, calibration.intensity_T) if scalar is None else scalar
+    known = np.flatnonzero(np.isfinite(reference))
+    if len(known) < PARTS * _FEWEST_IN_PART:
+        return None
+    restored = calibration.errors.restore(recording.readings_T[known])
+    residual = np.abs(norm(restored, axis=2) - reference[known, None]).max(axis=1)
+    chunks = np.array_split(np.arange(len(known)), PARTS)
+    time = recording.time_s[known]
+    return _Parts(
+        np.array([np.median(residual[chunk]) for chunk in chunks]),
+        np.array([time[chunk[0]] for chunk in chunks]),
+        np.array([time[chunk[-1]] for chunk in chunks]),
+    )

@@ -1,0 +1,167 @@
+"""How well the directions of the field cover the sphere, what is missing, and what to do next.
+
+The nine parameters of the ellipsoid of one sensor against the intensity need most coverage; their information is a
+sum over directions u of the outer product of (u ⊗ u, u), so that a count and a mean direction per cell suffice.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.linalg import norm
+from numpy.typing import NDArray
+
+from tam_calibration.errors import SensorErrors
+from tam_calibration.fit.scale import sphere_center
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+IntArray = NDArray[np.integer[Any]]
+
+BANDS, SECTORS = 10, 20
+CELLS = BANDS * SECTORS
+
+ENOUGH_RELATIVE_ERROR = 50.0
+"""Above this ratio to the full sphere's standard errors small flaws of the model would be blown up."""
+
+ENOUGH_STANDARD_ERROR = 2.0
+"""Largest standard error of bias, and of scale factor and angle times the field, in units of the sensor noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """The field directions that a recording visited, in the array frame.
+
+    Parameters
+    ----------
+    directions : (200, 3) array
+        Unit vectors to the centres of cells of equal area.
+    counts : (200,) array
+        Samples in each cell.
+    fraction : float
+        Part of the cells that hold a sample.
+    relative_error : float
+        Worst standard error over that of as many samples over the full sphere; infinite when undetermined.
+    enough : bool
+        Whether every parameter's standard error will be small against the sensor noise.
+    missing : str
+        Where the largest empty part of the sphere lies, in words; empty when there is none.
+    advice : str
+        What to do next, one line.
+    """
+
+    directions: FloatArray
+    counts: IntArray
+    fraction: float
+    relative_error: float
+    enough: bool
+    missing: str
+    advice: str
+
+
+def cell_directions() -> FloatArray:
+    """Return the (200, 3) unit vectors to the cells' centres: bands from the south to the north, sectors by azimuth."""
+    z = (np.arange(BANDS) + 0.5) / BANDS * 2 - 1
+    azimuth = (np.arange(SECTORS) + 0.5) / SECTORS * 2 * np.pi - np.pi
+    radius = np.sqrt(1 - z**2)
+    columns = np.outer(radius, np.cos(azimuth)), np.outer(radius, np.sin(azimuth)), np.outer(z, np.ones(SECTORS))
+    return np.stack(columns, axis=-1).reshape(-1, 3)
+
+
+def cell_of(direction: FloatArray) -> IntArray:
+    """Return the cell numbers (N,) of unit vectors (N, 3)."""
+    band = np.clip(((direction[:, 2] + 1) / 2 * BANDS).astype(int), 0, BANDS - 1)
+    turn = (np.arctan2(direction[:, 1], direction[:, 0]) + np.pi) / (2 * np.pi)
+    cell: IntArray = band * SECTORS + np.clip((turn * SECTORS).astype(int), 0, SECTORS - 1)
+    return cell
+
+
+def measure_coverage(field_T: FloatArray) -> Coverage:
+    """Return the coverage of fields (N, 3) in the array frame."""
+    length = norm(field_T, axis=1, keepdims=True)
+    direction = np.divide(field_T, length, out=np.zeros_like(field_T), where=length > 0)
+    cell = cell_of(direction)
+    counts = np.bincount(cell, minlength=CELLS)
+    sums = np.stack([np.bincount(cell, direction[:, axis], CELLS) for axis in range(3)], axis=1)
+    return _judge(counts, sums)
+
+
+def field_of(recording: Recording, errors: SensorErrors) -> FloatArray:
+    """Return the (N, 3) field of a recording: the mean of its restored sensors."""
+    mean: FloatArray = errors.restore(recording.readings_T).mean(axis=1)
+    return mean
+
+
+class LiveCoverage:
+    """Coverage while samples arrive, from the raw readings of sensor 1 about the centre of their sphere.
+
+    Parameters
+    ----------
+    capacity : int
+        Samples kept; when they are full every second one is given up and only every second new one is taken.
+    """
+
+    def __init__(self, capacity: int = 4096) -> None:
+        self._capacity = capacity
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all samples."""
+        self._kept: list[FloatArray] = []
+        self._stride, self._seen = 1, 0
+
+    def add(self, readings_T: FloatArray) -> None:
+        """Add raw readings (n, K, 3)."""
+        for reading in readings_T[:, 0]:
+            if self._seen % self._stride == 0:
+                self._kept.append(reading)
+                if len(self._kept) == self._capacity:
+                    self._kept, self._stride = self._kept[::2], 2 * self._stride
+            self._seen += 1
+
+    def summary(self) -> Coverage:
+        """Return the coverage so far."""
+        if len(self._kept) < 4:
+            return _judge(np.zeros(CELLS, dtype=int), np.zeros((CELLS, 3)))
+        points = np.array(self._kept)
+        return measure_coverage(points - sphere_center(points))
+
+
+def describe(direction: FloatArray) -> str:
+    """Return a direction of the array frame (x forward, y left, z up) in words."""
+    names = (("forward", "backward"), ("left", "right"), ("up", "down"))
+    order = np.argsort(-np.abs(direction))
+    return " and ".join(names[axis][int(direction[axis] < 0)] for axis in order if abs(direction[axis]) > 0.38)
+
+
+def _judge(counts: IntArray, sums: FloatArray) -> Coverage:
+    directions = cell_directions()
+    visited = counts > 0
+    mean = sums[visited] / np.maximum(norm(sums[visited], axis=1, keepdims=True), np.finfo(float).tiny)
+    rows = _ellipsoid_rows(mean) * np.sqrt(counts[visited, None])
+    information = rows.T @ rows
+    full = _ellipsoid_rows(directions)
+    values, vectors = np.linalg.eigh(information)
+    total = int(counts.sum())
+    best = np.sqrt(np.diag(np.linalg.inv(full.T @ full / CELLS)))
+    if total == 0 or values[0] < 1e-12 * max(values[-1], 1):
+        standard_error, relative = np.inf, np.inf
+    else:
+        errors = np.sqrt(np.diag((vectors / values) @ vectors.T))
+        standard_error, relative = float(errors.max()), float((errors / best).max() * np.sqrt(total))
+    enough = relative <= ENOUGH_RELATIVE_ERROR and standard_error <= ENOUGH_STANDARD_ERROR
+    target = directions[int(np.argmax(np.abs(full @ vectors[:, 0]) * ~visited))]
+    fraction = float(visited.mean())
+    missing = "" if visited.all() else describe(target)
+    if enough:
+        advice = f"enough: {fraction:.0%} of the sphere seen, the calibration can be run"
+    else:
+        where = describe(target)
+        advice = f"turn the array so that the field points {where} of it ({fraction:.0%} of the sphere seen)"
+    return Coverage(directions, counts, fraction, relative, enough, missing, advice)
+
+
+def _ellipsoid_rows(direction: FloatArray) -> FloatArray:
+    """Return the (N, 9) derivatives of the intensity by symmetric matrix and bias of one sensor."""
+    x, y, z = direction.T
+    return np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, x, y, z], axis=1)

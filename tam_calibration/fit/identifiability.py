@@ -1,0 +1,84 @@
+"""What a recording determines, told by the parameters' names before a fit is tried and after it is done."""
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.array import Array
+from tam_calibration.errors import PARAMETER_NAMES, SensorErrors
+from tam_calibration.fit.bound import bound
+from tam_calibration.fit.noise import complete_noise
+from tam_calibration.fit.scale import normalize
+from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+FEWEST_SAMPLES = 9
+"""An ellipsoid has nine parameters, and each sample gives one intensity."""
+
+_LARGEST_ANGLE_ERROR = 0.01
+_LARGEST_RELATIVE_ERROR = 0.005
+_SAMPLES = 5000
+
+
+def require_determined(recording: Recording, array: Array) -> None:
+    """Check, before a fit, that a recording determines all parameters.
+
+    The bound is taken at error-free sensors whose fields are the readings about the centre of their sphere.
+
+    Raises
+    ------
+    InputError
+        When there are too few samples, or parameters stay open; it names them.
+    """
+    count = recording.sample_count
+    if count < FEWEST_SAMPLES:
+        raise InputError(
+            f"{count} samples cannot determine the {12 * recording.sensor_count - 3} parameters of "
+            f"{recording.sensor_count} sensors: at least {FEWEST_SAMPLES} different attitudes are needed, better 50 or more"
+        )
+    noisy, _ = complete_noise(array, recording)
+    data = normalize(recording)
+    has_scalar = data.has_scalar
+    known = np.isfinite(data.intensity)
+    if known.sum() < FEWEST_SAMPLES:
+        raise InputError(
+            f"only {known.sum()} samples have a scalar reading: at least {FEWEST_SAMPLES} are needed, or none"
+        )
+    field = data.radius_T * data.points[known, 0]
+    covariance = bound(
+        field[:: -(-len(field) // _SAMPLES)], SensorErrors.none(recording.sensor_count), noisy, has_scalar
+    )
+    _refuse_open(np.sqrt(np.diag(covariance)), data.radius_T)
+
+
+def require_accurate(standard_errors: FloatArray, intensity_T: float) -> None:
+    """Check, after a fit, that no parameter's standard error (K, 12) is too large to be of use.
+
+    Raises
+    ------
+    InputError
+        It names the parameters.
+    """
+    _refuse_open(standard_errors.ravel(), intensity_T)
+
+
+def _refuse_open(standard_errors: FloatArray, intensity_T: float) -> None:
+    relative, angle = _LARGEST_RELATIVE_ERROR, _LARGEST_ANGLE_ERROR
+    limits = np.array([relative] * 3 + [angle] * 3 + [relative * intensity_T] * 3 + [angle] * 3)
+    open_ = ~(standard_errors.reshape(-1, 12) <= limits)
+    if open_.any():
+        raise InputError(
+            f"the readings do not determine {_name(open_)}: turn the array through directions outside one plane or cone, "
+            "up and down as well as around"
+        )
+
+
+def _name(open_: np.ndarray) -> str:
+    groups: dict[tuple[int, ...], list[str]] = {}
+    for parameter, name in enumerate(PARAMETER_NAMES):
+        sensors = tuple(int(sensor) + 1 for sensor in np.flatnonzero(open_[:, parameter]))
+        if sensors:
+            groups.setdefault(sensors, []).append(name)
+    return "; ".join(
+        f"{', '.join(names)} of sensor {', '.join(map(str, sensors))}" for sensors, names in groups.items()
+    )

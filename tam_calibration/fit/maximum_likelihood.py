@@ -1,0 +1,130 @@
+"""The joint maximum-likelihood fit of all sensors.
+
+Each sample's field is eliminated exactly and Gauss-Newton solves for the 12 K - 3 parameters that a uniform field
+determines. The start is nearly the solution: the three principal components of the whitened channels give the field up
+to an affine map, and one ellipsoid fit of their scores against the scalar reference fixes that map up to a rotation.
+"""
+
+import numpy as np
+from numpy.linalg import LinAlgError, inv
+
+from tam_calibration.array import Array
+from tam_calibration.calibration import Calibration
+from tam_calibration.errors import SensorErrors
+from tam_calibration.fit import ellipsoid
+from tam_calibration.fit.bound import parameter_covariance
+from tam_calibration.fit.likelihood import Linearization, linearize
+from tam_calibration.fit.noise import complete_noise
+from tam_calibration.fit.result import Estimate, make_calibration
+from tam_calibration.fit.scale import Normalized, free_scale, normalize
+from tam_calibration.problems import InputError, Refused
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+_MOST_STEPS = 50
+
+
+def maximum_likelihood(recording: Recording, array: Array) -> Calibration:
+    """Fit the errors of the sensors by maximum likelihood.
+
+    Parameters
+    ----------
+    recording : Recording
+        Samples in a uniform field. Samples without a scalar reading count with what the sensors say of each other;
+        without any, the intensity is an unknown constant.
+    array : Array
+        Geometry and noise; a noise that is not stated is estimated.
+
+    Returns
+    -------
+    Calibration
+        With the covariance of the estimate, the inverse of its Fisher information.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid, or a sensor is left-handed.
+    Refused
+        When the iteration does not settle.
+    """
+    noisy, _ = complete_noise(array, recording)
+    assert noisy.vector_noise_T is not None
+    assert noisy.scalar_noise_T is not None
+    data = normalize(recording)
+    vector_noise = noisy.vector_noise_T / data.radius_T
+    scalar_noise = noisy.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
+    start = _closed_form(data, vector_noise)
+    matrix, bias, point = _gauss_newton(data, *start, vector_noise, scalar_noise)
+    factor = 1.0 if data.has_scalar else float(free_scale(matrix))
+    errors = SensorErrors.from_matrix(factor * matrix, data.origin_T + data.radius_T * bias)
+    errors.misalignment[0] = 0
+    free_intensity = None if data.has_scalar else data.radius_T / factor
+    covariance = parameter_covariance(point.information, errors, data.radius_T, free_intensity)
+    estimate = Estimate(errors, covariance, covariance_from_noise=True, intensity_T=data.radius_T / factor)
+    return make_calibration("maximum_likelihood", recording, array, estimate)
+
+
+def _closed_form(data: Normalized, vector_noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return matrices (K, 3, 3) and biases (K, 3) from principal components and one ellipsoid."""
+    points = data.points.reshape(len(data.points), -1)
+    weight = 1 / np.repeat(vector_noise, 3)
+    weight /= weight.mean()
+    mean = points.mean(axis=0)
+    spread = weight[:, None] * (points.T @ points / len(points) - np.outer(mean, mean)) * weight
+    components = np.linalg.eigh(spread)[1][:, -3:]
+    scores = (points - mean) @ (weight[:, None] * components)
+    known = np.isfinite(data.intensity)
+    rows = ellipsoid.monomials(scores[known], data.intensity[known])
+    moments = rows.T @ rows
+    center = ellipsoid.center_of(moments)
+    shape = ellipsoid.square_root(ellipsoid.shape_about(moments, center))
+    stacked = components @ inv(shape) / weight[:, None]
+    bias = mean + components @ center / weight
+    matrix = stacked.reshape(-1, 3, 3)
+    if np.linalg.det(matrix[0]) < 0:
+        matrix = -matrix
+    return _into_frame_of_first(matrix), bias.reshape(-1, 3)
+
+
+def _into_frame_of_first(matrix: FloatArray) -> FloatArray:
+    """Turn the common frame so that the first matrix is upper triangular."""
+    rotation = SensorErrors.from_matrix(matrix, np.zeros(matrix.shape[:2])).rotation[0]
+    turned: FloatArray = matrix @ rotation.T
+    turned[0][np.tril_indices(3, -1)] = 0
+    return turned
+
+
+def _gauss_newton(
+    data: Normalized, matrix: FloatArray, bias: FloatArray, vector_noise: FloatArray, scalar_noise: float
+) -> tuple[FloatArray, FloatArray, Linearization]:
+    free = np.ones((len(matrix), 3, 4), dtype=bool)
+    free[0, [1, 2, 2], [0, 0, 1]] = False
+    free = free.ravel()
+    previous = np.inf
+    for _ in range(_MOST_STEPS):
+        point = linearize(data.points, data.intensity, matrix, bias, vector_noise, scalar_noise)
+        step = np.zeros(free.size)
+        step[free] = _solve(point.information[np.ix_(free, free)], point.gradient[free])
+        # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.
+        decrement = float(step @ point.gradient)
+        if decrement < 1e-12 or (decrement < 1e-2 and decrement > previous / 4):
+            return matrix, bias, point
+        previous = decrement
+        update = step.reshape(-1, 3, 4)
+        matrix, bias = matrix + update[..., :3], bias + update[..., 3]
+    raise Refused(
+        f"the fit did not settle in {_MOST_STEPS} steps: the readings do not fit one calibration, "
+        "look for a change of field or sensor during the recording"
+    )
+
+
+def _solve(information: FloatArray, gradient: FloatArray) -> FloatArray:
+    diagonal = np.diag(information)
+    if not (diagonal > 0).all():
+        raise InputError(ellipsoid.NO_ELLIPSOID)
+    scale = 1 / np.sqrt(diagonal)
+    try:
+        step: FloatArray = scale * np.linalg.solve(information * np.outer(scale, scale), scale * gradient)
+    except LinAlgError:
+        raise InputError(ellipsoid.NO_ELLIPSOID) from None
+    return step

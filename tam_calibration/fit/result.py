@@ -1,0 +1,90 @@
+"""From an estimate to a calibration: noise, residuals, floor, whiteness and coverage, the same for every method."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tam_calibration.array import Array
+from tam_calibration.calibration import Calibration, measure_residuals, noise_floor
+from tam_calibration.errors import SensorErrors
+from tam_calibration.fit.coverage import field_of, measure_coverage
+from tam_calibration.fit.likelihood import linearize
+from tam_calibration.fit.noise import complete_noise
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What a method finds.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        The estimate.
+    covariance : (12 K, 12 K) array
+        Of the flattened parameters.
+    covariance_from_noise : bool
+        Whether the covariance comes from the array's noise, not from the scatter of the data.
+    intensity_T : float
+        The constant intensity on the estimate's scale, used where there is no scalar reference.
+    """
+
+    errors: SensorErrors
+    covariance: FloatArray
+    covariance_from_noise: bool
+    intensity_T: float
+
+
+def make_calibration(method: str, recording: Recording, array: Array, estimate: Estimate) -> Calibration:
+    """Return the calibration of an estimate.
+
+    An estimated vector noise is scaled so that the whitened channels have unit variance, and the covariance with it.
+    """
+    noisy, noise_is_estimated = complete_noise(array, recording)
+    scalar = recording.scalar_T
+    has_scalar = scalar is not None and bool(np.isfinite(scalar).any())
+    intensity = float(np.nanmean(scalar)) if scalar is not None and has_scalar else estimate.intensity_T
+    chi_square = _reduced_chi_square(recording, noisy, estimate)
+    covariance = estimate.covariance
+    if array.vector_noise_T is None and noisy.vector_noise_T is not None and chi_square:
+        factor = float(np.sqrt(chi_square.get("differential", chi_square.get("common_mode", 1.0))))
+        noisy = replace(noisy, vector_noise_T=factor * noisy.vector_noise_T)
+        covariance = factor**2 * covariance if estimate.covariance_from_noise else covariance
+        chi_square = _reduced_chi_square(recording, noisy, estimate)
+    none = SensorErrors.none(recording.sensor_count)
+    return Calibration(
+        method=method,
+        array=noisy,
+        noise_is_estimated=noise_is_estimated,
+        errors=estimate.errors,
+        covariance=covariance,
+        has_scalar_reference=has_scalar,
+        intensity_T=intensity,
+        before=measure_residuals(none, array, recording, intensity),
+        in_sample=measure_residuals(estimate.errors, array, recording, intensity),
+        floor=noise_floor(estimate.errors, noisy, noisy.scalar_noise_T or 0.0),
+        samples=recording.sample_count,
+        time_span_s=(float(recording.time_s[0]), float(recording.time_s[-1])),
+        coverage=measure_coverage(field_of(recording, estimate.errors)).fraction,
+        reduced_chi_square=chi_square,
+    )
+
+
+def _reduced_chi_square(recording: Recording, array: Array, estimate: Estimate) -> dict[str, float]:
+    assert array.vector_noise_T is not None
+    unit, count = estimate.intensity_T, recording.sensor_count
+    scalar = np.full(recording.sample_count, unit) if recording.scalar_T is None else recording.scalar_T
+    point = linearize(
+        recording.readings_T / unit,
+        scalar / unit,
+        estimate.errors.matrix,
+        estimate.errors.bias_T / unit,
+        array.vector_noise_T / unit,
+        (array.scalar_noise_T or 0.0) / unit,
+    )
+    # The ellipsoid takes nine parameters from the common mode, each further sensor twelve from the differences.
+    freedom = {"differential": recording.sample_count * (3 * count - 3) - 12 * (count - 1)}
+    freedom["common_mode"] = point.reference_count - 9
+    energy = {"differential": point.differential, "common_mode": point.common_mode}
+    return {name: energy[name] / freedom[name] for name in freedom if freedom[name] > 0}

@@ -1,0 +1,77 @@
+"""The normalisation of the data, and the scale that a recording without scalar reference leaves open."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.errors import SensorErrors
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+_SAMPLES_FOR_SPHERE = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class Normalized:
+    """Readings about their spheres' centres and in units of a radius, so that all numbers are of order one.
+
+    Parameters
+    ----------
+    points : (N, K, 3) array
+        (reading - origin) / radius.
+    intensity : (N,) array
+        Scalar reading / radius, NaN where there is none; 1 throughout without a scalar reference.
+    origin_T : (K, 3) array
+        Centre of the sphere through each sensor's readings, tesla.
+    radius_T : float
+        Mean radius of these spheres, tesla.
+    has_scalar : bool
+        Whether the intensity comes from a scalar reference.
+    """
+
+    points: FloatArray
+    intensity: FloatArray
+    origin_T: FloatArray
+    radius_T: float
+    has_scalar: bool
+
+
+def sphere_center(points: FloatArray) -> FloatArray:
+    """Return the centre (3,) of the least-squares sphere |p|² = 2 p·c + constant through points (N, 3).
+
+    Where the points do not determine it, as in a plane, the one nearest to their mean is returned.
+    """
+    mean = points.mean(axis=0)
+    centered = points - mean
+    size = max(float(norm(centered, axis=1).mean()), np.finfo(float).tiny)
+    design = np.column_stack([2 * centered / size, np.ones(len(points))])
+    solution = np.linalg.lstsq(design, ((centered / size) ** 2).sum(axis=1), rcond=1e-6)[0]
+    center: FloatArray = mean + size * solution[:3]
+    return center
+
+
+def normalize(recording: Recording) -> Normalized:
+    """Return the recording's readings and intensity in units of order one."""
+    stride = -(-recording.sample_count // _SAMPLES_FOR_SPHERE)
+    some = recording.readings_T[::stride]
+    origin = np.stack([sphere_center(some[:, sensor]) for sensor in range(recording.sensor_count)])
+    radius = float(norm(some - origin, axis=2).mean())
+    scalar = recording.scalar_T
+    has_scalar = scalar is not None and bool(np.isfinite(scalar).any())
+    intensity = scalar / radius if scalar is not None and has_scalar else np.ones(recording.sample_count)
+    return Normalized((recording.readings_T - origin) / radius, intensity, origin, radius, has_scalar)
+
+
+def free_scale(matrix: FloatArray) -> FloatArray:
+    """Return the factors (...) that give matrices (..., K, 3, 3) determinants of geometric mean 1."""
+    factor: FloatArray = np.exp(-np.log(np.linalg.det(matrix)).mean(axis=-1) / 3)
+    return factor
+
+
+def free_scale_gradient(errors: SensorErrors) -> FloatArray:
+    """Return the (12 K,) gradient of the mean log determinant that ``free_scale`` holds, by the parameters."""
+    gradient = np.zeros((errors.sensor_count, 12))
+    gradient[:, :3] = 1 / errors.scale_factor
+    gradient[:, 3:6] = -np.tan(errors.non_orthogonality)
+    return gradient.ravel()
