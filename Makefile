@@ -1,0 +1,41 @@
+# make demo    the whole chain once: simulate, play over DDS, calibrate, compare; writes demo_output/
+# make test    every check and test
+# make check   format, lint and types only
+# make colcon  build and test as a ROS 2 machine does, in build/ and install/
+# make clean   remove what these wrote, except the environment .venv
+# Each sets up .venv by itself; another interpreter than python3: make test PYTHON=python3.12
+
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/ready
+MAKEFLAGS += --no-print-directory
+
+.PHONY: demo test check colcon clean
+
+demo: $(READY)
+	@$(BIN)/tam demo
+
+test: export OPENBLAS_NUM_THREADS := 1
+test: export ROS_PYTHON_CHECK_FIELDS := 1
+test: check
+	@$(BIN)/pytest --numprocesses 2 --hypothesis-profile ci
+
+check: $(READY)
+	@$(BIN)/ruff format --check --quiet .
+	@$(BIN)/ruff check --quiet .
+	@$(BIN)/mypy --no-error-summary
+
+colcon: $(READY)
+	@PATH="$(CURDIR)/$(BIN):$$PATH"; colcon build && colcon test && colcon test-result
+
+$(READY): setup.py setup.cfg pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "tam_calibration needs Python 3.11 or newer, \
+	and $(PYTHON) is %d.%d: name another one, as in make PYTHON=python3.12" % sys.version_info[:2])'
+	@echo "Setting up .venv with $(PYTHON): this takes a minute or two, once"
+	@$(PYTHON) -m venv .venv
+	@$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[ros,test]'
+	@touch $@
+
+clean:
+	rm -rf build install log demo_output *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find tam_calibration test launch -name __pycache__ -prune -exec rm -rf {} +

@@ -1,0 +1,61 @@
+"""Installation with colcon (ament_python) and with pip."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "tam_calibration"
+SHARE = f"share/{NAME}"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Calibration of cross arrays of tri-axial magnetometers over ROS 2 and offline",
+    maintainer="The tam_calibration maintainers",
+    maintainer_email="maintainers@tam-calibration.org",
+    license="Apache-2.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["config/**/*", "report/templates/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (SHARE, ["package.xml"]),
+        (f"{SHARE}/launch", glob("launch/*.py")),
+        (f"{SHARE}/config", glob(f"{NAME}/config/*.*")),
+        (f"{SHARE}/config/scenarios", glob(f"{NAME}/config/scenarios/*.*")),
+    ],
+    zip_safe=False,
+    python_requires=">=3.11",
+    install_requires=[
+        "PyYAML>=6",
+        "click>=8.1",
+        "jinja2>=3",
+        "matplotlib>=3.6",
+        "numpy>=1.26",
+        "ppigrf>=2",
+        "pydantic>=2",
+        "rich>=13",
+        "rosbags>=0.10",
+        "scipy>=1.11",
+    ],
+    extras_require={
+        "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
+        "test": [
+            "colcon-common-extensions",
+            "hypothesis",
+            "magpylib",
+            "mypy",
+            "pytest",
+            "pytest-xdist",
+            "ruff",
+            "types-PyYAML",
+        ],
+    },
+    entry_points={
+        "console_scripts": [
+            f"tam = {NAME}.cli.main:main",
+            f"collector = {NAME}.nodes.collector:main",
+            f"calibrator = {NAME}.nodes.calibrator:main",
+            f"corrector = {NAME}.nodes.corrector:main",
+        ]
+    },
+)

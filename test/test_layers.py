@@ -1,0 +1,121 @@
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "tam_calibration"
+
+LAYERS = (
+    ("__main__", "cli"),
+    ("nodes", "report"),
+    ("gap",),
+    ("fit", "simulation", "files"),
+    ("calibration",),
+    ("effects", "localization"),
+    (
+        "errors",
+        "recording",
+        "array",
+        "units",
+        "problems",
+        "geomagnetic",
+        "pointcloud_layout",
+        "message_stream",
+        "synchronisation",
+    ),
+)
+"""The rooms from above to below; a room imports what stands below it, in the last layer also what stands beside it."""
+
+RANK = {room: rank for rank, layer in enumerate(LAYERS) for room in layer}
+CORE = RANK["units"]
+SURROUNDINGS = {"__main__", "cli", "nodes", "report", "files"}
+"""The rooms that are not numerics."""
+
+MODULES = {
+    str(path.relative_to(PACKAGE)): ast.parse(path.read_text())
+    for path in sorted(PACKAGE.rglob("*.py"))
+    if path != PACKAGE / "__init__.py"
+}
+
+
+def room(module):
+    """Return the room of a module: the first part of its path."""
+    return Path(module).parts[0].removesuffix(".py")
+
+
+def imports(module):
+    """Return the names that a module imports, anywhere in it, each split at its dots."""
+    names = set()
+    for node in ast.walk(MODULES[module]):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return [name.split(".") for name in names]
+
+
+def libraries(module):
+    """Return the top names of all that a module imports."""
+    return {name[0] for name in imports(module)}
+
+
+def own_rooms(module):
+    """Return the rooms of the package from which a module imports."""
+    return {name[1] for name in imports(module) if name[0] == PACKAGE.name} - {"__version__"}
+
+
+def test_every_room_has_a_layer():
+    """A new module or package gets its place in the order before it is used."""
+    assert {room(module) for module in MODULES} - set(RANK) == set()
+
+
+def test_imports_run_downwards_only():
+    """A module imports its own room, what stands below it, or in the lowest layer beside it."""
+    edges = [(module, room(module), other) for module in MODULES for other in own_rooms(module) - {room(module)}]
+    wrong = [(module, other) for module, here, other in edges if not (RANK[other] > RANK[here] or RANK[here] == CORE)]
+    assert wrong == []
+
+
+def test_numerics_know_nothing_of_their_surroundings():
+    """Models and fits can be used without ROS, files, terminal and pages."""
+    foreign = {"rclpy", "rosbags", "click", "rich", "jinja2", "matplotlib"}
+    numerics = [module for module in MODULES if room(module) not in SURROUNDINGS]
+    used = {module: own_rooms(module) & SURROUNDINGS | libraries(module) & foreign for module in numerics}
+    assert {module: names for module, names in used.items() if names} == {}
+
+
+def test_ros_is_met_in_the_nodes_only():
+    """Everything but the nodes runs on a machine without ROS."""
+    others = {name for module in MODULES if room(module) != "nodes" for name in libraries(module)}
+    assert {
+        name for name in others if name in {"rclpy", "std_srvs"} or name.endswith(("_msgs", "_interfaces"))
+    } == set()
+
+
+def test_angles_are_converted_in_units_only():
+    """Degrees become radians, and back, in one place."""
+    functions = {
+        f"{library}.{name}" for library in ("np", "math") for name in ("radians", "degrees", "deg2rad", "rad2deg")
+    }
+    wrong = []
+    for module in set(MODULES) - {"units.py"}:
+        for node in ast.walk(MODULES[module]):
+            text = ast.unparse(node) if isinstance(node, ast.Attribute | ast.BinOp | ast.keyword) else ""
+            if text in functions or text == "degrees=True" or ("np.pi" in text and "180" in text):
+                wrong.append((module, text))
+    assert wrong == []
+
+
+@pytest.mark.parametrize("statement", ["import tam_calibration", "from tam_calibration.cli.main import main; main()"])
+def test_start_loads_nothing_heavy(statement):
+    """The package and ``tam --help`` answer at once: they load no library that takes long."""
+    heavy = {"scipy", "matplotlib", "rclpy", "rosbags", "pydantic", "pandas"}
+    code = f"""import atexit, sys
+sys.argv = ["tam", "--help"]
+atexit.register(lambda: print("loaded:", *({heavy!r} & set(sys.modules)), file=sys.stderr))
+{statement}"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.strip() == "loaded:"
