@@ -150,7 +150,8 @@ class Calibration:
     def correction_matrix(self) -> FloatArray:
         """(9, 3K) matrix C of outputs = C (y - o), y the stacked raw readings and o the stacked biases."""
         sensors = self.array.operator.reshape(9, -1, 3)
-        return np.einsum("rki,kij->rkj", sensors, inv(self.errors.matrix)).reshape(9, -1)
+        matrix: FloatArray = np.einsum("rki,kij->rkj", sensors, inv(self.errors.matrix)).reshape(9, -1)
+        return matrix
 
     @cached_property
     def output_standard_errors(self) -> FloatArray:

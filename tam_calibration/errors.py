@@ -58,6 +58,8 @@ class SensorErrors:
                 raise InputError(f"{field.name} must have the shape (sensors, 3) of the others, not {value.shape}")
             if not np.isfinite(value).all():
                 raise InputError(f"{field.name} holds a value that is not finite")
+        if not (self.scale_factor > 0).all():
+            raise InputError("scale factors must be positive: turn a reversed axis round before")
 
     @classmethod
     def none(cls, sensor_count: int) -> "SensorErrors":
@@ -127,25 +129,27 @@ class SensorErrors:
     def rotation(self) -> FloatArray:
         """(K, 3, 3) passive rotations Λ from the array frame to each sensor's orthogonal frame."""
         alpha, beta, gamma = self.misalignment.T
-        return _rotate_x(alpha) @ _rotate_y(beta) @ _rotate_z(gamma)
+        rotation: FloatArray = _rotate_x(alpha) @ _rotate_y(beta) @ _rotate_z(gamma)
+        return rotation
 
     @property
     def matrix(self) -> FloatArray:
         """(K, 3, 3) matrices D Λ from the field in the array frame to the readings without bias."""
-        return self.measurement @ self.rotation
+        matrix: FloatArray = self.measurement @ self.rotation
+        return matrix
 
     def distort(self, field_T: FloatArray) -> FloatArray:
         """Return the (N, K, 3) readings of the true fields (N, K, 3) at the sensors, or (N, 3) uniform."""
         if field_T.ndim == 2:
             field_T = field_T[:, None, :]
-        return (
-            np.einsum("kij,nkj->nki", self.matrix, np.broadcast_to(field_T, (len(field_T), self.sensor_count, 3)))
-            + self.bias_T
-        )
+        everywhere = np.broadcast_to(field_T, (len(field_T), self.sensor_count, 3))
+        readings: FloatArray = np.einsum("kij,nkj->nki", self.matrix, everywhere) + self.bias_T
+        return readings
 
     def restore(self, readings_T: FloatArray) -> FloatArray:
         """Return the (N, K, 3) fields in the array frame from raw readings (N, K, 3)."""
-        return np.einsum("kij,nkj->nki", inv(self.matrix), readings_T - self.bias_T)
+        field: FloatArray = np.einsum("kij,nkj->nki", inv(self.matrix), readings_T - self.bias_T)
+        return field
 
     def jacobian(self) -> FloatArray:
         """Return the (K, 3, 4, 12) derivatives of [D Λ | o] by the parameters in the order of ``PARAMETER_NAMES``."""

@@ -58,14 +58,9 @@ class Recording:
         self._check_time()
 
     def _check_shapes(self) -> None:
-        expected = {
-            "time_s": (self.sample_count,),
-            "scalar_T": (self.sample_count,),
-            "temperature_C": (self.sample_count,),
-        }
-        expected |= {"current_A": (self.sample_count,), "attitude": (self.sample_count, 4)}
-        for name, shape in expected.items():
+        for name in ("time_s", "scalar_T", "temperature_C", "current_A", "attitude"):
             value = getattr(self, name)
+            shape: tuple[int, ...] = (self.sample_count, 4) if name == "attitude" else (self.sample_count,)
             if value is not None and value.shape != shape:
                 raise InputError(f"{name} must have the shape {shape} to match the readings, not {value.shape}")
 
@@ -80,7 +75,8 @@ class Recording:
                 where = f"sensor {index[1] + 1} axis {'xyz'[index[2]]}" if field.name == "readings_T" else field.name
                 count = int(bad.reshape(len(bad), -1).any(axis=1).sum())
                 raise InputError(
-                    f"{count} of {self.sample_count} samples hold NaN or infinite values, first {where} in sample {index[0] + 1}: remove these samples"
+                    f"{count} of {self.sample_count} samples hold NaN or infinite values, "
+                    f"first {where} in sample {index[0] + 1}: remove these samples"
                 )
         if self.scalar_T is not None and np.isinf(self.scalar_T).any():
             raise InputError("the scalar intensity holds infinite values: leave it empty where there is no reading")
@@ -92,8 +88,8 @@ class Recording:
         first = int(np.argmax(step <= 0))
         kind = "repeats" if step[first] == 0 else "goes backwards"
         raise InputError(
-            f"time {kind} at sample {first + 2} (after {self.time_s[first]:.6f} s comes {self.time_s[first + 1]:.6f} s; "
-            f"{int((step <= 0).sum())} such places): sort the samples by time and keep one of each"
+            f"time {kind} at sample {first + 2}: after {self.time_s[first]:.6f} s comes {self.time_s[first + 1]:.6f} s "
+            f"({int((step <= 0).sum())} such places); sort the samples by time and keep one of each"
         )
 
     @property
@@ -104,7 +100,7 @@ class Recording:
     @property
     def sensor_count(self) -> int:
         """Number of sensors K."""
-        return self.readings_T.shape[1]
+        return int(self.readings_T.shape[1])
 
     def take(self, index: slice | np.ndarray) -> "Recording":
         """Return the recording of the samples that a slice, mask or increasing index selects."""
@@ -123,7 +119,8 @@ class Recording:
         if self.sample_count > 1 and (spread == 0).any():
             sensor, axis = np.argwhere(spread == 0)[0]
             raise InputError(
-                f"sensor {sensor + 1} axis {'xyz'[axis]} reads the same value in all {self.sample_count} samples: it is not connected, or was not turned"
+                f"sensor {sensor + 1} axis {'xyz'[axis]} reads the same value in all {self.sample_count} samples: "
+                "it is not connected, or was not turned"
             )
         self.check_units()
 
@@ -137,21 +134,17 @@ class Recording:
         """
         low, high = EARTH_FIELD_T
         if self.scalar_T is not None and np.isfinite(self.scalar_T).any():
-            intensity = float(np.nanmedian(self.scalar_T))
-            if not low <= intensity <= high:
-                raise InputError(
-                    f"the scalar intensity is {_microtesla(intensity)}, outside the {low * 1e6:.0f} to {high * 1e6:.0f} µT of the Earth's field: {_unit_hint(intensity)}"
-                )
+            _check_unit("the scalar intensity is", float(np.nanmedian(self.scalar_T)), low, high)
         size = np.median(np.linalg.norm(self.readings_T, axis=2), axis=0)
         for sensor, value in enumerate(size):
-            if not low / 100 <= value <= high * 100:
-                raise InputError(
-                    f"sensor {sensor + 1} reads {_microtesla(float(value))}, far from the {low * 1e6:.0f} to {high * 1e6:.0f} µT of the Earth's field: {_unit_hint(float(value))}"
-                )
+            # A bias may be many times the field.
+            _check_unit(f"sensor {sensor + 1} reads", float(value), low / 100, high * 100)
 
 
-def _microtesla(tesla: float) -> str:
-    return f"{tesla * 1e6:.4g} µT"
+def _check_unit(subject: str, tesla: float, low: float, high: float) -> None:
+    if not low <= tesla <= high:
+        earth = " to ".join(f"{bound * 1e6:.0f}" for bound in EARTH_FIELD_T)
+        raise InputError(f"{subject} {tesla * 1e6:.4g} µT, but the Earth's field has {earth} µT: {_unit_hint(tesla)}")
 
 
 def _unit_hint(tesla: float) -> str:

@@ -1,11 +1,11 @@
 """Conversion between SI units and those of files and reports: the only place that converts."""
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating[Any]]
 Quantity = TypeVar("Quantity", float, FloatArray)
 
 NANOTESLA_PER_TESLA = 1e9

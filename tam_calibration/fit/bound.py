@@ -68,10 +68,10 @@ def parameter_covariance(
     count = errors.sensor_count
     # Without a reference the rows of D Λ enter times the intensity F: d(F D Λ) = F d(D Λ) + D Λ dF.
     factor = 1.0 if free_intensity_T is None else free_intensity_T / unit_T
-    jacobian = _block_diagonal(errors.jacobian() * np.array([factor, factor, factor, 1 / unit_T])[:, None])
+    jacobian: FloatArray = _block_diagonal(errors.jacobian() * np.array([factor, factor, factor, 1 / unit_T])[:, None])
     free = np.ones(12 * count, dtype=bool)
     free[9:12] = False
-    basis = np.eye(12 * count)[:, free]
+    basis: FloatArray = np.eye(12 * count)[:, free]
     if free_intensity_T is not None:
         by_intensity = np.concatenate([errors.matrix, np.zeros((count, 3, 1))], axis=2).reshape(-1, 1)
         jacobian = np.hstack([jacobian, by_intensity])

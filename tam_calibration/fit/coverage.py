@@ -81,8 +81,9 @@ def measure_coverage(field_T: FloatArray) -> Coverage:
     length = norm(field_T, axis=1, keepdims=True)
     direction = np.divide(field_T, length, out=np.zeros_like(field_T), where=length > 0)
     cell = cell_of(direction)
-    counts = np.bincount(cell, minlength=CELLS)
-    sums = np.stack([np.bincount(cell, direction[:, axis], CELLS) for axis in range(3)], axis=1)
+    counts: IntArray = np.bincount(cell, minlength=CELLS)
+    sums = np.zeros((CELLS, 3))
+    np.add.at(sums, cell, direction)
     return _judge(counts, sums)
 
 

@@ -1,7 +1,6 @@
 """What a recording determines, told by the parameters' names before a fit is tried and after it is done."""
 
 import numpy as np
-from numpy.linalg import norm
 
 from tam_calibration.array import Array
 from tam_calibration.errors import PARAMETER_NAMES, SensorErrors
@@ -34,7 +33,7 @@ def require_determined(recording: Recording, array: Array) -> None:
     if count < FEWEST_SAMPLES:
         raise InputError(
             f"{count} samples cannot determine the {12 * recording.sensor_count - 3} parameters of "
-            f"{recording.sensor_count} sensors: at least {FEWEST_SAMPLES} different attitudes are needed, better 50 or more"
+            f"{recording.sensor_count} sensors: at least {FEWEST_SAMPLES} different attitudes are needed, better 50"
         )
     noisy, _ = complete_noise(array, recording)
     data = normalize(recording)
@@ -68,8 +67,8 @@ def _refuse_open(standard_errors: FloatArray, intensity_T: float) -> None:
     open_ = ~(standard_errors.reshape(-1, 12) <= limits)
     if open_.any():
         raise InputError(
-            f"the readings do not determine {_name(open_)}: turn the array through directions outside one plane or cone, "
-            "up and down as well as around"
+            f"the readings do not determine {_name(open_)}: "
+            "turn the array through directions outside one plane or cone, up and down as well as around"
         )
 
 
@@ -79,6 +78,10 @@ def _name(open_: np.ndarray) -> str:
         sensors = tuple(int(sensor) + 1 for sensor in np.flatnonzero(open_[:, parameter]))
         if sensors:
             groups.setdefault(sensors, []).append(name)
-    return "; ".join(
-        f"{', '.join(names)} of sensor {', '.join(map(str, sensors))}" for sensors, names in groups.items()
-    )
+    return "; ".join(f"{', '.join(names)} of {_name_sensors(sensors, len(open_))}" for sensors, names in groups.items())
+
+
+def _name_sensors(sensors: tuple[int, ...], count: int) -> str:
+    if len(sensors) == count > 1:
+        return "every sensor"
+    return f"sensor {', '.join(map(str, sensors))}"

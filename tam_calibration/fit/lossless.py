@@ -45,8 +45,8 @@ def lossless(recording: Recording, array: Array, *, as_published: bool = False) 
     InputError
         When the readings determine no ellipsoid, or a sensor is left-handed.
     """
-    has_scalar = recording.scalar_T is not None and np.isfinite(recording.scalar_T).any()
-    known = recording.take(np.isfinite(recording.scalar_T)) if has_scalar else recording
+    scalar = recording.scalar_T
+    known = recording if scalar is None or np.isnan(scalar).all() else recording.take(np.isfinite(scalar))
     if known.sample_count < FEWEST_SAMPLES:
         raise InputError(
             f"{known.sample_count} samples are too few for the lossless calibration: it needs {FEWEST_SAMPLES}"
@@ -91,7 +91,8 @@ def _published_center(moments: FloatArray, data: Normalized) -> FloatArray:
     found = np.empty((*moments.shape[:2], 3))
     for index in np.ndindex(*moments.shape[:2]):
         found[index] = _sequential_quadratic_programming(from_zero[index])
-    return found + origin
+    centers: FloatArray = found + origin
+    return centers
 
 
 def _sequential_quadratic_programming(moments: FloatArray) -> FloatArray:
@@ -120,8 +121,8 @@ def _sequential_quadratic_programming(moments: FloatArray) -> FloatArray:
     result = minimize(
         objective, start, jac=True, method="SLSQP", bounds=bounds, options={"ftol": 1e-24, "maxiter": 200}
     )
-    center = result.x[6:]
-    return center
+    found: FloatArray = result.x[6:]
+    return found
 
 
 def _procrustes(joint: FloatArray, unmix: FloatArray, centers: FloatArray) -> FloatArray:

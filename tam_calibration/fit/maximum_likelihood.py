@@ -78,9 +78,8 @@ def _closed_form(data: Normalized, vector_noise: FloatArray) -> tuple[FloatArray
     moments = rows.T @ rows
     center = ellipsoid.center_of(moments)
     shape = ellipsoid.square_root(ellipsoid.shape_about(moments, center))
-    stacked = components @ inv(shape) / weight[:, None]
+    matrix = (components @ inv(shape) / weight[:, None]).reshape(-1, 3, 3)
     bias = mean + components @ center / weight
-    matrix = stacked.reshape(-1, 3, 3)
     if np.linalg.det(matrix[0]) < 0:
         matrix = -matrix
     return _into_frame_of_first(matrix), bias.reshape(-1, 3)
@@ -97,9 +96,8 @@ def _into_frame_of_first(matrix: FloatArray) -> FloatArray:
 def _gauss_newton(
     data: Normalized, matrix: FloatArray, bias: FloatArray, vector_noise: FloatArray, scalar_noise: float
 ) -> tuple[FloatArray, FloatArray, Linearization]:
-    free = np.ones((len(matrix), 3, 4), dtype=bool)
-    free[0, [1, 2, 2], [0, 0, 1]] = False
-    free = free.ravel()
+    free = np.ones(12 * len(matrix), dtype=bool)
+    free[[4, 8, 9]] = False  # what lies below the diagonal of the first matrix
     previous = np.inf
     for _ in range(_MOST_STEPS):
         point = linearize(data.points, data.intensity, matrix, bias, vector_noise, scalar_noise)
@@ -107,11 +105,11 @@ def _gauss_newton(
         step[free] = _solve(point.information[np.ix_(free, free)], point.gradient[free])
         # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.
         decrement = float(step @ point.gradient)
+        update = step.reshape(-1, 3, 4)
+        matrix, bias = matrix + update[..., :3], bias + update[..., 3]
         if decrement < 1e-12 or (decrement < 1e-2 and decrement > previous / 4):
             return matrix, bias, point
         previous = decrement
-        update = step.reshape(-1, 3, 4)
-        matrix, bias = matrix + update[..., :3], bias + update[..., 3]
     raise Refused(
         f"the fit did not settle in {_MOST_STEPS} steps: the readings do not fit one calibration, "
         "look for a change of field or sensor during the recording"

@@ -33,4 +33,5 @@ def _fast_noise(values: FloatArray) -> FloatArray:
     """Return the robust standard deviation of the white noise along the first axis."""
     difference = np.diff(values, n=min(3, len(values) - 1), axis=0)
     spread = np.median(np.abs(difference), axis=0) / (_MEDIAN_ABSOLUTE_OF_NORMAL * _THIRD_DIFFERENCE_NORM)
-    return np.maximum(spread, _SMALLEST_T)
+    noise: FloatArray = np.maximum(spread, _SMALLEST_T)
+    return noise
