@@ -1,0 +1,121 @@
+"""The messages of one topic that wait to join a sample: by the nearest stamp, or held until the next comes.
+
+A message has a key: its stamp, raised by more than any stamp with each epoch, so that one number orders all messages.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+Message = tuple[int, Sequence[float]]
+"""Key and values."""
+
+
+def sensor_stream(sensor: int) -> str:
+    """Return the name of the stream of a sensor, 1 to K."""
+    return f"tam_{sensor}"
+
+
+@dataclass
+class Losses:
+    """What became of the messages of one stream.
+
+    Parameters
+    ----------
+    received : int
+        Messages that arrived.
+    unmatched : int
+        Messages that joined no sample (not counted for held channels).
+    duplicate, late : int
+        Messages with the same stamp as the one before, or an earlier one.
+    missing : int
+        Samples for which the stream had no message in time: lost for a sensor, NaN for a channel.
+    """
+
+    received: int = 0
+    unmatched: int = 0
+    duplicate: int = 0
+    late: int = 0
+    missing: int = 0
+
+    @property
+    def dropped(self) -> int:
+        """Messages that were thrown away."""
+        return self.unmatched + self.duplicate + self.late
+
+    def explain(self) -> str:
+        """Return the reasons and their counts for people; empty without losses."""
+        reasons = {
+            "missing in {} samples": self.missing,
+            "{} messages joined no sample": self.unmatched,
+            "{} repeated stamps": self.duplicate,
+            "{} stamps out of order": self.late,
+        }
+        return ", ".join(reason.format(count) for reason, count in reasons.items() if count)
+
+
+class Stream:
+    """The messages of one stream that may still join a sample, oldest first."""
+
+    def __init__(self, name: str, window_ns: int, awaited: bool) -> None:
+        self.name = name
+        self.window_ns = window_ns
+        self.awaited = awaited
+        self.losses = Losses()
+        self.buffer: deque[Message] = deque()
+        self.newest = -1
+        self.epoch = 0
+        self.rejoins_after = -1
+
+    def find(self, key: int, is_overdue: bool) -> tuple[bool, Message | None]:
+        """Return whether it is decided which message joins the sample at a stamp, and that message."""
+        raise NotImplementedError
+
+    def forget(self, before: int) -> None:
+        """Drop what cannot join a sample at or after a stamp."""
+        raise NotImplementedError
+
+
+class JoinedStream(Stream):
+    """A stream whose messages join one sample each, by the nearest stamp."""
+
+    def find(self, key: int, is_overdue: bool) -> tuple[bool, Message | None]:
+        """Return whether it is decided which message joins the sample at a stamp, and that message."""
+        buffer = self.buffer
+        self.forget(key)
+        while len(buffer) > 1 and key - buffer[0][0] > abs(buffer[1][0] - key):
+            self._drop_oldest()
+        if buffer and buffer[0][0] > key + self.window_ns:
+            return True, None
+        if buffer and (buffer[0][0] >= key or len(buffer) > 1):
+            return True, buffer[0]
+        if is_overdue or not self.awaited or self.newest >= key + self.window_ns:
+            return True, buffer[0] if buffer else None
+        return False, None
+
+    def forget(self, before: int) -> None:
+        """Drop what cannot join a sample at or after a stamp."""
+        while self.buffer and self.buffer[0][0] < before - self.window_ns:
+            self._drop_oldest()
+
+    def _drop_oldest(self) -> None:
+        self.buffer.popleft()
+        self.losses.unmatched += 1
+
+
+class HeldStream(Stream):
+    """A stream whose newest value holds until the next, for a limited time."""
+
+    def find(self, key: int, is_overdue: bool) -> tuple[bool, Message | None]:
+        """Return whether it is decided which message joins the sample at a stamp, and that message."""
+        if self.newest < key and self.awaited and not is_overdue:
+            return False, None
+        self.forget(key)
+        if self.buffer and 0 <= key - self.buffer[0][0] <= self.window_ns:
+            return True, self.buffer[0]
+        return True, None
+
+    def forget(self, before: int) -> None:
+        """Drop what cannot join a sample at or after a stamp."""
+        while len(self.buffer) > 1 and self.buffer[1][0] <= before:
+            self.buffer.popleft()
