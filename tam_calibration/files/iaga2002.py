@@ -1,0 +1,91 @@
+"""Observatory files in the IAGA-2002 format: what the geomagnetic field did at a place."""
+
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from tam_calibration.problems import InputError
+from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
+
+MISSING_NT = 88_888.0
+"""Values from here on stand for "not reported" (88888) and "missing" (99999)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObservatoryRecord:
+    """The field at an observatory.
+
+    Parameters
+    ----------
+    start : datetime
+        Of the first row, UTC.
+    time_s : (M,) array
+        Seconds from the start, increasing.
+    field_T : (M, 3) array
+        Components to magnetic north, magnetic east and down, tesla; NaN where a value is missing.
+    """
+
+    start: datetime
+    time_s: FloatArray
+    field_T: FloatArray
+
+
+def read_iaga2002(path: Path) -> ObservatoryRecord:
+    """Return the record of an IAGA-2002 file that reports H E Z, H D Z or X Y Z.
+
+    Raises
+    ------
+    InputError
+        When the file is of another format, reports other components, or holds a broken row.
+    """
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    if not lines or "IAGA-2002" not in lines[0].upper():
+        raise InputError(f"{path}: this is not an IAGA-2002 file: its first line must name the format")
+    first = next((number for number, line in enumerate(lines) if line.startswith("DATE")), None)
+    if first is None:
+        raise InputError(f"{path}: the line DATE TIME DOY … that names the columns is missing")
+    letters = [column[-1] for column in lines[first].rstrip("| ").split()[3:]]
+    rows = [_read_row(path, number, line, len(letters)) for number, line in enumerate(lines[first + 1 :], first + 2)]
+    if not rows:
+        raise InputError(f"{path}: the file holds no values")
+    stamps = np.array([stamp for stamp, _ in rows], dtype="datetime64[ms]")
+    values = np.array([row for _, row in rows])
+    values[values >= MISSING_NT] = np.nan
+    time_s = (stamps - stamps[0]) / np.timedelta64(1, "s")
+    if not (np.diff(time_s) > 0).all():
+        raise InputError(f"{path}: time repeats or goes backwards: sort the rows by time and keep one of each")
+    return ObservatoryRecord(rows[0][0], time_s, _meridian_components(path, dict(zip(letters, values.T, strict=True))))
+
+
+def _read_row(path: Path, number: int, line: str, count: int) -> tuple[datetime, list[float]]:
+    """Return the time and the values of one row."""
+    try:
+        day, time, _, *values = line.split()
+        if len(values) != count:
+            raise ValueError
+        return datetime.fromisoformat(f"{day}T{time}"), [float(value) for value in values]
+    except ValueError:
+        raise InputError(f"{path}: line {number} does not hold date, time, day of year and {count} values") from None
+
+
+def _meridian_components(path: Path, columns: dict[str, FloatArray]) -> FloatArray:
+    """Return the (M, 3) components to magnetic north, magnetic east and down, tesla."""
+    if {"H", "E", "Z"} <= columns.keys():
+        north, east = columns["H"], columns["E"]
+    elif {"H", "D", "Z"} <= columns.keys():
+        declination = from_degrees(columns["D"] / 60)  # reported in minutes of arc
+        north, east = _turn_to_mean(columns["H"] * np.cos(declination), columns["H"] * np.sin(declination))
+    elif {"X", "Y", "Z"} <= columns.keys():
+        north, east = _turn_to_mean(columns["X"], columns["Y"])
+    else:
+        raise InputError(f"{path}: the components are {' '.join(columns)}; H E Z, H D Z or X Y Z are needed")
+    return from_nanotesla(np.stack([north, east, columns["Z"]], axis=1))
+
+
+def _turn_to_mean(north: FloatArray, east: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return geographic components along and across their own mean direction."""
+    meridian = np.arctan2(np.nanmean(east), np.nanmean(north))
+    cosine, sine = np.cos(meridian), np.sin(meridian)
+    return north * cosine + east * sine, east * cosine - north * sine
