@@ -4,7 +4,7 @@ import numpy as np
 
 from tam_calibration.array import Array
 from tam_calibration.errors import SensorErrors
-from tam_calibration.fit.likelihood import linearize
+from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.scale import free_scale_gradient
 from tam_calibration.units import FloatArray
 
@@ -33,14 +33,9 @@ def bound(field_T: FloatArray, errors: SensorErrors, array: Array, has_scalar: b
     assert array.scalar_noise_T is not None
     intensity = np.linalg.norm(field_T, axis=1)
     unit = float(intensity.mean())
-    point = linearize(
-        errors.distort(field_T) / unit,
-        intensity / unit,
-        errors.matrix,
-        errors.bias_T / unit,
-        array.vector_noise_T / unit,
-        array.scalar_noise_T / unit if has_scalar else 0.0,
-    )
+    scalar_noise = array.scalar_noise_T / unit if has_scalar else 0.0
+    likelihood = Likelihood(errors.distort(field_T) / unit, intensity / unit, array.vector_noise_T / unit, scalar_noise)
+    point = likelihood.linearize(errors.matrix, errors.bias_T / unit)
     return parameter_covariance(point.information, errors, unit, None if has_scalar else unit)
 
 

@@ -13,7 +13,7 @@ from tam_calibration.calibration import Calibration
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.bound import parameter_covariance
-from tam_calibration.fit.likelihood import Linearization, linearize
+from tam_calibration.fit.likelihood import Likelihood, Linearization
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
@@ -53,8 +53,8 @@ def maximum_likelihood(recording: Recording, array: Array) -> Calibration:
     data = normalize(recording)
     vector_noise = noisy.vector_noise_T / data.radius_T
     scalar_noise = noisy.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
-    start = _closed_form(data, vector_noise)
-    matrix, bias, point = _gauss_newton(data, *start, vector_noise, scalar_noise)
+    likelihood = Likelihood(data.points, data.intensity, vector_noise, scalar_noise)
+    matrix, bias, point = _gauss_newton(likelihood, *_closed_form(data, vector_noise))
     factor = 1.0 if data.has_scalar else float(free_scale(matrix))
     errors = SensorErrors.from_matrix(factor * matrix, data.origin_T + data.radius_T * bias)
     errors.misalignment[0] = 0
@@ -94,13 +94,13 @@ def _into_frame_of_first(matrix: FloatArray) -> FloatArray:
 
 
 def _gauss_newton(
-    data: Normalized, matrix: FloatArray, bias: FloatArray, vector_noise: FloatArray, scalar_noise: float
+    likelihood: Likelihood, matrix: FloatArray, bias: FloatArray
 ) -> tuple[FloatArray, FloatArray, Linearization]:
     free = np.ones(12 * len(matrix), dtype=bool)
     free[[4, 8, 9]] = False  # what lies below the diagonal of the first matrix
     previous = np.inf
     for _ in range(_MOST_STEPS):
-        point = linearize(data.points, data.intensity, matrix, bias, vector_noise, scalar_noise)
+        point = likelihood.linearize(matrix, bias)
         step = np.zeros(free.size)
         step[free] = _solve(point.information[np.ix_(free, free)], point.gradient[free])
         # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.

@@ -8,7 +8,7 @@ from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration, measure_residuals, noise_floor
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.coverage import field_of, measure_coverage
-from tam_calibration.fit.likelihood import linearize
+from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
@@ -75,14 +75,11 @@ def _reduced_chi_square(recording: Recording, array: Array, estimate: Estimate) 
     assert array.vector_noise_T is not None
     unit, count = estimate.intensity_T, recording.sensor_count
     scalar = np.full(recording.sample_count, unit) if recording.scalar_T is None else recording.scalar_T
-    point = linearize(
-        recording.readings_T / unit,
-        scalar / unit,
-        estimate.errors.matrix,
-        estimate.errors.bias_T / unit,
-        array.vector_noise_T / unit,
-        (array.scalar_noise_T or 0.0) / unit,
-    )
+    # About the biases, so that one that is many times the field costs no digits.
+    unbiased = (recording.readings_T - estimate.errors.bias_T) / unit
+    scalar_noise = (array.scalar_noise_T or 0.0) / unit
+    likelihood = Likelihood(unbiased, scalar / unit, array.vector_noise_T / unit, scalar_noise)
+    point = likelihood.linearize(estimate.errors.matrix, np.zeros((count, 3)))
     # The ellipsoid takes nine parameters from the common mode, each further sensor twelve from the differences.
     freedom = {"differential": recording.sample_count * (3 * count - 3) - 12 * (count - 1)}
     freedom["common_mode"] = point.reference_count - 9
