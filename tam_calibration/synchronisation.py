@@ -174,7 +174,8 @@ class Synchroniser:
         newest = {stream: stream.newest - stream.epoch * _EPOCH for stream in self._streams.values()}
         sensors = max((newest[stream] for stream in self._sensors if stream is not beginner), default=0)
         for stream in self._streams.values():
-            stream.rejoins_after = max(newest[stream], sensors) + self._patience_ns
+            if newest[stream] >= 0:
+                stream.rejoins_after = max(newest[stream], sensors) + self._patience_ns
 
     def _store(self, stream: Stream, key: int, values: Sequence[float]) -> None:
         stream.newest = key

@@ -1,0 +1,26 @@
+"""Reading and writing of arrays, recordings, calibrations and corrected data."""
+
+from tam_calibration.files.array_yaml import array_from_mapping, array_to_mapping, read_array, write_array
+from tam_calibration.files.calibration_yaml import (
+    calibration_from_yaml,
+    calibration_to_mapping,
+    calibration_to_yaml,
+    read_calibration,
+    write_calibration,
+)
+from tam_calibration.files.provenance import provenance
+from tam_calibration.files.whole import write_whole
+
+__all__ = [
+    "array_from_mapping",
+    "array_to_mapping",
+    "calibration_from_yaml",
+    "calibration_to_mapping",
+    "calibration_to_yaml",
+    "provenance",
+    "read_array",
+    "read_calibration",
+    "write_array",
+    "write_calibration",
+    "write_whole",
+]

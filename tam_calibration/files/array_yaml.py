@@ -1,0 +1,107 @@
+"""The array file: positions and noise of the sensors, with units in the keys."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tam_calibration.array import Array
+from tam_calibration.files.exact import nanotesla_to_write
+from tam_calibration.files.location import in_file, read_text
+from tam_calibration.files.whole import write_whole
+from tam_calibration.files.yaml_document import Document, check, dump_mapping, parse_mapping
+from tam_calibration.problems import InputError
+from tam_calibration.units import from_nanotesla
+
+
+class ArrayFile(Document):
+    """What an array file may hold; a noise that is not stated is estimated from the recording.
+
+    Parameters
+    ----------
+    baseline_m : float, optional
+        Distance between opposite sensors of a four-sensor cross; either this or the positions.
+    positions_m : list of [x, y, z], optional
+        Positions in the array frame, x forward, y left, z up.
+    vector_noise_nT : float or list of float, optional
+        Noise of each axis, one for all sensors or one for each.
+    scalar_noise_nT : float, optional
+        Noise of the scalar magnetometer.
+    notes, recording
+        Anything; not read.
+    """
+
+    baseline_m: float | None = None
+    positions_m: list[tuple[float, float, float]] | None = None
+    vector_noise_nT: float | list[float] | None = None
+    scalar_noise_nT: float | None = None
+    notes: Any = None
+    recording: Any = None
+
+    def to_array(self) -> Array:
+        """Return the array.
+
+        Raises
+        ------
+        InputError
+            When positions or noise make no array.
+        """
+        if (self.baseline_m is None) == (self.positions_m is None):
+            raise InputError("give either baseline_m (the cross) or positions_m (a row of x, y, z for each sensor)")
+        array = Array.cross(self.baseline_m) if self.baseline_m is not None else Array(np.array(self.positions_m))
+        vector_noise_T = None
+        if self.vector_noise_nT is not None:
+            stated = np.asarray(self.vector_noise_nT, dtype=float)
+            vector_noise_T = from_nanotesla(np.full(array.sensor_count, stated) if stated.ndim == 0 else stated)
+        return Array(
+            array.positions_m,
+            vector_noise_T,
+            None if self.scalar_noise_nT is None else from_nanotesla(self.scalar_noise_nT),
+        )
+
+
+def read_array(path: Path) -> Array:
+    """Read an array file.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, a key is not known, or the values make no array.
+    """
+    path = Path(path)
+    text = read_text(path)
+    with in_file(path):
+        return array_from_mapping(parse_mapping(text))
+
+
+def array_from_mapping(content: dict[str, Any]) -> Array:
+    """Return the array of the keys and values of an array file.
+
+    Raises
+    ------
+    InputError
+        When a key is not known, or the values make no array.
+    """
+    return check(content, ArrayFile).to_array()
+
+
+def array_to_mapping(array: Array) -> dict[str, Any]:
+    """Return the keys and values of an array file."""
+    content: dict[str, Any] = {"positions_m": array.positions_m.tolist()}
+    if array.vector_noise_T is not None:
+        content["vector_noise_nT"] = nanotesla_to_write(array.vector_noise_T).tolist()
+    if array.scalar_noise_T is not None:
+        content["scalar_noise_nT"] = float(nanotesla_to_write(np.array(array.scalar_noise_T)))
+    return content
+
+
+def write_array(path: Path, array: Array) -> None:
+    """Write an array file.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    with write_whole(path) as beside:
+        beside.write_text(dump_mapping(array_to_mapping(array)), encoding="utf-8")

@@ -1,0 +1,167 @@
+"""What a calibration file holds, and the calibration that it gives."""
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from tam_calibration.calibration import Calibration, Provenance, Residuals
+from tam_calibration.errors import SensorErrors
+from tam_calibration.files.array_yaml import ArrayFile
+from tam_calibration.files.yaml_document import Document, check
+from tam_calibration.problems import InputError
+from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
+
+SCHEMA = "tam_calibration/calibration/1"
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Vector = tuple[Finite, Finite, Finite]
+StandardErrors = tuple[float, float, float]
+
+
+class _Sensor(Document):
+    sensor: int
+    scale_factor: Vector
+    scale_factor_standard_error: StandardErrors
+    non_orthogonality_deg: Vector
+    non_orthogonality_standard_error_deg: StandardErrors
+    bias_nT: Vector
+    bias_standard_error_nT: StandardErrors
+    misalignment_deg: Vector
+    misalignment_standard_error_deg: StandardErrors
+    matrix: tuple[Vector, Vector, Vector]
+
+
+class _Array(ArrayFile):
+    noise_is_estimated: bool
+
+
+class _Field(Document):
+    intensity_nT: Finite
+    has_scalar_reference: bool
+    coverage_of_sphere: Finite
+
+
+class _Residuals(Document):
+    sensor_intensity_nT: list[float]
+    center_intensity_nT: float
+    tensor_nT_per_m: tuple[float, float, float, float, float]
+    tensor_rmse_nT_per_m: float
+
+    def to_residuals(self) -> Residuals:
+        """Return the residuals in SI."""
+        return Residuals(
+            from_nanotesla(np.array(self.sensor_intensity_nT)),
+            from_nanotesla(self.center_intensity_nT),
+            from_nanotesla(np.array(self.tensor_nT_per_m)),
+        )
+
+
+class _AllResiduals(Document):
+    before: _Residuals
+    in_sample: _Residuals
+    held_out: _Residuals | None
+    noise_floor: _Residuals
+
+
+class _Recording(Document):
+    samples: int
+    time_span_s: tuple[Finite, Finite]
+    name: str | None
+    size_bytes: int | None
+    sha256: str | None
+
+    def to_provenance(self) -> Provenance | None:
+        """Return where the recording came from, if that is known."""
+        if self.name is None or self.size_bytes is None or self.sha256 is None:
+            return None
+        return Provenance(self.name, self.size_bytes, self.sha256)
+
+
+class _Calibration(Document):
+    schema_version: Literal["tam_calibration/calibration/1"] = Field(alias="schema")
+    software: str
+    method: str
+    formula: str
+    frame: str
+    statements: list[str]
+    warnings: list[str]
+    sensors: list[_Sensor]
+    array: _Array
+    field: _Field
+    residuals: _AllResiduals
+    reduced_chi_square: dict[str, float]
+    recording: _Recording
+    covariance_order: str
+    covariance_SI: list[list[Finite]] | None
+
+
+def calibration_of(content: dict[str, Any]) -> Calibration:
+    """Return the calibration of the keys and values of a calibration file.
+
+    Raises
+    ------
+    InputError
+        When they are of another version, incomplete, or contradict each other.
+    """
+    schema = content.get("schema")
+    if schema != SCHEMA:
+        stated = "has no schema" if schema is None else f"has the schema {schema!r}"
+        raise InputError(f"this is no calibration that this version reads: it {stated}, not {SCHEMA!r}")
+    stored = check(content, _Calibration)
+    errors = _errors(stored)
+    array = stored.array.to_array()
+    if array.sensor_count != errors.sensor_count or array.vector_noise_T is None:
+        raise InputError(f"the file is damaged: positions and noise must be those of its {errors.sensor_count} sensors")
+    residuals = stored.residuals
+    return Calibration(
+        method=stored.method,
+        array=array,
+        noise_is_estimated=stored.array.noise_is_estimated,
+        errors=errors,
+        covariance=_covariance(stored),
+        has_scalar_reference=stored.field.has_scalar_reference,
+        intensity_T=from_nanotesla(stored.field.intensity_nT),
+        before=residuals.before.to_residuals(),
+        in_sample=residuals.in_sample.to_residuals(),
+        floor=residuals.noise_floor.to_residuals(),
+        samples=stored.recording.samples,
+        time_span_s=stored.recording.time_span_s,
+        coverage=stored.field.coverage_of_sphere,
+        reduced_chi_square=stored.reduced_chi_square,
+        held_out=None if residuals.held_out is None else residuals.held_out.to_residuals(),
+        source=stored.recording.to_provenance(),
+        warnings=tuple(stored.warnings),
+    )
+
+
+def _errors(stored: _Calibration) -> SensorErrors:
+    sensors = stored.sensors
+    if [block.sensor for block in sensors] != list(range(1, len(sensors) + 1)) or not sensors:
+        raise InputError("the file is damaged: its sensors are not numbered 1, 2, …")
+    errors = SensorErrors(
+        np.array([block.scale_factor for block in sensors]),
+        from_degrees(np.array([block.non_orthogonality_deg for block in sensors])),
+        from_nanotesla(np.array([block.bias_nT for block in sensors])),
+        from_degrees(np.array([block.misalignment_deg for block in sensors])),
+    )
+    wrong = ~np.isclose(errors.matrix, [block.matrix for block in sensors], rtol=0, atol=1e-9).all(axis=(1, 2))
+    if wrong.any():
+        raise InputError(
+            f"the file is damaged: matrix and parameters of sensor {wrong.argmax() + 1} contradict each other"
+        )
+    return errors
+
+
+def _covariance(stored: _Calibration) -> FloatArray | None:
+    if stored.covariance_SI is None:
+        return None
+    size = 12 * len(stored.sensors)
+    if [len(row) for row in stored.covariance_SI] != [size] * size:
+        raise InputError(f"the file is damaged: covariance_SI must have {size} rows of {size} numbers")
+    covariance = np.array(stored.covariance_SI)
+    deviation = np.sqrt(np.abs(np.diag(covariance)))
+    asymmetry = np.abs(covariance - covariance.T) > 1e-6 * np.outer(deviation, deviation)
+    if asymmetry.any() or (np.diag(covariance) < 0).any():
+        raise InputError("the file is damaged: covariance_SI must be symmetric with a diagonal that is not negative")
+    return covariance

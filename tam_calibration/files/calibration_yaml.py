@@ -1,0 +1,151 @@
+"""The calibration file: everything of a calibration, with the formula to apply it by hand."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tam_calibration import __version__
+from tam_calibration.calibration import FRAME_STATEMENT, Calibration, Residuals
+from tam_calibration.files.array_yaml import array_to_mapping
+from tam_calibration.files.calibration_schema import SCHEMA, calibration_of
+from tam_calibration.files.exact import degrees_to_write, nanotesla_to_write
+from tam_calibration.files.location import in_file, read_text
+from tam_calibration.files.whole import write_whole
+from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
+from tam_calibration.units import FloatArray, to_degrees, to_nanotesla
+
+FORMULA = (
+    "Field at a sensor in the array frame [nT] = inverse of its matrix × (its raw reading [nT] - its bias_nT). "
+    "The centre vector b and the gradient tensor G are the least-squares fit of b + G × position to the fields of all "
+    "sensors, G symmetric with zero trace; where the positions do not determine G, b is the mean of the fields."
+)
+COVARIANCE_ORDER = (
+    "For each sensor in turn: scale factors x y z [1], non-orthogonality theta phi psi [rad], bias x y z [T], "
+    "misalignment alpha beta gamma [rad]; what the data did not determine was held fixed and is 0."
+)
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Read a calibration file.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, is of another version, or is damaged.
+    """
+    path = Path(path)
+    return calibration_from_yaml(read_text(path), str(path))
+
+
+def write_calibration(path: Path, calibration: Calibration) -> None:
+    """Write a calibration file.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    with write_whole(path) as beside:
+        beside.write_text(calibration_to_yaml(calibration), encoding="utf-8")
+
+
+def calibration_from_yaml(text: str, where: str) -> Calibration:
+    """Return the calibration that a text holds; ``where`` names the text in problems.
+
+    Raises
+    ------
+    InputError
+        When it is of another version, or is damaged.
+    """
+    with in_file(where):
+        return calibration_of(parse_mapping(text))
+
+
+def calibration_to_yaml(calibration: Calibration) -> str:
+    """Return the text of a calibration file."""
+    return dump_mapping(calibration_to_mapping(calibration))
+
+
+def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
+    """Return the content of a calibration file: numbers that are read again are exact, those for people rounded."""
+    source = calibration.source
+    return {
+        "schema": SCHEMA,
+        "software": f"tam_calibration {__version__}",
+        "method": calibration.method,
+        "formula": FORMULA,
+        "frame": FRAME_STATEMENT,
+        "statements": list(calibration.statements[1:]),
+        "warnings": list(calibration.warnings),
+        "sensors": _sensors(calibration),
+        "array": array_to_mapping(calibration.array) | {"noise_is_estimated": calibration.noise_is_estimated},
+        "field": {
+            "intensity_nT": _exact_nanotesla(calibration.intensity_T),
+            "has_scalar_reference": calibration.has_scalar_reference,
+            "coverage_of_sphere": _rounded(calibration.coverage),
+        },
+        "residuals": {
+            name: None if residuals is None else _residuals(residuals)
+            for name, residuals in (
+                ("before", calibration.before),
+                ("in_sample", calibration.in_sample),
+                ("held_out", calibration.held_out),
+                ("noise_floor", calibration.floor),
+            )
+        },
+        "reduced_chi_square": {name: _rounded(value) for name, value in calibration.reduced_chi_square.items()},
+        "recording": {
+            "samples": calibration.samples,
+            "time_span_s": list(calibration.time_span_s),
+            "name": source and source.name,
+            "size_bytes": source and source.size_bytes,
+            "sha256": source and source.sha256,
+        },
+        "covariance_order": COVARIANCE_ORDER,
+        "covariance_SI": None if calibration.covariance is None else calibration.covariance.tolist(),
+    }
+
+
+def _sensors(calibration: Calibration) -> list[dict[str, Any]]:
+    errors, standard = calibration.errors, calibration.standard_errors
+    blocks = []
+    for index in range(errors.sensor_count):
+        scale, angle, bias, turn = (_rounded(part) for part in _in_file_units(standard[index]))
+        blocks.append(
+            {
+                "sensor": index + 1,
+                "scale_factor": errors.scale_factor[index].tolist(),
+                "scale_factor_standard_error": scale,
+                "non_orthogonality_deg": degrees_to_write(errors.non_orthogonality[index]).tolist(),
+                "non_orthogonality_standard_error_deg": angle,
+                "bias_nT": nanotesla_to_write(errors.bias_T[index]).tolist(),
+                "bias_standard_error_nT": bias,
+                "misalignment_deg": degrees_to_write(errors.misalignment[index]).tolist(),
+                "misalignment_standard_error_deg": turn,
+                "matrix": errors.matrix[index].tolist(),
+            }
+        )
+    return blocks
+
+
+def _in_file_units(twelve: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    return twelve[:3], to_degrees(twelve[3:6]), to_nanotesla(twelve[6:9]), to_degrees(twelve[9:])
+
+
+def _residuals(residuals: Residuals) -> dict[str, Any]:
+    return {
+        "sensor_intensity_nT": _rounded(to_nanotesla(residuals.sensor_intensity_T)),
+        "center_intensity_nT": _rounded(to_nanotesla(residuals.center_intensity_T)),
+        "tensor_nT_per_m": _rounded(to_nanotesla(residuals.tensor_T_per_m)),
+        "tensor_rmse_nT_per_m": _rounded(to_nanotesla(residuals.tensor_rmse_T_per_m)),
+    }
+
+
+def _exact_nanotesla(tesla: float) -> float:
+    return float(nanotesla_to_write(np.array(tesla)))
+
+
+def _rounded(value: float | FloatArray) -> Any:
+    """Return the value, or list of values, to six significant digits."""
+    return np.vectorize(lambda number: float(f"{number:.6g}"), otypes=[float])(value).tolist()

@@ -1,0 +1,85 @@
+"""YAML text for people and programs: checked against a schema when read, laid out for reading when written."""
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from tam_calibration.problems import InputError
+
+_Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class Document(BaseModel):
+    """A mapping in a file that has no other keys than those of its schema."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+Schema = TypeVar("Schema", bound=BaseModel)
+
+
+def parse_mapping(text: str) -> dict[str, Any]:
+    """Return the mapping that a text holds.
+
+    Raises
+    ------
+    InputError
+        When it is not YAML, or no mapping.
+    """
+    try:
+        content = yaml.load(text, _Loader)
+    except yaml.MarkedYAMLError as problem:
+        line = f" at line {problem.problem_mark.line + 1}" if problem.problem_mark else ""
+        raise InputError(f"this is not YAML{line}: {problem.problem}") from None
+    except (yaml.YAMLError, ValueError) as problem:
+        raise InputError(f"this is not YAML: {' '.join(str(problem).split())}") from None
+    if not isinstance(content, dict):
+        raise InputError("the file must hold keys and values such as 'baseline_m: 0.5'")
+    return {str(key): value for key, value in content.items()}
+
+
+def check(content: Mapping[str, Any], schema: type[Schema]) -> Schema:
+    """Return the content as an instance of its schema.
+
+    Raises
+    ------
+    InputError
+        When it does not follow the schema; one sentence names the first fault.
+    """
+    try:
+        return schema.model_validate(dict(content))
+    except ValidationError as problem:
+        first = problem.errors(include_url=False)[0]
+        key = ".".join(str(part + 1) if isinstance(part, int) else part for part in first["loc"])
+        others = f" (and {problem.error_count() - 1} more faults)" if problem.error_count() > 1 else ""
+        raise InputError(f"{_sentence(key, first['type'], first['msg'], schema)}{others}") from None
+
+
+def _sentence(key: str, kind: str, message: str, schema: type[BaseModel]) -> str:
+    if kind == "extra_forbidden":
+        known = [field.alias or name for name, field in schema.model_fields.items()]
+        where = f"; known are {', '.join(known)}" if "." not in key else ""
+        return f"the key {key!r} is not known{where}"
+    if kind == "missing":
+        return f"the key {key!r} is missing"
+    return f"{key}: {message[0].lower()}{message[1:]}"
+
+
+class _Dumper(yaml.SafeDumper):
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _represent_list(dumper: yaml.SafeDumper, data: list[Any]) -> yaml.Node:
+    is_flat = not any(isinstance(item, list | dict) for item in data)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=is_flat)
+
+
+_Dumper.add_representer(list, _represent_list)
+
+
+def dump_mapping(content: Mapping[str, Any]) -> str:
+    """Return YAML in the order of the keys, flat lists on one line; numbers read back exactly."""
+    return yaml.dump(dict(content), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
