@@ -8,10 +8,13 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "tam_calibration"
 
 LAYERS = (
-    ("__main__", "cli"),
-    ("nodes", "report"),
+    ("__main__",),
+    ("cli",),
+    ("nodes",),
+    ("report",),
     ("gap",),
-    ("fit", "simulation", "files"),
+    ("files",),
+    ("fit", "simulation"),
     ("calibration",),
     ("effects", "localization"),
     (
