@@ -24,11 +24,11 @@ class Recording:
     scalar_T : (N,) array, optional
         Intensity from the scalar magnetometer, tesla; NaN where there is none.
     temperature_C : (N,) array, optional
-        Temperature, degrees Celsius.
+        Temperature, degrees Celsius; NaN where there is none.
     current_A : (N,) array, optional
-        Current that may disturb the sensors, ampere.
+        Current that may disturb the sensors, ampere; NaN where there is none.
     attitude : (N, 4) array, optional
-        Quaternion x, y, z, w that turns vectors of the array frame into the world's.
+        Quaternion x, y, z, w that turns vectors of the array frame into the world's; NaN where there is none.
 
     Raises
     ------
@@ -67,19 +67,18 @@ class Recording:
     def _check_finite(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is None or field.name == "scalar_T":
+            if value is None:
                 continue
-            bad = ~np.isfinite(value)
+            is_channel = field.name not in ("time_s", "readings_T")
+            bad = np.isinf(value) if is_channel else ~np.isfinite(value)
             if bad.any():
                 index = np.argwhere(bad)[0]
                 where = f"sensor {index[1] + 1} axis {'xyz'[index[2]]}" if field.name == "readings_T" else field.name
                 count = int(bad.reshape(len(bad), -1).any(axis=1).sum())
                 raise InputError(
-                    f"{count} of {self.sample_count} samples hold NaN or infinite values, "
-                    f"first {where} in sample {index[0] + 1}: remove these samples"
+                    f"{count} of {self.sample_count} samples hold {'' if is_channel else 'NaN or '}infinite values, "
+                    f"first {where} in sample {index[0] + 1}: remove {'these values' if is_channel else 'these samples'}"
                 )
-        if self.scalar_T is not None and np.isinf(self.scalar_T).any():
-            raise InputError("the scalar intensity holds infinite values: leave it empty where there is no reading")
 
     def _check_time(self) -> None:
         step = np.diff(self.time_s)
