@@ -77,7 +77,7 @@ class Recording:
                 count = int(bad.reshape(len(bad), -1).any(axis=1).sum())
                 raise InputError(
                     f"{count} of {self.sample_count} samples hold {'' if is_channel else 'NaN or '}infinite values, "
-                    f"first {where} in sample {index[0] + 1}: remove {'these values' if is_channel else 'these samples'}"
+                    f"first {where} in sample {index[0] + 1}: remove them"
                 )
 
     def _check_time(self) -> None:
