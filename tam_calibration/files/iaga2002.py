@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tam_calibration.files.location import in_file, read_text
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
 
@@ -38,28 +39,34 @@ def read_iaga2002(path: Path) -> ObservatoryRecord:
     Raises
     ------
     InputError
-        When the file is of another format, reports other components, or holds a broken row.
+        When the file cannot be read, is of another format, reports other components, or holds a broken row.
     """
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    if not lines or "IAGA-2002" not in lines[0].upper():
-        raise InputError(f"{path}: this is not an IAGA-2002 file: its first line must name the format")
+    lines = read_text(path).splitlines()
+    with in_file(path):
+        return _parse(lines)
+
+
+def _parse(lines: list[str]) -> ObservatoryRecord:
+    if "IAGA-2002" not in lines[0].upper():
+        raise InputError("this is not an IAGA-2002 file: its first line must name the format")
     first = next((number for number, line in enumerate(lines) if line.startswith("DATE")), None)
     if first is None:
-        raise InputError(f"{path}: the line DATE TIME DOY … that names the columns is missing")
+        raise InputError("the line DATE TIME DOY … that names the columns is missing")
     letters = [column[-1] for column in lines[first].rstrip("| ").split()[3:]]
-    rows = [_read_row(path, number, line, len(letters)) for number, line in enumerate(lines[first + 1 :], first + 2)]
+    body = [(number, line) for number, line in enumerate(lines[first + 1 :], first + 2) if line.strip()]
+    rows = [_read_row(number, line, len(letters)) for number, line in body]
     if not rows:
-        raise InputError(f"{path}: the file holds no values")
+        raise InputError("the file holds no values")
     stamps = np.array([stamp for stamp, _ in rows], dtype="datetime64[ms]")
     values = np.array([row for _, row in rows])
     values[values >= MISSING_NT] = np.nan
     time_s = (stamps - stamps[0]) / np.timedelta64(1, "s")
     if not (np.diff(time_s) > 0).all():
-        raise InputError(f"{path}: time repeats or goes backwards: sort the rows by time and keep one of each")
-    return ObservatoryRecord(rows[0][0], time_s, _meridian_components(path, dict(zip(letters, values.T, strict=True))))
+        raise InputError("time repeats or goes backwards: sort the rows by time and keep one of each")
+    return ObservatoryRecord(rows[0][0], time_s, _meridian_components(dict(zip(letters, values.T, strict=True))))
 
 
-def _read_row(path: Path, number: int, line: str, count: int) -> tuple[datetime, list[float]]:
+def _read_row(number: int, line: str, count: int) -> tuple[datetime, list[float]]:
     """Return the time and the values of one row."""
     try:
         day, time, _, *values = line.split()
@@ -67,10 +74,10 @@ def _read_row(path: Path, number: int, line: str, count: int) -> tuple[datetime,
             raise ValueError
         return datetime.fromisoformat(f"{day}T{time}"), [float(value) for value in values]
     except ValueError:
-        raise InputError(f"{path}: line {number} does not hold date, time, day of year and {count} values") from None
+        raise InputError(f"line {number} does not hold date, time, day of year and {count} values") from None
 
 
-def _meridian_components(path: Path, columns: dict[str, FloatArray]) -> FloatArray:
+def _meridian_components(columns: dict[str, FloatArray]) -> FloatArray:
     """Return the (M, 3) components to magnetic north, magnetic east and down, tesla."""
     if {"H", "E", "Z"} <= columns.keys():
         north, east = columns["H"], columns["E"]
@@ -80,7 +87,7 @@ def _meridian_components(path: Path, columns: dict[str, FloatArray]) -> FloatArr
     elif {"X", "Y", "Z"} <= columns.keys():
         north, east = _turn_to_mean(columns["X"], columns["Y"])
     else:
-        raise InputError(f"{path}: the components are {' '.join(columns)}; H E Z, H D Z or X Y Z are needed")
+        raise InputError(f"the components are {' '.join(columns)}; H E Z, H D Z or X Y Z are needed")
     return from_nanotesla(np.stack([north, east, columns["Z"]], axis=1))
 
 

@@ -1,0 +1,80 @@
+"""Scenario files, shipped ones by name, and the truth that is written beside a simulated recording."""
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tam_calibration.errors import SensorErrors
+from tam_calibration.files.exact import degrees_to_write, nanotesla_to_write
+from tam_calibration.files.location import in_file, read_text
+from tam_calibration.files.scenario_schema import scenario_of
+from tam_calibration.files.whole import write_whole
+from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
+from tam_calibration.problems import InputError
+from tam_calibration.simulation import Scenario, Simulation
+
+TRUTH_SCHEMA = "tam_calibration/truth/1"
+
+
+def shipped_scenarios() -> dict[str, Path]:
+    """Return the paths of the scenarios that come with the package, by name."""
+    folder = Path(str(files("tam_calibration") / "config" / "scenarios"))
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def read_scenario(name_or_path: str | Path) -> Scenario:
+    """Read a scenario file, or a shipped scenario by its name.
+
+    Raises
+    ------
+    InputError
+        When there is none, a key is not known or missing, or the values make no scenario.
+    """
+    shipped = shipped_scenarios()
+    path = shipped.get(str(name_or_path), Path(name_or_path))
+    if not path.exists():
+        raise InputError(
+            f"there is no file {path}, and no scenario of that name comes with it: {', '.join(shipped)} do"
+        )
+    text = read_text(path)
+    with in_file(path):
+        return scenario_of(parse_mapping(text), path.parent)
+
+
+def write_truth(path: Path, simulation: Simulation) -> None:
+    """Write what was simulated: the sensors' true errors as a calibration file states them, and the true field.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    intensity = np.linalg.norm(simulation.center_field_T, axis=1)
+    content = {
+        "schema": TRUTH_SCHEMA,
+        "sensors": sensors_to_mapping(simulation.errors),
+        "field": {
+            "intensity_nT": float(nanotesla_to_write(intensity.mean())),
+            "intensity_standard_deviation_nT": float(nanotesla_to_write(intensity.std())),
+        },
+        "seed": simulation.scenario.seed,
+    }
+    with write_whole(path) as beside:
+        beside.write_text(dump_mapping(content), encoding="utf-8")
+
+
+def sensors_to_mapping(errors: SensorErrors) -> list[dict[str, Any]]:
+    """Return the errors in the units of files, one block for each sensor."""
+    columns = {
+        "scale_factor": errors.scale_factor,
+        "non_orthogonality_deg": degrees_to_write(errors.non_orthogonality),
+        "bias_nT": nanotesla_to_write(errors.bias_T),
+        "misalignment_deg": degrees_to_write(errors.misalignment),
+        "matrix": errors.matrix,
+    }
+    return [
+        {"sensor": index + 1, **{name: values[index].tolist() for name, values in columns.items()}}
+        for index in range(errors.sensor_count)
+    ]

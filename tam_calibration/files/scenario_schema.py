@@ -1,0 +1,233 @@
+"""What a scenario file holds, and the scenario that it gives."""
+
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from tam_calibration.errors import SensorErrors
+from tam_calibration.files.array_yaml import ArrayFile
+from tam_calibration.files.calibration_schema import Finite, Vector
+from tam_calibration.files.iaga2002 import read_iaga2002
+from tam_calibration.files.yaml_document import Document, check
+from tam_calibration.geomagnetic import site_field_T
+from tam_calibration.problems import InputError
+from tam_calibration.simulation import Scenario, attitude, channels, sources
+from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _Sensor(Document):
+    sensor: int
+    scale_factor: Vector = (1.0, 1.0, 1.0)
+    non_orthogonality_deg: Vector = (0.0, 0.0, 0.0)
+    bias_nT: Vector = (0.0, 0.0, 0.0)
+    misalignment_deg: Vector = (0.0, 0.0, 0.0)
+
+
+class _Site(Document):
+    intensity_nT: Positive
+    inclination_deg: Annotated[float, Field(ge=-90, le=90)]
+    declination_deg: Finite = 0.0
+
+    def field_T(self) -> FloatArray:
+        angles = from_degrees(self.inclination_deg), from_degrees(self.declination_deg)
+        return sources.field_from_elements(from_nanotesla(self.intensity_nT), *angles)
+
+
+class _Place(Document):
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float = 0.0
+    date: date
+
+    def field_T(self) -> FloatArray:
+        return site_field_T(self.latitude_deg, self.longitude_deg, self.height_m, self.date)
+
+
+class _Sinusoid(Document):
+    kind: Literal["sinusoid"]
+    standard_deviation_nT: NotNegative
+    period_s: Positive
+
+    def build(self, folder: Path) -> sources.Drift:
+        return sources.SinusoidDrift(from_nanotesla(self.standard_deviation_nT), self.period_s)
+
+
+class _Ramp(Document):
+    kind: Literal["ramp"]
+    standard_deviation_nT: NotNegative
+
+    def build(self, folder: Path) -> sources.Drift:
+        return sources.RampDrift(from_nanotesla(self.standard_deviation_nT))
+
+
+class _Observatory(Document):
+    kind: Literal["observatory"]
+    file: str
+    start: datetime | None = None
+
+    def build(self, folder: Path) -> sources.Drift:
+        record = read_iaga2002(folder / self.file)
+        start = self.start or record.start
+        if start.tzinfo is not None:
+            start = start.astimezone(UTC).replace(tzinfo=None)
+        return sources.ObservedDrift(record.time_s - (start - record.start).total_seconds(), record.field_T)
+
+
+class _Dipole(Document):
+    position_m: Vector
+    moment_Am2: Vector
+
+    def build(self) -> sources.Dipole:
+        return sources.Dipole(np.array(self.position_m), np.array(self.moment_Am2))
+
+
+class _Random(Document):
+    kind: Literal["random"]
+
+    def build(self) -> attitude.Motion:
+        return attitude.RandomAttitudes()
+
+
+class _RandomEulerAngles(Document):
+    kind: Literal["random_euler_angles"]
+    standard_deviation_deg: Positive = 180.0
+
+    def build(self) -> attitude.Motion:
+        return attitude.RandomEulerAngles(from_degrees(self.standard_deviation_deg))
+
+
+class _ThreeAxisTurns(Document):
+    kind: Literal["three_axis_turns"]
+
+    def build(self) -> attitude.Motion:
+        return attitude.ThreeAxisTurns()
+
+
+class _Turntable(Document):
+    kind: Literal["turntable"]
+
+    def build(self) -> attitude.Motion:
+        return attitude.Turntable()
+
+
+class _Tumble(Document):
+    kind: Literal["tumble"]
+    turn_rate_deg_per_s: Positive = 90.0
+
+    def build(self) -> attitude.Motion:
+        return attitude.Tumble(from_degrees(self.turn_rate_deg_per_s))
+
+
+class _Auv(Document):
+    kind: Literal["auv"]
+    pitch_limit_deg: float
+    roll_limit_deg: float
+    turn_period_s: float
+
+    def build(self) -> attitude.Motion:
+        limits = from_degrees(self.pitch_limit_deg), from_degrees(self.roll_limit_deg)
+        return attitude.Manoeuvre(*limits, self.turn_period_s)
+
+
+class _Scalar(Document):
+    rate_hz: Positive | None = None
+    one_error_per_recording: bool = False
+
+
+class _Temperature(Document):
+    start_C: Finite
+    end_C: Finite
+    noise_C: NotNegative = 0.0
+
+
+class _Current(Document):
+    low_A: Finite
+    high_A: Finite
+    period_s: Positive
+    noise_A: NotNegative = 0.0
+
+
+class _Attitude(Document):
+    noise_deg: NotNegative = 0.0
+
+    def build(self) -> channels.AttitudeChannel:
+        return channels.AttitudeChannel(from_degrees(self.noise_deg))
+
+
+_Motion = _Random | _RandomEulerAngles | _ThreeAxisTurns | _Turntable | _Tumble | _Auv
+_Drift = _Sinusoid | _Ramp | _Observatory
+
+
+class ScenarioFile(Document):
+    """What a scenario file may hold; channels that it does not name are not recorded."""
+
+    array: ArrayFile
+    sensors: list[_Sensor] | None = None
+    site: _Site | None = None
+    place: _Place | None = None
+    motion: Annotated[_Motion, Field(discriminator="kind")]
+    samples: int
+    rate_hz: float
+    seed: Annotated[int, Field(ge=0)] = 0
+    drift: Annotated[_Drift, Field(discriminator="kind")] | None = None
+    dipole: _Dipole | None = None
+    scalar: _Scalar | None = None
+    temperature: _Temperature | None = None
+    current: _Current | None = None
+    attitude: _Attitude | None = None
+
+    def build(self, folder: Path) -> Scenario:
+        """Return the scenario, paths in it relative to a folder."""
+        array = self.array.to_array()
+        return Scenario(
+            array=array,
+            errors=SensorErrors.none(array.sensor_count) if self.sensors is None else _errors(self.sensors),
+            site_field_T=self._site_field_T(),
+            motion=self.motion.build(),
+            sample_count=self.samples,
+            rate_hz=self.rate_hz,
+            seed=self.seed,
+            drift=None if self.drift is None else self.drift.build(folder),
+            dipole=None if self.dipole is None else self.dipole.build(),
+            scalar=None if self.scalar is None else channels.ScalarReference(**self.scalar.model_dump()),
+            temperature=None if self.temperature is None else channels.Temperature(**self.temperature.model_dump()),
+            current=None if self.current is None else channels.Current(**self.current.model_dump()),
+            attitude=None if self.attitude is None else self.attitude.build(),
+        )
+
+    def _site_field_T(self) -> FloatArray:
+        if self.site is not None and self.place is None:
+            return self.site.field_T()
+        if self.place is not None and self.site is None:
+            return self.place.field_T()
+        raise InputError(
+            "give either site (intensity_nT, inclination_deg) or place (latitude_deg, longitude_deg, date)"
+        )
+
+
+def scenario_of(content: dict[str, Any], folder: Path) -> Scenario:
+    """Return the scenario of the keys and values of a scenario file; paths in it are relative to a folder.
+
+    Raises
+    ------
+    InputError
+        When a key is not known or missing, or the values make no scenario.
+    """
+    return check(content, ScenarioFile).build(folder)
+
+
+def _errors(sensors: list[_Sensor]) -> SensorErrors:
+    if [block.sensor for block in sensors] != list(range(1, len(sensors) + 1)):
+        raise InputError("sensors must be numbered 1, 2, … in this order")
+    return SensorErrors(
+        np.array([block.scale_factor for block in sensors]),
+        from_degrees(np.array([block.non_orthogonality_deg for block in sensors])),
+        from_nanotesla(np.array([block.bias_nT for block in sensors])),
+        from_degrees(np.array([block.misalignment_deg for block in sensors])),
+    )
