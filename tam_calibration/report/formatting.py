@@ -1,0 +1,63 @@
+"""Numbers for people: as many digits as they are worth, true minus signs, gaps between thousands."""
+
+import math
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_UNKNOWN = "–"
+_THIN_SPACE = "\u202f"
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Format with the given significant digits, never cutting an integer part: 8172, 5.99, 0.0123, 1.2 × 10⁻⁹."""
+    if math.isnan(value):
+        return _UNKNOWN
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if value == 0:
+        return "0"
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    if int(exponent) < -4:
+        return f"{mantissa} × 10{str(int(exponent)).translate(_SUPERSCRIPT)}".replace("-", "−")
+    return fixed(value, max(0, digits - 1 - int(exponent)))
+
+
+def fixed(value: float, decimals: int) -> str:
+    """Format with the given number of decimals; from ten thousand on with gaps between thousands."""
+    if not math.isfinite(value):
+        return _UNKNOWN
+    text = f"{value:,.{decimals}f}" if abs(value) >= 1e4 else f"{value:.{decimals}f}"
+    return text.replace(",", _THIN_SPACE).replace("-", "−")
+
+
+def with_error(value: float, standard_error: float, decimals: int) -> str:
+    """Format value ± standard error, the error with two significant digits.
+
+    ``decimals`` serve where the standard error is unknown (NaN); a standard error of zero marks a value that is fixed.
+    """
+    if math.isnan(standard_error):
+        return fixed(value, decimals)
+    if standard_error == 0:
+        return f"{number(value)} (fixed)"
+    exponent = int(f"{standard_error:.1e}".split("e")[1])
+    decimals = max(0, 1 - exponent)
+    return f"{fixed(value, decimals)} ± {fixed(standard_error, decimals)}"
+
+
+def ratio(value: float) -> str:
+    """Format a ratio that is best near one."""
+    return fixed(value, 2) if value < 10 else number(value)
+
+
+def sentence(words: str) -> str:
+    """Return words with a capital first letter and a full stop."""
+    return f"{words[:1].upper()}{words[1:].rstrip('.')}."
+
+
+def count(value: int) -> str:
+    """Format a whole number."""
+    return fixed(value, 0)
+
+
+def join(words: list[str]) -> str:
+    """Join words to a list in prose: a, b and c."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

@@ -1,0 +1,111 @@
+"""One self-contained HTML page made of sections, each a title and blocks.
+
+Jinja2 writes it because it escapes every text by itself, so that no file name can break or inject into a page.
+"""
+
+import base64
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from typing import ClassVar
+
+import matplotlib
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
+
+_RASTER_DPI = 200
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph; ``emphasis`` names how it is set: "", "good" or "doubt" for a verdict."""
+
+    text: str
+    emphasis: str = ""
+    kind: ClassVar[str] = "text"
+
+
+@dataclass(frozen=True)
+class Points:
+    """A list of points."""
+
+    points: Sequence[str]
+    kind: ClassVar[str] = "points"
+
+
+@dataclass(frozen=True)
+class Formula:
+    """Lines of a formula, set apart and as they are."""
+
+    lines: Sequence[str]
+    kind: ClassVar[str] = "formula"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table, with a header where it is not empty; the first cell of each row is its head.
+
+    ``numeric`` aligns the other cells right.
+    """
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    caption: str = ""
+    numeric: bool = True
+    kind: ClassVar[str] = "table"
+
+
+@dataclass(frozen=True)
+class Image:
+    """A picture as a data URI, with the words that stand for it and those under it."""
+
+    source: str
+    alternative: str
+    caption: str
+    kind: ClassVar[str] = "image"
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """Pictures side by side where the page is wide enough."""
+
+    images: Sequence[Image]
+    kind: ClassVar[str] = "gallery"
+
+
+Block = Text | Points | Formula | Table | Image | Gallery
+
+
+@dataclass(frozen=True)
+class Section:
+    """A titled part of a page."""
+
+    title: str
+    blocks: Sequence[Block]
+
+
+def render(title: str, subtitle: str, sections: Sequence[Section]) -> str:
+    """Return the page's HTML."""
+    environment = Environment(
+        loader=PackageLoader("tam_calibration.report", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["keep_units"] = _keep_units
+    return environment.get_template("page.html").render(title=title, subtitle=subtitle, sections=sections)
+
+
+def _keep_units(text: str) -> str:
+    """Hold numbers and their units together at the ends of lines."""
+    return re.sub(r"(\d) (nT|×|%)", "\\1\N{NO-BREAK SPACE}\\2", text)
+
+
+def embed(figure: Figure, alternative: str, caption: str = "") -> Image:
+    """Return a figure as an SVG image within the page; the same figure always gives the same bytes."""
+    buffer = BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": "tam_calibration"}):
+        figure.savefig(buffer, format="svg", dpi=_RASTER_DPI, metadata={"Date": None})
+    return Image(f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode()}", alternative, caption)

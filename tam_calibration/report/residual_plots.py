@@ -1,0 +1,118 @@
+"""Figures of residuals over time and of their distribution.
+
+The samples are drawn as raster within the vector figure, so that its size does not grow with the recording.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+from tam_calibration.report.formatting import count, number, ratio
+from tam_calibration.report.style import AFTER_COLOR, FLOOR_COLOR, QUIET_COLOR, STYLE, WIDTH_INCH
+from tam_calibration.units import FloatArray
+
+_DRAWN_SINGLY = 4000
+_STROKES = 1000
+_TIME_UNITS = (("s", 1, 600), ("min", 60, 3 * 3600), ("h", 3600, np.inf))
+_DEVIATION_PER_MEDIAN = 1.4826
+_REACH = 4.5
+_FEWEST_BINS, _MOST_BINS = 21, 81
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One residual to draw: its name, its values (N,) with NaN where there is none, its noise floor, in one unit."""
+
+    name: str
+    values: FloatArray
+    floor: float
+
+    @property
+    def known(self) -> FloatArray:
+        """The values that are not NaN."""
+        return self.values[np.isfinite(self.values)]
+
+    @property
+    def root_mean_square(self) -> float:
+        """Root mean square of the known values; NaN where there is none."""
+        return float(np.sqrt(np.mean(self.known**2))) if len(self.known) else np.nan
+
+
+def thinning_note(sample_count: int) -> str:
+    """Say how so many samples are thinned for display over time; empty where every sample is drawn."""
+    if sample_count <= _DRAWN_SINGLY:
+        return ""
+    size = count(_stroke_size(sample_count))
+    return f"Thinned for display: each stroke spans the smallest to the largest of {size} consecutive samples."
+
+
+@matplotlib.rc_context(STYLE)
+def plot_over_time(time_s: FloatArray, panels: Sequence[Panel], unit: str, color: str) -> Figure:
+    """Draw residuals over time, one row a panel on common axes, with dashed lines at ± the noise floor."""
+    figure = Figure(figsize=(WIDTH_INCH, 0.75 + 0.95 * len(panels)), layout="constrained")
+    rows = figure.subplots(len(panels), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    elapsed = time_s - time_s[0]
+    time_unit, seconds = next((name, size) for name, size, most in _TIME_UNITS if elapsed[-1] <= most)
+    for axes, panel in zip(rows, panels, strict=True):
+        _draw_series(axes, elapsed / seconds, panel.values, color)
+        axes.hlines([-panel.floor, panel.floor], 0, elapsed[-1] / seconds, FLOOR_COLOR, "dashed", linewidth=0.8)
+        axes.set_title(panel.name, loc="left")
+        axes.set_title(f"RMS {number(panel.root_mean_square)} {unit}", loc="right")
+        axes.margins(x=0.01)
+    rows[-1].set_xlabel(f"time from the first sample ({time_unit})")
+    figure.supylabel(f"residual ({unit})")
+    return figure
+
+
+@matplotlib.rc_context(STYLE)
+def plot_histograms(panels: Sequence[Panel], unit: str) -> Figure:
+    """Draw the distribution of residuals, one small plot a panel, against the Gaussian of the noise floor."""
+    columns = min(2, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(WIDTH_INCH, 0.9 + 1.25 * rows), layout="constrained")
+    plots = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes, panel in zip(plots, panels, strict=False):
+        _draw_histogram(axes, panel)
+    for axes in plots[len(panels) :]:
+        axes.remove()
+    figure.supxlabel(f"residual ({unit})")
+    figure.supylabel("probability density")
+    return figure
+
+
+def _stroke_size(sample_count: int) -> int:
+    return -(-sample_count // _STROKES)
+
+
+def _draw_series(axes: Axes, time: FloatArray, values: FloatArray, color: str) -> None:
+    if len(values) <= _DRAWN_SINGLY:
+        axes.plot(time, values, ".", color=color, markersize=2, rasterized=True)
+        return
+    starts = np.arange(0, len(values), _stroke_size(len(values)))
+    low, high = np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
+    pale = 0.4 + 0.6 * np.array(to_rgb(color))
+    axes.vlines(time[starts], low, high, color=pale, linewidth=0.8, rasterized=True)
+
+
+def _draw_histogram(axes: Axes, panel: Panel) -> None:
+    values, floor = panel.known, panel.floor
+    spread = _DEVIATION_PER_MEDIAN * float(np.median(np.abs(values)))
+    reach = _REACH * max(floor, spread)
+    bins = int(np.clip(np.sqrt(len(values)), _FEWEST_BINS, _MOST_BINS))
+    counts, edges = np.histogram(values, bins=bins, range=(-reach, reach))
+    density = counts / (len(values) * (edges[1] - edges[0]))
+    axes.stairs(density, edges, fill=True, color=AFTER_COLOR, alpha=0.75, linewidth=0)
+    x = np.linspace(-reach, reach, 301)
+    axes.plot(x, np.exp(-0.5 * (x / floor) ** 2) / (floor * np.sqrt(2 * np.pi)), color=FLOOR_COLOR, linewidth=1.2)
+    outside = len(values) - int(counts.sum())
+    remark = f"{ratio(panel.root_mean_square / floor)} × floor"
+    remark += f", {count(outside)} outside" if outside else ""
+    axes.set_title(panel.name, loc="left")
+    axes.set_title(remark, loc="right", fontsize=8, color=QUIET_COLOR)
+    axes.set_yticks([])
+    axes.spines["left"].set_visible(False)

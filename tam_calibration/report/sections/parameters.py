@@ -1,0 +1,66 @@
+"""The parameters with their standard errors, and how to apply them by hand."""
+
+from numpy.linalg import inv
+
+from tam_calibration.array import OUTPUT_NAMES
+from tam_calibration.calibration import Calibration
+from tam_calibration.errors import PARAMETER_NAMES
+from tam_calibration.report.evidence import NO_GRADIENT, Evidence
+from tam_calibration.report.formatting import fixed, with_error
+from tam_calibration.report.page import Block, Formula, Section, Table, Text
+from tam_calibration.units import to_degrees, to_nanotesla
+
+_KINDS = (("", 1.0, 6), (" (°)", to_degrees(1.0), 5), (" (nT)", to_nanotesla(1.0), 2), (" (°)", to_degrees(1.0), 5))
+"""Unit, factor from SI and decimals of scale factor, non-orthogonality, bias and misalignment."""
+
+_MODEL = (
+    "Value ± standard error. The model is yᵢ = Dᵢ Λᵢ bᵢ + oᵢ: D holds scale factors and non-orthogonality, "
+    "Λ the misalignment, o the bias."
+)
+_SENSOR_BY_HAND = "By hand, the reading yᵢ of sensor i becomes the field bᵢ in the array frame by"
+_ARRAY_BY_HAND = "Field and gradient at the centre are sums over the sensors, with the weights of the array's geometry:"
+_WEIGHTS = "Weights W (no unit) of the centre field and G (1/m) of the gradient; empty where a reading does not count."
+
+
+def build(evidence: Evidence) -> Section:
+    """Return the section."""
+    calibration = evidence.calibration
+    blocks: list[Block] = [_parameters(calibration), *(Text(statement) for statement in calibration.statements)]
+    blocks += [Text(_SENSOR_BY_HAND), Formula(["bᵢ = Mᵢ (yᵢ − oᵢ),   Mᵢ = (Dᵢ Λᵢ)⁻¹"]), _matrices(calibration)]
+    if calibration.array.has_gradient:
+        blocks += [Text(_ARRAY_BY_HAND), Formula(["b = Σᵢ Wᵢ bᵢ,   g = Σᵢ Gᵢ bᵢ"]), _weights(calibration)]
+    else:
+        blocks.append(Text(f"The field at the centre is the mean of all bᵢ. {NO_GRADIENT}"))
+    return Section("Parameters", blocks)
+
+
+def _parameters(calibration: Calibration) -> Table:
+    values, standard_errors = calibration.errors.to_vector(), calibration.standard_errors
+    rows = []
+    for index, name in enumerate(PARAMETER_NAMES):
+        unit, factor, decimals = _KINDS[index // 3]
+        pairs = zip(values[:, index] * factor, standard_errors[:, index] * factor, strict=True)
+        rows.append([name + unit, *(with_error(float(value), float(error), decimals) for value, error in pairs)])
+    sensors = [f"sensor {sensor + 1}" for sensor in range(calibration.errors.sensor_count)]
+    return Table(["parameter", *sensors], rows, _MODEL)
+
+
+def _matrices(calibration: Calibration) -> Table:
+    rows = []
+    for sensor, matrix in enumerate(inv(calibration.errors.matrix)):
+        for axis, name in enumerate("xyz"):
+            bias = fixed(to_nanotesla(float(calibration.errors.bias_T[sensor, axis])), 3)
+            rows.append([f"{sensor + 1} {name}", bias, *(fixed(float(value), 9) for value in matrix[axis])])
+    header = ["sensor, axis", "o (nT)", "M, column x", "M, column y", "M, column z"]
+    return Table(header, rows, "Bias o and matrix M of each sensor.")
+
+
+def _weights(calibration: Calibration) -> Table:
+    names = [f"b{sensor + 1}{axis}" for sensor in range(calibration.errors.sensor_count) for axis in "xyz"]
+    weights = zip(names, calibration.array.operator.T, strict=True)
+    rows = [[name, *(_weight(float(value)) for value in row)] for name, row in weights]
+    return Table(["from", *OUTPUT_NAMES], rows, _WEIGHTS)
+
+
+def _weight(value: float) -> str:
+    return "" if abs(value) < 1e-12 else fixed(value, 6).rstrip("0").rstrip(".")

@@ -1,0 +1,182 @@
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from tam_calibration.array import Array
+from tam_calibration.calibration import Provenance
+from tam_calibration.problems import InputError
+from tam_calibration.report import calibration_report, write_calibration_report
+
+VOID = {"meta", "img"}
+
+
+class Page(HTMLParser):
+    """Reads a page: its text, its references, whether its tags are balanced."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.references: list[str] = []
+        self.headings: list[str] = []
+        self.words: list[str] = []
+        self.feed(html)
+        self.close()
+        self.text = re.sub(r"\s+", " ", " ".join(self.words))
+
+    def handle_starttag(self, tag, attributes):
+        self.references += [value for name, value in attributes if name in ("src", "href", "srcset", "data", "action")]
+        assert tag not in ("script", "link", "iframe", "object", "embed", "b")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.words.append(data)
+        if self.open and self.open[-1] == "h2":
+            self.headings.append(data)
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Return a function that writes a report and reads it back."""
+
+    def write(calibration, recording) -> Page:
+        path = tmp_path / "report.html"
+        write_calibration_report(path, calibration, recording)
+        assert [file.name for file in tmp_path.iterdir()] == ["report.html"]
+        html = path.read_text(encoding="utf-8")
+        page = Page(html)
+        assert page.open == []
+        assert all(reference.startswith("data:image/svg+xml;base64,") for reference in page.references)
+        assert not re.search(r"url\(|@import|https?://", html)
+        return page
+
+    return write
+
+
+def test_sections_stand_in_order(make, write):
+    """The verdict comes first, the provenance last."""
+    page = write(*make())
+    assert page.headings == [
+        "Verdict",
+        "Residuals over time",
+        "Coverage of the sphere",
+        "Distribution of the residuals",
+        "Parameters",
+        "Quality",
+        "Provenance",
+    ]
+    assert len(page.references) == 7
+
+
+def test_figures_of_the_calibration_are_on_the_page(make, write):
+    """Residuals, parameters with standard errors, χ² and provenance can be read off."""
+    covariance = np.zeros((48, 48))
+    covariance[6, 6] = (0.12e-9) ** 2
+    calibration, recording = make(covariance=covariance)
+    page = write(calibration, recording)
+    bias_nT = f"{1e9 * calibration.errors.bias_T[0, 0]:.2f}".replace("-", "−")
+    assert f"{bias_nT} ± 0.12" in page.text
+    assert f"{1e9 * calibration.before.tensor_T_per_m[0]:.0f}" in page.text
+    assert f"{1e9 * calibration.in_sample.tensor_rmse_T_per_m:.2f}" in page.text
+    assert f"{np.linalg.inv(calibration.errors.matrix)[1, 0, 0]:.9f}" in page.text
+    assert "1.01 between the sensors and 0.980 against the reference intensity" in page.text
+    assert all(words in page.text for words in ("tumble_4.csv", "ab" * 32, "123 456 bytes", "maximum_likelihood"))
+    assert all(statement in page.text for statement in calibration.statements)
+
+
+def test_names_are_escaped(make, write):
+    """A file name cannot inject markup."""
+    page = write(*make(source=Provenance("<script>alert(1)</script>&amp;.csv", 1, "00"), method="<b>"))
+    assert page.text.count("<script>alert(1)</script>&amp;.csv") >= 2
+    assert "<b>" in page.text
+
+
+def test_one_sensor_has_no_tensor(make, write, one_sensor):
+    """Where there is no gradient the page says so instead of drawing NaN."""
+    page = write(*make(one_sensor))
+    assert "does not determine a gradient tensor" in page.text
+    assert len(page.references) == 4
+    assert "nT/m" not in page.text
+    assert "nan" not in page.text.lower().split()
+
+
+def test_several_sensors_in_one_place_have_no_tensor(make, write):
+    """A geometry without gradient still has a centre."""
+    page = write(*make(Array(np.zeros((3, 3)), np.full(3, 1e-9), 1e-10)))
+    assert "|B|, centre (nT)" in page.text
+    assert len(page.references) == 4
+
+
+def test_without_scalar_covariance_and_held_out_samples(make, write):
+    """What is missing is said."""
+    page = write(*make(scalar=False, covariance=None, held_out=None, reduced_chi_square={}, source=None))
+    assert "|B| − the fitted constant intensity" in page.text
+    assert "±" not in page.text.split("Parameters")[1].split("The array frame")[0].replace("Value ± standard error", "")
+    assert "No samples were held out" in page.text
+    assert "no reduced χ²" in page.text
+    assert "not from a file" in page.text
+
+
+def test_scalar_reference_with_gaps(make, write):
+    """Samples without a reference are left out of the |B| residual."""
+    calibration, recording = make(samples=5000)
+    recording.scalar_T[100:2500] = np.nan
+    assert "scalar reference" in write(calibration, recording).text
+
+
+def test_page_of_a_long_recording_stays_small(make, write, tmp_path):
+    """The size of the page does not grow with the recording; thinning is said."""
+    page = write(*make(samples=100_000))
+    assert (tmp_path / "report.html").stat().st_size < 3_000_000
+    assert "each stroke spans the smallest to the largest of 100 consecutive samples" in page.text
+
+
+def test_failure_leaves_the_old_page(make, tmp_path, monkeypatch):
+    """Nothing is written, and nothing stored is lost, when a section fails."""
+    path = tmp_path / "report.html"
+    path.write_text("old")
+
+    def fail(evidence):
+        raise InputError("no")
+
+    monkeypatch.setattr(calibration_report, "SECTIONS", (fail,))
+    with pytest.raises(InputError):
+        write_calibration_report(path, *make())
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_unwritable_place_is_an_input_error(make, tmp_path):
+    """A folder that does not exist is said, and nothing is left behind."""
+    with pytest.raises(InputError, match="missing"):
+        write_calibration_report(tmp_path / "missing" / "report.html", *make())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_recording_of_another_array_is_refused(make, tmp_path, one_sensor):
+    """A recording that is not the calibration's is an input error."""
+    with pytest.raises(InputError, match="4 sensors"):
+        write_calibration_report(tmp_path / "report.html", make()[0], make(one_sensor)[1])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_full_disk_leaves_the_old_page(make, tmp_path, monkeypatch):
+    """When writing breaks off half way the older page stays, and no part of the new one."""
+    path = tmp_path / "report.html"
+    path.write_bytes(b"old")
+
+    def break_off(self, text, encoding):
+        self.write_bytes(text[:1000].encode(encoding))
+        raise OSError("no space left")
+
+    monkeypatch.setattr(type(path), "write_text", break_off)
+    with pytest.raises(OSError, match="no space left"):
+        write_calibration_report(path, *make())
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
