@@ -99,9 +99,8 @@ def _invert(information: FloatArray, basis: FloatArray) -> FloatArray:
     seen = values > 1e-13 * values[-1]
     directions = basis @ (scale[:, None] * vectors)
     covariance: FloatArray = (directions[:, seen] / values[seen]) @ directions[:, seen].T
-    # A parameter is open when its unit error lies partly along an unseen direction.
-    unseen = basis @ (vectors[:, ~seen] / scale[:, None])
-    size = np.linalg.norm(basis / scale, axis=1)
-    open_ = np.linalg.norm(unseen, axis=1) > 1e-2 * np.maximum(size, np.finfo(float).tiny)
+    # A parameter is open when an unseen direction moves it by a part of its error with all others known.
+    alone = np.linalg.norm(basis * scale, axis=1)
+    open_ = np.linalg.norm(directions[:, ~seen], axis=1) > 1e-2 * np.maximum(alone, np.finfo(float).tiny)
     covariance[np.diag_indices_from(covariance)] = np.where(open_, np.inf, np.diag(covariance))
     return covariance

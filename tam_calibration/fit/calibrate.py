@@ -59,7 +59,7 @@ def calibrate(recording: Recording, array: Array, method: str = DEFAULT_METHOD) 
     require_determined(recording, array)
     calibration = METHODS[method](recording, array)
     require_one_calibration(recording, calibration)
-    require_accurate(calibration.standard_errors, calibration.intensity_T)
+    require_accurate(calibration)
     warnings = find_warnings(recording, calibration)
     return replace(calibration, warnings=warnings, held_out=_held_out(recording, array, method))
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.calibration import Calibration
+from tam_calibration.fit.identifiability import FEWEST_SAMPLES
 from tam_calibration.problems import Refused
 from tam_calibration.recording import EARTH_FIELD_T, Recording
 from tam_calibration.units import FloatArray, to_nanotesla
@@ -66,8 +67,9 @@ def find_warnings(recording: Recording, calibration: Calibration) -> tuple[str, 
     """Return what speaks against trusting a calibration, one sentence each."""
     warnings = []
     names = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
+    chance = 6 * np.sqrt(2 / max(1, calibration.samples - FEWEST_SAMPLES))
     for channel, value in calibration.reduced_chi_square.items():
-        if value > _LARGEST_CHI_SQUARE:
+        if value > max(_LARGEST_CHI_SQUARE, 1 + chance):
             warnings.append(
                 f"the residual {names[channel]} is {np.sqrt(value):.3g} times the stated noise: "
                 "the model or the noise is wrong, and the standard errors are too small"

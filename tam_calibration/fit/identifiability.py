@@ -3,10 +3,11 @@
 import numpy as np
 
 from tam_calibration.array import Array
+from tam_calibration.calibration import Calibration
 from tam_calibration.errors import PARAMETER_NAMES, SensorErrors
 from tam_calibration.fit.bound import bound
 from tam_calibration.fit.noise import complete_noise
-from tam_calibration.fit.scale import normalize
+from tam_calibration.fit.scale import Normalized, normalize
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
@@ -37,28 +38,40 @@ def require_determined(recording: Recording, array: Array) -> None:
         )
     noisy, _ = complete_noise(array, recording)
     data = normalize(recording)
-    has_scalar = data.has_scalar
     known = np.isfinite(data.intensity)
     if known.sum() < FEWEST_SAMPLES:
         raise InputError(
             f"only {known.sum()} samples have a scalar reading: at least {FEWEST_SAMPLES} are needed, or none"
         )
     field = data.radius_T * data.points[known, 0]
-    covariance = bound(
-        field[:: -(-len(field) // _SAMPLES)], SensorErrors.none(recording.sensor_count), noisy, has_scalar
-    )
-    _refuse_open(np.sqrt(np.diag(covariance)), data.radius_T)
+    some = field[:: -(-len(field) // _SAMPLES)]
+    covariance = bound(some, SensorErrors.none(recording.sensor_count), noisy, data.has_scalar)
+    _refuse_open(np.sqrt(np.diag(covariance)) * _noise_excess(data, noisy), data.radius_T)
 
 
-def require_accurate(standard_errors: FloatArray, intensity_T: float) -> None:
-    """Check, after a fit, that no parameter's standard error (K, 12) is too large to be of use.
+def require_accurate(calibration: Calibration) -> None:
+    """Check, after a fit, that no parameter's standard error is too large to be of use.
+
+    The standard errors count for the residual that is left, where it exceeds the noise.
 
     Raises
     ------
     InputError
         It names the parameters.
     """
-    _refuse_open(standard_errors.ravel(), intensity_T)
+    excess = np.sqrt(max(1.0, *calibration.reduced_chi_square.values()))
+    _refuse_open(excess * calibration.standard_errors.ravel(), calibration.intensity_T)
+
+
+def _noise_excess(data: Normalized, array: Array) -> float:
+    """Return how much larger than stated, at least 1, the noise is in which the sensors differ from each other.
+
+    Noise spreads readings that lie in a plane, and must not pass for directions that were visited.
+    """
+    assert array.vector_noise_T is not None
+    whitened = data.points / (array.vector_noise_T / data.radius_T)[:, None]
+    differing = np.linalg.eigvalsh(np.cov(whitened.reshape(len(whitened), -1), rowvar=False))[:-3]
+    return float(np.sqrt(max(1.0, differing.mean()))) if differing.size else 1.0
 
 
 def _refuse_open(standard_errors: FloatArray, intensity_T: float) -> None:

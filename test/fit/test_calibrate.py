@@ -1,0 +1,82 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tam_calibration.array import Array
+from tam_calibration.fit import METHODS, calibrate
+from tam_calibration.problems import InputError, Refused
+from tam_calibration.simulation import simulate
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_calibration_reaches_the_noise_floor_in_and_out_of_sample(wu_run, wu_scenario, method):
+    """Wu's 8172 nT/m fall to the floor of 6 nT/m, on held-out blocks too."""
+    calibration = calibrate(wu_run.recording, wu_scenario.array, method)
+    floor = calibration.floor.tensor_rmse_T_per_m
+    assert calibration.method == method
+    assert calibration.before.tensor_rmse_T_per_m > 1000 * floor
+    assert calibration.in_sample.tensor_rmse_T_per_m == pytest.approx(floor, rel=0.05)
+    assert calibration.held_out.tensor_rmse_T_per_m == pytest.approx(floor, rel=0.06)
+    assert calibration.held_out.tensor_rmse_T_per_m > calibration.in_sample.tensor_rmse_T_per_m
+    assert calibration.warnings == ()
+
+
+def test_residuals_before_are_those_of_the_paper(wu_scenario):
+    """Mean residuals of 20 raw runs are Wu's 1035, 1333, 762, 1684 nT and 8172 nT/m within 3 %."""
+    runs = [simulate(replace(wu_scenario, seed=seed)) for seed in range(20)]
+    before = [METHODS["lossless"](run.recording, wu_scenario.array).before for run in runs]
+    sensors = np.mean([1e9 * residual.sensor_intensity_T for residual in before], axis=0)
+    assert sensors == pytest.approx([1035, 1333, 762, 1684], rel=0.03)
+    assert np.mean([1e9 * residual.tensor_rmse_T_per_m for residual in before]) == pytest.approx(8172, rel=0.03)
+
+
+def test_unknown_method_lists_the_known_ones(wu_run, wu_scenario):
+    """A misspelled method is answered with the names there are."""
+    with pytest.raises(InputError, match="no method 'ellipse': choose one of maximum_likelihood, lossless"):
+        calibrate(wu_run.recording, wu_scenario.array, "ellipse")
+
+
+def test_array_of_another_size_is_told(wu_run):
+    """A recording of four sensors does not fit an array of one."""
+    with pytest.raises(InputError, match="the recording has 4 sensors, the array 1"):
+        calibrate(wu_run.recording, Array(np.zeros((1, 3)), np.array([1e-9]), 1e-10))
+
+
+def test_a_constant_axis_is_named(wu_run, wu_scenario):
+    """An axis that is not connected is told by sensor and letter."""
+    readings = wu_run.recording.readings_T.copy()
+    readings[:, 2, 1] = 1e-5
+    with pytest.raises(InputError, match="sensor 3 axis y reads the same value"):
+        calibrate(replace(wu_run.recording, readings_T=readings), wu_scenario.array)
+
+
+def test_microtesla_taken_for_tesla_is_caught(wu_run, wu_scenario):
+    """Readings a million times too large are refused with the likely cause."""
+    wrong = replace(
+        wu_run.recording, readings_T=1e6 * wu_run.recording.readings_T, scalar_T=1e6 * wu_run.recording.scalar_T
+    )
+    with pytest.raises(InputError, match="µT given as T"):
+        calibrate(wrong, wu_scenario.array)
+
+
+def test_a_magnet_attached_in_the_middle_is_refused_with_the_times(wu_run, wu_scenario):
+    """A bias of 20 µT in the middle of the run is no calibration, and the sentence says when it was worst."""
+    readings = wu_run.recording.readings_T.copy()
+    readings[120:200] += 20e-6
+    with pytest.raises((Refused, InputError), match=r"one calibration|changed during the recording"):
+        calibrate(replace(wu_run.recording, readings_T=readings), wu_scenario.array)
+
+
+def test_a_small_disturbance_is_a_warning(wu_run, wu_scenario):
+    """A disturbance of 100 nT during a tenth of the run leaves a calibration that warns."""
+    readings = wu_run.recording.readings_T.copy()
+    readings[0:36] += 100e-9
+    calibration = calibrate(replace(wu_run.recording, readings_T=readings), wu_scenario.array)
+    assert any("something magnetic" in warning for warning in calibration.warnings)
+    assert any("times the stated noise" in warning for warning in calibration.warnings)
+
+
+def test_a_short_recording_has_no_held_out_figures(noise_free, wu_scenario):
+    """Twenty samples cannot spare a fifth, and the calibration says nothing about unseen ones."""
+    assert calibrate(noise_free.recording.take(slice(0, 20)), wu_scenario.array).held_out is None

@@ -1,0 +1,117 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from tam_calibration.fit.coverage import CELLS, LiveCoverage, cell_directions, cell_of, describe, measure_coverage
+
+FIELD_T = 5e-5
+
+
+def sphere(count, seed=0):
+    """Return unit vectors in random directions."""
+    direction = np.random.default_rng(seed).standard_normal((count, 3))
+    return direction / np.linalg.norm(direction, axis=1, keepdims=True)
+
+
+def cap(count, pitch_deg, seed=0):
+    """Return directions of a field of 62° inclination seen by a vehicle that yaws fully and pitches and rolls a bit."""
+    from scipy.spatial.transform import Rotation
+
+    generator = np.random.default_rng(seed)
+    tilt = generator.uniform(-pitch_deg, pitch_deg, (count, 2))
+    angles = np.column_stack([generator.uniform(0, 360, count), tilt])
+    return Rotation.from_euler("ZYX", angles, degrees=True).inv().apply([0.47, 0, -0.883])
+
+
+def test_cells_have_equal_areas():
+    """A uniform sample of the sphere fills all cells alike."""
+    counts = np.bincount(cell_of(sphere(400_000)), minlength=CELLS)
+    assert_allclose(counts, 2000, atol=5 * np.sqrt(2000))
+
+
+def test_every_cell_holds_its_own_centre():
+    """The centre of each cell falls into that cell."""
+    assert (cell_of(cell_directions()) == np.arange(CELLS)).all()
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_every_direction_has_a_cell(seed):
+    """Cell numbers lie in range, at the poles and at the seam of the azimuth too."""
+    directions = np.concatenate([sphere(20, seed), np.eye(3), -np.eye(3)])
+    assert ((cell_of(directions) >= 0) & (cell_of(directions) < CELLS)).all()
+
+
+def test_full_sphere_is_enough():
+    """A few hundred samples over the sphere are enough, and no worse than the sphere."""
+    coverage = measure_coverage(FIELD_T * sphere(400))
+    assert coverage.enough
+    assert coverage.relative_error == pytest.approx(1.0, abs=0.3)
+    assert "enough" in coverage.advice
+
+
+def test_a_ring_is_not_enough_and_the_missing_pole_is_named():
+    """A turn about the vertical alone leaves parameters open, and the advice sends the field up or down."""
+    angle = np.linspace(0, 2 * np.pi, 500)
+    ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(500)], axis=1)
+    coverage = measure_coverage(FIELD_T * ring)
+    assert not coverage.enough
+    assert np.isinf(coverage.relative_error)
+    assert "up" in coverage.missing or "down" in coverage.missing
+
+
+def test_more_tilt_is_better():
+    """The relative error falls as pitch and roll grow."""
+    errors = [measure_coverage(FIELD_T * cap(3000, pitch)).relative_error for pitch in (15, 30, 60, 90)]
+    assert errors == sorted(errors, reverse=True)
+
+
+def test_advice_followed_leads_to_enough():
+    """Samples added where the advice points end in enough coverage within ten turns."""
+    fields = [FIELD_T * cap(200, 10)]
+    for _ in range(10):
+        coverage = measure_coverage(np.concatenate(fields))
+        if coverage.enough:
+            break
+        words = coverage.missing.split(" and ")
+        axes = {"forward": (0, 1), "backward": (0, -1), "left": (1, 1), "right": (1, -1), "up": (2, 1), "down": (2, -1)}
+        target = np.zeros(3)
+        for word in words:
+            axis, sign = axes[word]
+            target[axis] = sign
+        spread = target / np.linalg.norm(target) + 0.15 * np.random.default_rng(len(fields)).standard_normal((40, 3))
+        fields.append(FIELD_T * spread / np.linalg.norm(spread, axis=1, keepdims=True))
+    assert measure_coverage(np.concatenate(fields)).enough
+
+
+def test_live_coverage_sees_through_a_large_bias():
+    """Raw readings about a bias of ten times the field are judged as the fields are."""
+    live = LiveCoverage()
+    directions = sphere(2000)
+    live.add((FIELD_T * directions + np.array([4e-4, -3e-4, 0]))[:, None])
+    expected = measure_coverage(FIELD_T * directions)
+    assert live.summary().fraction == pytest.approx(expected.fraction, abs=0.02)
+
+
+def test_live_coverage_keeps_its_memory_bounded():
+    """More samples than its capacity are thinned, not kept, and a reset forgets them."""
+    live = LiveCoverage(capacity=100)
+    for _ in range(50):
+        live.add((FIELD_T * sphere(37))[:, None])
+    assert 50 <= live.summary().counts.sum() < 100
+    live.reset()
+    assert live.summary().fraction == 0
+
+
+def test_before_any_sample_nothing_is_claimed():
+    """Without samples the coverage is zero and not enough."""
+    coverage = LiveCoverage().summary()
+    assert coverage.fraction == 0
+    assert not coverage.enough
+
+
+def test_directions_in_words():
+    """Axes are named as the array frame has them: x forward, y left, z up."""
+    assert describe(np.array([1.0, 0, 0])) == "forward"
+    assert describe(np.array([0, -0.8, -0.6])) == "right and down"

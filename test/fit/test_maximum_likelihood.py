@@ -1,0 +1,156 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.array import Array
+from tam_calibration.errors import SensorErrors
+from tam_calibration.fit.bound import bound
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
+from tam_calibration.simulation import simulate
+
+
+def test_noise_free_data_give_the_errors_back(noise_free, wu_scenario):
+    """Without noise the bias is exact to 1e-8 nT, scale factors and angles to 1e-12."""
+    found = maximum_likelihood(noise_free.recording, wu_scenario.array).errors
+    assert_allclose(found.bias_T, noise_free.errors.bias_T, rtol=0, atol=1e-17)
+    assert_allclose(found.scale_factor, noise_free.errors.scale_factor, rtol=0, atol=1e-12)
+    assert_allclose(found.non_orthogonality, noise_free.errors.non_orthogonality, rtol=0, atol=1e-12)
+    assert_allclose(found.misalignment, noise_free.errors.misalignment, rtol=0, atol=1e-12)
+
+
+def test_covariance_is_the_bound_at_the_estimate(wu_run, wu_scenario):
+    """The covariance of the estimate is the Cramér-Rao bound at the truth, to what the estimate's error moves it."""
+    calibration = maximum_likelihood(wu_run.recording, wu_scenario.array)
+    smallest = np.sqrt(np.diag(bound(wu_run.center_field_T, wu_run.errors, wu_scenario.array, has_scalar=True)))
+    assert_allclose(calibration.standard_errors.ravel(), smallest, rtol=1e-3, atol=1e-20)
+
+
+def test_errors_lie_within_their_standard_errors(wu_scenario):
+    """Over 40 runs the squared errors in units of their covariance have the mean of a chi-square."""
+    free = np.r_[:9, 12:48]
+    scores = []
+    for seed in range(40):
+        run = simulate(replace(wu_scenario, seed=seed))
+        calibration = maximum_likelihood(run.recording, wu_scenario.array)
+        error = (calibration.errors.to_vector() - run.errors.to_vector()).ravel()[free]
+        scores.append(error @ np.linalg.solve(calibration.covariance[np.ix_(free, free)], error))
+    # The mean of 40 draws with 45 degrees of freedom has the standard deviation sqrt(2 * 45 / 40).
+    assert abs(np.mean(scores) - 45) < 4 * np.sqrt(2 * 45 / 40)
+
+
+def test_a_constant_reference_is_a_legal_reference(noise_free, wu_scenario):
+    """A scalar channel that never changes fixes the scale as a varying one does."""
+    constant = replace(noise_free.recording, scalar_T=np.full(noise_free.recording.sample_count, 54955.83e-9))
+    calibration = maximum_likelihood(constant, wu_scenario.array)
+    assert calibration.has_scalar_reference
+    assert_allclose(calibration.errors.bias_T, noise_free.errors.bias_T, rtol=0, atol=1e-16)
+
+
+def test_without_reference_all_but_the_scale_is_found(noise_free, wu_scenario):
+    """Without a scalar the determinants have the geometric mean 1, and ratios of scale factors are exact."""
+    alone = replace(noise_free.recording, scalar_T=None)
+    calibration = maximum_likelihood(alone, wu_scenario.array)
+    assert not calibration.has_scalar_reference
+    assert np.linalg.det(calibration.errors.matrix).prod() == pytest.approx(1.0, abs=1e-12)
+    ratio = calibration.errors.scale_factor / noise_free.errors.scale_factor
+    assert_allclose(ratio, ratio[0, 0], rtol=1e-12)
+    assert_allclose(calibration.errors.bias_T, noise_free.errors.bias_T, rtol=0, atol=1e-16)
+    assert calibration.intensity_T * ratio[0, 0] == pytest.approx(54955.83e-9, rel=1e-9)
+    assert any("absolute scale is unknown" in statement for statement in calibration.statements)
+
+
+def test_standard_errors_hold_without_a_reference(wu_scenario):
+    """Without a scalar the spread of 40 estimates agrees with the standard errors that are told."""
+    errors, told = [], []
+    for seed in range(40):
+        run = simulate(replace(wu_scenario, seed=seed, scalar=None))
+        calibration = maximum_likelihood(run.recording, wu_scenario.array)
+        scale = np.linalg.det(run.errors.matrix).prod() ** (1 / 12)
+        truth = SensorErrors.from_matrix(run.errors.matrix / scale, run.errors.bias_T).to_vector()
+        errors.append(calibration.errors.to_vector() - truth)
+        told.append(calibration.standard_errors)
+    spread, told = np.sqrt(np.mean(np.square(errors), axis=0)), np.mean(told, axis=0)
+    ratio = (spread[told > 0] / told[told > 0]) ** 2
+    assert ratio.mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / 40 / 10))
+    assert ratio.max() < 2.5
+
+
+def test_samples_without_a_scalar_reading_still_count(wu_run, wu_scenario):
+    """With nine of ten scalar readings missing, misalignment is as good, and the scale is worse but found."""
+    sparse = np.where(np.arange(wu_run.recording.sample_count) % 10 == 0, wu_run.recording.scalar_T, np.nan)
+    full = maximum_likelihood(wu_run.recording, wu_scenario.array)
+    calibration = maximum_likelihood(replace(wu_run.recording, scalar_T=sparse), wu_scenario.array)
+    assert_allclose(calibration.standard_errors[1:, 9:], full.standard_errors[1:, 9:], rtol=0.2)
+    z = (calibration.errors.to_vector() - wu_run.errors.to_vector())[:, :3] / calibration.standard_errors[:, :3]
+    assert np.abs(z).max() < 5
+
+
+def test_one_sensor_is_a_legal_array(noise_free):
+    """A single sensor with the scalar reference is calibrated as it is within the array."""
+    alone = replace(noise_free.recording, readings_T=noise_free.recording.readings_T[:, :1])
+    calibration = maximum_likelihood(alone, Array(np.zeros((1, 3)), np.array([1e-9]), 1e-10))
+    assert_allclose(calibration.errors.bias_T, noise_free.errors.bias_T[:1], rtol=0, atol=1e-16)
+    assert_allclose(calibration.errors.scale_factor, noise_free.errors.scale_factor[:1], rtol=0, atol=1e-12)
+    assert np.isnan(calibration.in_sample.tensor_T_per_m).all()
+
+
+def test_a_bias_many_times_the_field_is_found(noise_free, wu_scenario):
+    """A hard iron of ten times the field does not spoil the fit."""
+    offset = np.array([[400e-6, -300e-6, 500e-6], [0, 0, 0], [0, 100e-6, 0], [-600e-6, 0, 0]])
+    moved = replace(noise_free.recording, readings_T=noise_free.recording.readings_T + offset)
+    found = maximum_likelihood(moved, wu_scenario.array).errors
+    assert_allclose(found.bias_T, noise_free.errors.bias_T + offset, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("turn", [np.diag([-1.0, -1.0, 1.0]), np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])])
+def test_a_sensor_may_be_mounted_turned(noise_free, wu_scenario, turn):
+    """A sensor mounted with its axes elsewhere is a misalignment like any other."""
+    readings = noise_free.recording.readings_T.copy()
+    readings[:, 2] = (readings[:, 2] - noise_free.errors.bias_T[2]) @ turn.T
+    calibration = maximum_likelihood(replace(noise_free.recording, readings_T=readings), wu_scenario.array)
+    assert calibration.in_sample.tensor_rmse_T_per_m < 1e-18
+
+
+def test_a_mirrored_sensor_is_named(noise_free, wu_scenario):
+    """A sensor with one axis reversed is refused by number."""
+    readings = noise_free.recording.readings_T.copy()
+    readings[:, 1, 1] *= -1
+    with pytest.raises(InputError, match="sensor 2 has left-handed"):
+        maximum_likelihood(replace(noise_free.recording, readings_T=readings), wu_scenario.array)
+
+
+def test_unequal_noise_is_weighted(wu_scenario):
+    """With one sensor five times noisier its neighbours' misalignment stays as good as the bound says."""
+    noise = np.array([1e-9, 5e-9, 1e-9, 1e-9])
+    array = replace(wu_scenario.array, vector_noise_T=noise)
+    errors, told = [], []
+    for seed in range(30):
+        run = simulate(replace(wu_scenario, array=array, seed=seed))
+        calibration = maximum_likelihood(run.recording, array)
+        errors.append(calibration.errors.to_vector() - run.errors.to_vector())
+        told.append(calibration.standard_errors)
+    ratio = np.mean(np.square(errors), axis=0)[2:, 9:] / np.mean(np.square(told), axis=0)[2:, 9:]
+    assert ratio.mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / 30 / 6))
+
+
+def test_unstated_noise_is_estimated_from_the_differences_of_the_sensors(wu_run, wu_scenario):
+    """With no noise stated the one that is told agrees with the truth within its sampling error."""
+    unknown = replace(wu_scenario.array, vector_noise_T=None, scalar_noise_T=None)
+    calibration = maximum_likelihood(wu_run.recording, unknown)
+    assert calibration.noise_is_estimated
+    pooled = np.sqrt(np.mean(calibration.array.vector_noise_T**2))
+    assert pooled == pytest.approx(1e-9, rel=0.2)
+    assert calibration.reduced_chi_square["differential"] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_nine_poses_on_a_circle_determine_no_ellipsoid(wu_scenario):
+    """Readings in one plane are refused, not fitted."""
+    angle = np.arange(9) * 2 * np.pi / 9
+    field = 5e-5 * np.stack([0.5 * np.cos(angle), 0.5 * np.sin(angle), np.full(9, -0.8)], axis=1)
+    recording = Recording(np.arange(9.0), SensorErrors.none(4).distort(field), np.full(9, 4.7e-5))
+    with pytest.raises(InputError, match="do not lie on an ellipsoid"):
+        maximum_likelihood(recording, wu_scenario.array)
