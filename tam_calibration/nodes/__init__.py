@@ -1,0 +1,39 @@
+"""The ROS 2 nodes: the only room that imports rclpy and message packages."""
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.resources import files
+from importlib.util import find_spec
+
+from tam_calibration.problems import InputError
+
+
+@contextmanager
+def ros_session() -> Iterator[None]:
+    """Use ROS 2 in this process until the block ends; Ctrl-C and SIGTERM end the block in order.
+
+    Raises
+    ------
+    InputError
+        When rclpy is not installed.
+    """
+    if find_spec("rclpy") is None:
+        raise InputError("this needs ROS 2: source a Jazzy installation, or run pip install 'tam_calibration[ros]'")
+    # Announces nodes often at the start; the processes that are started from here inherit it.
+    profile = files("tam_calibration") / "config" / "fastdds.xml"
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile))
+
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+    from rclpy.utilities import try_shutdown
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        yield
+    except KeyboardInterrupt:
+        pass
+    finally:
+        try_shutdown()

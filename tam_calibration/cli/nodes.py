@@ -1,0 +1,55 @@
+"""`tam nodes`: start the nodes and show what they say."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tam_calibration.nodes import ros_session
+from tam_calibration.nodes.children import Children, node_commands
+
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+
+    from tam_calibration.nodes.monitor import Monitor
+
+REFRESH_S = 0.2
+
+
+@click.command()
+@click.option("--array", type=click.Path(exists=True, path_type=Path), help="Array YAML; without it the cross of 0.5 m.")
+@click.option(
+    "--calibration",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Calibration YAML: loaded where it exists, written by calibrator/save.",
+)
+@click.option("--method", help="Method of the fit.")
+@click.option("--params-file", type=click.Path(exists=True, path_type=Path), help="ROS parameters of the nodes.")
+def command(array: Path | None, calibration: Path | None, method: str | None, params_file: Path | None) -> None:
+    """Start collector, calibrator and corrector, and show coverage, losses and advice until Ctrl-C."""
+    log_directory = Path(os.environ.get("ROS_LOG_DIR", "~/.ros/log")).expanduser() / f"tam_nodes_{os.getpid()}"
+    with ros_session(), Children(node_commands(array, calibration, method, params_file), log_directory) as children:
+        from rclpy.executors import SingleThreadedExecutor
+
+        from tam_calibration.nodes.monitor import Monitor
+
+        monitor, executor = Monitor(children.names), SingleThreadedExecutor()
+        executor.add_node(monitor)
+        _watch(children, monitor, executor)
+
+
+def _watch(children: Children, monitor: "Monitor", executor: "Executor") -> None:
+    from rich.console import Console
+    from rich.live import Live
+
+    console = Console()
+    with Live(console=console, auto_refresh=False, transient=True) as live:
+        while True:
+            executor.spin_once(timeout_sec=REFRESH_S)
+            children.check()
+            if console.is_terminal:
+                live.update(monitor.render(), refresh=True)
+            else:
+                for line in monitor.news():
+                    click.echo(line)

@@ -1,0 +1,86 @@
+"""What the nodes say in /diagnostics, as bars in the terminal or as plain lines."""
+
+import re
+from collections.abc import Sequence
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.node import Node
+from rich.console import Group, RenderableType
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+LEVELS = {
+    DiagnosticStatus.OK: ("OK", "green"),
+    DiagnosticStatus.WARN: ("WARN", "yellow"),
+    DiagnosticStatus.ERROR: ("ERROR", "red"),
+    DiagnosticStatus.STALE: ("WAIT", "cyan"),
+}
+
+BAR_WIDTH = 40
+
+
+class Monitor(Node):
+    """Keeps the newest status of each of the nodes that it watches.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the nodes, in the order in which they are shown.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__("monitor")
+        self.statuses: dict[str, DiagnosticStatus] = dict.fromkeys(names)
+        self._told: dict[str, str] = {}
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._take, 10)
+
+    def figures(self, name: str) -> dict[str, str]:
+        """Return the figures of a node's status; none before the first."""
+        status = self.statuses[name]
+        return {value.key: value.value for value in status.values} if status else {}
+
+    def news(self) -> list[str]:
+        """Return a line for each node whose status says something else than before, figures aside."""
+        lines = []
+        for name, status in self.statuses.items():
+            line = _line(name, status)
+            if status and self._told.get(name) != (said := re.sub(r"[\d.]+", "#", line)):
+                self._told[name] = said
+                lines.append(line)
+        return lines
+
+    def render(self) -> RenderableType:
+        """Return bar of the coverage, counts, and a row for each node."""
+        table = Table.grid(padding=(0, 2))
+        for name, status in self.statuses.items():
+            level, colour = LEVELS[status.level] if status else ("…", "dim")
+            table.add_row(name, Text(level, colour), Text(status.message if status else "starting"))
+        return Group(*self._bars(), table)
+
+    def _bars(self) -> list[RenderableType]:
+        figures = self.figures("collector")
+        if "fraction" not in figures:
+            return []
+        fraction = float(figures["fraction"])
+        grid = Table.grid(padding=(0, 2))
+        colour = "green" if figures["enough"] == "True" else "yellow"
+        bar = ProgressBar(1.0, fraction, width=BAR_WIDTH, complete_style=colour, finished_style=colour)
+        grid.add_row("sphere of directions", bar, f"{fraction:.0%}  {_missing(figures)}")
+        samples, lost = int(figures["samples"]), int(figures["lost"])
+        synchronised = ProgressBar(max(samples + lost, 1), samples, width=BAR_WIDTH, complete_style="green")
+        grid.add_row("synchronised", synchronised, f"{samples} samples, {lost} messages lost")
+        return [grid]
+
+    def _take(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name in self.statuses:
+                self.statuses[status.name] = status
+
+
+def _missing(figures: dict[str, str]) -> str:
+    return "enough" if figures["enough"] == "True" else f"missing: {figures['missing']}"
+
+
+def _line(name: str, status: DiagnosticStatus | None) -> str:
+    return f"{name} {LEVELS[status.level][0]}: {status.message}" if status else ""

@@ -1,0 +1,269 @@
+"""The nodes as separate processes over DDS: what they make of good data, and how they survive bad ones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tam_calibration.array import Array
+from tam_calibration.files import calibration_from_yaml, calibration_to_yaml, read_calibration, write_calibration
+from tam_calibration.fit import calibrate
+from tam_calibration.pointcloud_layout import FIELD_GRADIENT_COLUMNS, GRADIENT_ROW_MAJOR
+
+sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
+std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")
+
+RELATIVE = 1e-12
+
+
+def rows_of(clouds):
+    """Return the rows of one-row clouds, one below the other."""
+    from tam_calibration.nodes.cloud import read_cloud
+
+    return np.concatenate([read_cloud(cloud)[1] for cloud in clouds])
+
+
+def stamps_of(messages):
+    """Return the stamps of messages, nanoseconds."""
+    return [message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for message in messages]
+
+
+def publisher_of(bench, text):
+    """Publish a string on the latched topic `calibration`, as another calibrator would."""
+    from tam_calibration.nodes.base import LATCHED
+
+    publisher = bench.node.create_publisher(std_msgs.String, "calibration", LATCHED)
+    publisher.publish(std_msgs.String(data=text))
+
+
+@pytest.fixture(scope="module")
+def calibration(recording, cross):
+    """Return the calibration of the recording."""
+    return calibrate(recording, cross)
+
+
+@pytest.fixture
+def calibration_file(calibration, tmp_path):
+    """Return the path of the calibration's file."""
+    path = tmp_path / "calibration.yaml"
+    write_calibration(path, calibration)
+    return path
+
+
+def test_service_calibrates_what_the_sensors_published(bench, recording, calibration):
+    """Every sample is synchronised, and the latched calibration equals the fit of the same recording offline."""
+    bench.start_nodes(collector={}, calibrator={}, corrector={})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    bench.connect("collector", samples=3)
+    bench.play(recording, bench.publish_sensors(), samples)
+    bench.health("calibrator", lambda status, _: "600 samples" in status.message, "every sample is stored")
+    answer = bench.call("calibrator/calibrate")
+    assert answer.success, answer.message
+    assert "noise floor" in answer.message and "\n" not in answer.message
+    assert_array_equal(rows_of(samples)[:, 1:13], recording.readings_T.reshape(-1, 12))
+    assert_allclose(rows_of(samples)[:, 13], recording.scalar_T, rtol=1e-15)
+
+    late = bench.listen(std_msgs.String, "calibration", latched=True)
+    bench.spin_until(lambda: late, "a late joiner gets the calibration")
+    assert_allclose(
+        calibration_from_yaml(late[0].data, "topic").errors.to_vector(),
+        calibration.errors.to_vector(),
+        rtol=0,
+        atol=1e-12,
+    )
+    bench.health("corrector", lambda status, _: "calibration" not in status.message, "the corrector has it too")
+
+
+def test_outputs_equal_those_offline(bench, recording, calibration_file):
+    """Each sample's centre and gradient are those of `Calibration.correct`, at the sample's stamp."""
+    bench.start_nodes(collector={}, corrector={"calibration_file": calibration_file})
+    offline = read_calibration(calibration_file).correct(recording)
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    center = bench.listen(sensor_msgs.MagneticField, "center")
+    gradient = bench.listen(std_msgs.Float64MultiArray, "gradient")
+    field_gradient = bench.listen(sensor_msgs.PointCloud2, "field_gradient")
+    bench.connect("collector", samples=2)
+    bench.connect("corrector", center=1, gradient=1, field_gradient=1)
+    bench.play(recording, bench.publish_sensors(), samples, last=200)
+    bench.spin_until(lambda: min(len(center), len(gradient), len(field_gradient)) == 200, "all are corrected")
+
+    outputs = offline.outputs[:200]
+    errors = np.tile(offline.standard_errors, (200, 1))
+    assert_allclose(rows_of(field_gradient), np.hstack([outputs, errors]), rtol=RELATIVE)
+    assert [field.name for field in field_gradient[0].fields] == list(FIELD_GRADIENT_COLUMNS)
+    assert stamps_of(field_gradient) == stamps_of(center) == stamps_of(samples)
+    assert_allclose(
+        [[m.magnetic_field.x, m.magnetic_field.y, m.magnetic_field.z] for m in center], outputs[:, :3], rtol=RELATIVE
+    )
+    assert_allclose(np.sqrt(np.diag(np.reshape(center[0].magnetic_field_covariance, (3, 3)))), errors[0, :3])
+    assert_allclose([message.data for message in gradient], outputs[:, GRADIENT_ROW_MAJOR], rtol=RELATIVE)
+    assert center[0].header.frame_id == field_gradient[0].header.frame_id == "tam_array"
+    bench.health(
+        "corrector", lambda status, _: "noise floor" in status.message, "the residual is compared with the floor"
+    )
+
+
+def test_new_calibration_switches_without_a_gap(bench, recording, calibration):
+    """Every sample is corrected by the old or by the new calibration, and an unusable one leaves the old in force."""
+    bench.start_nodes(collector={}, corrector={})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    outputs = bench.listen(sensor_msgs.PointCloud2, "field_gradient")
+    bench.connect("collector", samples=2)
+    bench.connect("corrector", field_gradient=1)
+    publish = bench.publish_sensors()
+    publisher_of(bench, calibration_to_yaml(calibration))
+    bench.health("corrector", lambda status, _: "no calibration yet" not in status.message, "the first is taken")
+    bench.play(recording, publish, samples, last=50)
+
+    other = replace(calibration, errors=replace(calibration.errors, bias_T=calibration.errors.bias_T + 1e-7))
+    publisher_of(bench, calibration_to_yaml(other))
+    bench.play(recording, publish, samples, first=50, last=150)
+    publisher_of(bench, "method: [")
+    status, _ = bench.health("corrector", lambda status, _: "was not taken" in status.message, "the broken one is told")
+    assert status.level == b"\x01"
+    bench.play(recording, publish, samples, first=150, last=200)
+    bench.spin_until(lambda: len(outputs) == 200, "all are corrected")
+
+    live = rows_of(outputs)[:, :9]
+    by_old, by_new = (each.apply(recording.readings_T[:200]) for each in (calibration, other))
+    is_old, is_new = (np.isclose(live, each, rtol=1e-10, atol=0).all(axis=1) for each in (by_old, by_new))
+    assert (is_old ^ is_new).all()
+    assert is_old[:50].all() and is_new[150:].all()
+    assert (np.diff(is_new.astype(int)) >= 0).all()
+
+
+def test_calibration_of_another_array_is_not_taken(bench, calibration):
+    """The corrector keeps off a calibration whose sensors sit elsewhere, and says what would mend it."""
+    bench.start_nodes(corrector={})
+    publisher_of(bench, calibration_to_yaml(replace(calibration, array=Array.cross(0.7, 1e-9, 1e-10))))
+    bench.health("corrector", lambda status, _: "another array" in status.message, "the refusal is told")
+
+
+def test_silent_sensor_is_named_until_it_restarts(bench, recording):
+    """A sensor that stops is named in /diagnostics, the service still answers, and samples go on when it restarts."""
+    bench.start_nodes(collector={"silence_s": 0.5}, calibrator={})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    bench.connect("collector", samples=2)
+    others, second = bench.publish_sensors((1, 3, 4)), bench.publish_sensors((2,), scalar=False)
+    active = [others, second]
+    bench.stream(recording, active)
+    bench.spin_until(lambda: len(samples) >= 5, "samples arrive")
+    active.remove(second)
+    status, figures = bench.health(
+        "collector", lambda status, _: "tam_2" in status.message, "the silent sensor is named"
+    )
+    assert status.level == b"\x01" and "tam_3" not in status.message
+    assert int(figures["tam_2.missing"]) > 0
+    answer = bench.call("calibrator/calibrate")
+    assert not answer.success and "samples" in answer.message
+    before = len(samples)
+    active.append(second)
+    bench.spin_until(lambda: len(samples) > before + 20, "samples go on")
+    bench.health("collector", lambda status, _: "nothing from" not in status.message, "nothing is silent")
+
+
+def test_stamps_backwards_start_over(bench, recording):
+    """When a bag loops, samples go on from its start, and the calibrator stores those of the new run only."""
+    bench.start_nodes(collector={}, calibrator={})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    bench.connect("collector", samples=2)
+    publish = bench.publish_sensors()
+    bench.play(recording, publish, samples, last=300)
+    bench.play(recording, publish, samples, last=150)
+    assert_array_equal(rows_of(samples)[300:, 1:13], recording.readings_T[:150].reshape(-1, 12))
+    _, figures = bench.health("collector", lambda status, _: True, "the restart is told")
+    assert figures["restarts"] == "1" and figures["lost"] == "0"
+    bench.health("calibrator", lambda status, _: "150 samples" in status.message, "150 samples are stored")
+
+
+def test_losses_are_counted(bench, recording):
+    """Messages of sensors whose partner is missing are counted, and told in words."""
+    bench.start_nodes(collector={})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    bench.connect("collector", samples=1)
+    others, fourth = bench.publish_sensors((1, 2, 3)), bench.publish_sensors((4,), scalar=False)
+    for index in range(100):
+        others(recording, index)
+        if index % 10 != 5:
+            fourth(recording, index)
+    bench.spin_until(lambda: len(samples) == 90, "90 samples")
+    _, figures = bench.health("collector", lambda status, _: "4" in status.message, "losses are told")
+    assert figures["samples"] == "90"
+    assert figures["tam_4.missing"] == figures["tam_1.unmatched"] == figures["tam_2.unmatched"] == "10"
+    assert "tam_4" in figures["losses"]
+
+
+def test_reset_starts_over(bench, recording):
+    """collector/reset empties coverage, losses and the calibrator's store."""
+    bench.start_nodes(collector={}, calibrator={})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    bench.connect("collector", samples=2)
+    publish = bench.publish_sensors()
+    bench.play(recording, publish, samples, last=200)
+    _, figures = bench.health("collector", lambda status, _: True, "coverage is told")
+    assert float(figures["fraction"]) > 0.3
+    assert bench.call("collector/reset").success
+    bench.play(recording, publish, samples, first=200, last=220)
+    _, figures = bench.health("collector", lambda status, _: True, "coverage is told")
+    assert float(figures["fraction"]) < 0.15 and figures["samples"] == "20"
+    bench.health("calibrator", lambda status, _: "20 samples" in status.message, "20 samples are stored")
+
+
+def test_other_scalar_type_is_told(bench, recording):
+    """A scalar of the other message type is not silently missed."""
+    bench.start_nodes(collector={})
+    publisher = bench.node.create_publisher(std_msgs.Float64, "scalar/intensity", 10)
+    bench.stream(recording, [bench.publish_sensors(scalar=False)])
+    status, _ = bench.health("collector", lambda status, _: "std_msgs/Float64" in status.message, "the type is told")
+    assert "scalar_type:=std_msgs/Float64" in status.message
+    bench.node.destroy_publisher(publisher)
+
+
+def test_unstamped_scalar_joins_the_samples(bench, recording):
+    """A Float64 scalar has no stamp: each sample takes the newest value."""
+    bench.start_nodes(collector={"scalar_type": "std_msgs/Float64"})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    bench.connect("collector", samples=1)
+    publisher = bench.node.create_publisher(std_msgs.Float64, "scalar/intensity", 10)
+    bench.spin_until(publisher.get_subscription_count, "the scalar is subscribed")
+    publish = bench.publish_sensors(scalar=False)
+    publish(recording, 0)
+    publisher.publish(std_msgs.Float64(data=4.9e-5))
+    bench.spin_until(lambda: samples, "the first sample")
+    bench.play(recording, publish, samples, first=1, last=20)
+    assert set(rows_of(samples)[1:, 13]) == {4.9e-5}
+
+
+def test_save_writes_what_was_calibrated(bench, recording, tmp_path):
+    """calibrator/save writes the file that it was given, which the next calibrator hands on from its start."""
+    path = tmp_path / "calibration.yaml"
+    first = bench.start_nodes(collector={}, calibrator={"calibration_file": path})
+    answer = bench.call("calibrator/save")
+    assert not answer.success and "calibrator/calibrate" in answer.message and not path.exists()
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    bench.connect("collector", samples=2)
+    bench.play(recording, bench.publish_sensors(), samples)
+    assert bench.call("calibrator/calibrate").success
+    answer = bench.call("calibrator/save")
+    assert answer.success and str(path) in answer.message
+    assert first.end_one("calibrator") == 0
+
+    bench.start_nodes(calibrator={"calibration_file": path})
+    latched = bench.listen(std_msgs.String, "calibration", latched=True)
+    bench.spin_until(lambda: latched, "the loaded calibration is handed on")
+    assert_allclose(
+        calibration_from_yaml(latched[0].data, "topic").errors.to_vector(),
+        read_calibration(path).errors.to_vector(),
+        rtol=0,
+        atol=1e-15,
+    )
+
+
+def test_services_answer_with_the_reason_when_there_is_nothing(bench):
+    """Without samples, calibration or path the services say what is missing."""
+    bench.start_nodes(calibrator={})
+    answer = bench.call("calibrator/calibrate")
+    assert not answer.success and "no samples" in answer.message
+    answer = bench.call("calibrator/save")
+    assert not answer.success and "no calibration" in answer.message
