@@ -53,13 +53,13 @@ def test_operator_is_exact_on_a_linear_field(positions, center, elements):
 
 
 def test_noise_floor_of_the_cross():
-    """White noise of 1 nT with a baseline of 0.5 m makes 2.83 nT/m, for xy 2.00, together 5.99, and 0.50 nT."""
+    """White noise of 1 nT with a baseline of 0.5 m makes 2.83 nT/m, for xy 2.00, together 6.00, and 0.50 nT."""
     noise = np.linalg.norm(Array.cross(0.5).operator, axis=1)
     by_name = dict(zip(OUTPUT_NAMES, noise, strict=True))
     assert_allclose([by_name[name] for name in ("gxx", "gyy", "gyz", "gxz")], np.sqrt(8))
     assert_allclose(by_name["gxy"], 2.0)
     assert_allclose([by_name[name] for name in ("bx", "by", "bz")], 0.5)
-    # √(4·8 + 4) is 6; methods.md prints 5.99, the figure of a finite sample.
+    # √(4·8 + 4); with the scale factors of Wu 2025 Table 1 it becomes 5.99.
     assert_allclose(np.linalg.norm(noise[list(TENSOR_OUTPUTS)]), 6.0)
 
 
