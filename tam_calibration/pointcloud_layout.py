@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tam_calibration.array import OUTPUT_NAMES
 from tam_calibration.problems import InputError
@@ -109,8 +108,7 @@ class SampleLayout:
     def recording(self, rows: FloatArray) -> Recording:
         """Return the recording of (N, columns) rows.
 
-        A channel without any value is left out; one that began late has its first value from the start; one
-        with other gaps is left out, except the scalar, whose gaps stay NaN.
+        A channel without any value is left out.
 
         Raises
         ------
@@ -122,26 +120,14 @@ class SampleLayout:
         first = 1 + 3 * self.sensor_count
         for channel in self.channels:
             last = first + len(CHANNEL_COLUMNS[channel])
-            present[channel] = _fill_start(rows[:, first:last], gaps_allowed=channel == "scalar")
+            if np.isfinite(rows[:, first:last]).any():
+                present[channel] = rows[:, first:last]
             first = last
         scalar, temperature, current = (
-            None if (values := present.get(channel)) is None else values[:, 0]
-            for channel in ("scalar", "temperature", "current")
+            present[channel][:, 0] if channel in present else None for channel in ("scalar", "temperature", "current")
         )
         return Recording(rows[:, 0], readings, scalar, temperature, current, present.get("attitude"))
 
 
 def _channels(recording: Recording) -> tuple[FloatArray | None, ...]:
     return recording.scalar_T, recording.temperature_C, recording.current_A, recording.attitude
-
-
-def _fill_start(values: FloatArray, gaps_allowed: bool) -> FloatArray | None:
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=1))
-    start = int(known.argmax())
-    if not known.any() or not (gaps_allowed or known[start:].all()):
-        return None
-    return (
-        values
-        if gaps_allowed
-        else np.concatenate([np.repeat(values[start : start + 1], start, axis=0), values[start:]])
-    )

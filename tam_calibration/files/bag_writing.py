@@ -1,0 +1,116 @@
+"""Writing bags: recordings, and corrected data beside what was there."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from tam_calibration.files.bag_topics import (
+    CHANNEL_TOPICS,
+    FLOAT64,
+    IMU,
+    MAGNETIC_FIELD,
+    TEMPERATURE,
+    sensor_topic,
+)
+from tam_calibration.files.cdr import fill
+from tam_calibration.files.samples import stamps_of
+from tam_calibration.files.whole import write_whole
+from tam_calibration.pointcloud_layout import FRAME_ID
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+STORAGES = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
+
+TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
+_TYPES = TYPESTORE.types
+
+
+@contextmanager
+def write_bag(path: Path, storage: str) -> Iterator[Writer]:
+    """Give a writer of a bag that appears whole: a folder, or a single file for the suffix .mcap.
+
+    Raises
+    ------
+    InputError
+        When the bag cannot be written.
+    """
+    with write_whole(path) as beside:
+        is_single = path.suffix == ".mcap"
+        folder = beside.with_name("bag") if is_single else beside
+        with Writer(folder, version=9, storage_plugin=STORAGES["mcap" if is_single else storage]) as writer:
+            yield writer
+        if is_single:
+            next(folder.glob("*.mcap")).rename(beside)
+
+
+def write_bag_recording(path: Path, recording: Recording, storage: str = "sqlite3") -> None:
+    """Write a recording as the topics that sensors publish, the scalar as a stamped field of that intensity.
+
+    Raises
+    ------
+    InputError
+        When a time is no stamp, or the bag cannot be written.
+    """
+    stamps_ns = stamps_of(recording.time_s)
+    topics = [
+        (sensor_topic(sensor + 1), MAGNETIC_FIELD, recording.readings_T[:, sensor])
+        for sensor in range(recording.sensor_count)
+    ]
+    for channel, msgtype, values in (
+        ("scalar", MAGNETIC_FIELD, recording.scalar_T),
+        ("temperature", TEMPERATURE, recording.temperature_C),
+        ("current", FLOAT64, recording.current_A),
+        ("attitude", IMU, recording.attitude),
+    ):
+        if values is not None:
+            topics.append((CHANNEL_TOPICS[channel], msgtype, values.reshape(len(values), -1)))
+    with write_bag(path, storage) as writer:
+        write_rows(writer, stamps_ns, [(f"/{topic}", msgtype, values) for topic, msgtype, values in topics])
+
+
+def write_rows(writer: Writer, stamps_ns: NDArray[np.int64], topics: Sequence[tuple[str, str, FloatArray]]) -> None:
+    """Write a message for each row of each topic, sample by sample; rows with NaN are left out."""
+    connections = [writer.add_connection(topic, msgtype, typestore=TYPESTORE) for topic, msgtype, _ in topics]
+    messages = [serialise(msgtype, values, stamps_ns) for _, msgtype, values in topics]
+    is_known = np.column_stack([np.isfinite(values).all(axis=1) for _, _, values in topics]).tolist()
+    for stamp_ns, known, row in zip(stamps_ns.tolist(), is_known, zip(*messages, strict=True), strict=True):
+        for connection, is_there, message in zip(connections, known, row, strict=True):
+            if is_there:
+                writer.write(connection, stamp_ns, message)
+
+
+def serialise(msgtype: str, values: FloatArray, stamps_ns: NDArray[np.int64]) -> Iterator[bytes]:
+    """Yield serialised messages of a sensor's type, one for each row of values."""
+    template, from_end, has_header = _TEMPLATES[msgtype]
+    return fill(template, from_end, values, stamps_ns if has_header else None)
+
+
+def header() -> Any:
+    """Return a header in the array frame, its stamp to be filled in."""
+    return _TYPES["std_msgs/msg/Header"](_TYPES["builtin_interfaces/msg/Time"](0, 0), FRAME_ID)
+
+
+def _make_templates() -> dict[str, tuple[bytes, int, bool]]:
+    """Return for each type a serialised message, the bytes from its values to the end, and whether it has a header."""
+    zero = _TYPES["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+    quaternion = _TYPES["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    unknown, none = np.zeros(9), np.array([-1.0, *[0.0] * 8])
+    messages = {
+        MAGNETIC_FIELD: (_TYPES[MAGNETIC_FIELD](header(), zero, unknown), 12, True),
+        TEMPERATURE: (_TYPES[TEMPERATURE](header(), 0.0, 0.0), 2, True),
+        FLOAT64: (_TYPES[FLOAT64](0.0), 1, False),
+        IMU: (_TYPES[IMU](header(), quaternion, unknown, zero, none, zero, none), 37, True),
+    }
+    return {
+        msgtype: (bytes(TYPESTORE.serialize_cdr(message, msgtype)), 8 * doubles, has_header)
+        for msgtype, (message, doubles, has_header) in messages.items()
+    }
+
+
+_TEMPLATES = _make_templates()

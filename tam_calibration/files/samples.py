@@ -1,0 +1,48 @@
+"""Samples of a recording with the exact stamps of their messages."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+Progress = Callable[[int, int], None]
+"""Called now and then with what is done, and how much there is to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """The samples of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        The samples.
+    stamps_ns : (N,) array of int, optional
+        Stamps of their messages, nanoseconds; None where they were no messages.
+    """
+
+    recording: Recording
+    stamps_ns: NDArray[np.int64] | None = None
+
+
+def stamps_of(time_s: FloatArray) -> NDArray[np.int64]:
+    """Return times as whole nanoseconds.
+
+    Raises
+    ------
+    InputError
+        When a time cannot be the stamp of a message: before 1970 or after 2038.
+    """
+    if time_s[0] < 0 or time_s[-1] >= 2**31:
+        raise InputError(
+            f"the times {time_s[0]} to {time_s[-1]} s cannot be stamps of messages: they must lie between 0 and 2³¹ s"
+        )
+    seconds = np.floor(time_s)
+    nanoseconds = np.rint((time_s - seconds) * 1e9)
+    stamps_ns: NDArray[np.int64] = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds.astype(np.int64)
+    return stamps_ns
