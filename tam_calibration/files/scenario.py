@@ -14,6 +14,7 @@ from tam_calibration.files.whole import write_whole
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
 from tam_calibration.problems import InputError
 from tam_calibration.simulation import Scenario, Simulation
+from tam_calibration.units import to_nanotesla
 
 TRUTH_SCHEMA = "tam_calibration/truth/1"
 
@@ -56,8 +57,8 @@ def write_truth(path: Path, simulation: Simulation) -> None:
         "schema": TRUTH_SCHEMA,
         "sensors": sensors_to_mapping(simulation.errors),
         "field": {
-            "intensity_nT": float(nanotesla_to_write(intensity.mean())),
-            "intensity_standard_deviation_nT": float(nanotesla_to_write(intensity.std())),
+            "intensity_nT": round(float(to_nanotesla(intensity.mean())), 6),
+            "intensity_standard_deviation_nT": round(float(to_nanotesla(intensity.std())), 6),
         },
         "seed": simulation.scenario.seed,
     }
