@@ -24,6 +24,25 @@ SCALE_STATEMENT = (
 
 
 @dataclass(frozen=True, eq=False)
+class ResidualSeries:
+    """Residuals of every sample in a uniform field of known intensity.
+
+    Parameters
+    ----------
+    sensor_intensity_T : (N, K) array
+        |b_i| - s for each sensor, tesla; NaN where there is no reference.
+    center_intensity_T : (N,) array
+        The same for the centre vector, tesla.
+    tensor_T_per_m : (N, 5) array
+        Components xx, xy, xz, yy, yz, T/m; NaN where the geometry has no gradient.
+    """
+
+    sensor_intensity_T: FloatArray
+    center_intensity_T: FloatArray
+    tensor_T_per_m: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Residuals:
     """Root mean square residuals of corrected readings in a uniform field of known intensity.
 
@@ -199,19 +218,29 @@ class Calibration:
         return outputs
 
 
-def measure_residuals(errors: SensorErrors, array: Array, recording: Recording, intensity_T: float) -> Residuals:
-    """Return the residuals of a recording in a uniform field, corrected with given errors.
+def residual_series(errors: SensorErrors, array: Array, recording: Recording, intensity_T: float) -> ResidualSeries:
+    """Return the residuals of each sample of a recording in a uniform field, corrected with given errors.
 
-    ``intensity_T`` stands in where the recording has no scalar reading.
+    ``intensity_T`` stands in where the recording has no scalar channel.
     """
     corrected = errors.restore(recording.readings_T)
     scalar = np.full(recording.sample_count, intensity_T) if recording.scalar_T is None else recording.scalar_T
-    known = np.isfinite(scalar)
-    outputs = np.einsum("nj,ij->ni", corrected.reshape(len(corrected), -1), array.operator)
+    outputs = corrected.reshape(len(corrected), -1) @ array.operator.T
+    return ResidualSeries(
+        norm(corrected, axis=2) - scalar[:, None],
+        norm(outputs[:, :3], axis=1) - scalar,
+        outputs[:, TENSOR_OUTPUTS],
+    )
+
+
+def measure_residuals(errors: SensorErrors, array: Array, recording: Recording, intensity_T: float) -> Residuals:
+    """Return the root mean square residuals of a recording, as in ``residual_series``."""
+    series = residual_series(errors, array, recording, intensity_T)
+    known = np.isfinite(series.center_intensity_T)
     return Residuals(
-        _root_mean_square(norm(corrected, axis=2)[known] - scalar[known, None]),
-        float(_root_mean_square(norm(outputs[known, :3], axis=1) - scalar[known])),
-        _root_mean_square(outputs[:, TENSOR_OUTPUTS]),
+        _root_mean_square(series.sensor_intensity_T[known]),
+        float(_root_mean_square(series.center_intensity_T[known])),
+        _root_mean_square(series.tensor_T_per_m),
     )
 
 

@@ -10,6 +10,9 @@ from tam_calibration.units import FloatArray
 EARTH_FIELD_T = (15e-6, 100e-6)
 """Bounds of the intensity of the geomagnetic field at which a scalar reading is believed."""
 
+CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude")
+"""What may be recorded beside the sensors; a channel that holds nothing but NaN is absent."""
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -48,7 +51,9 @@ class Recording:
         for field in fields(self):
             value = getattr(self, field.name)
             if value is not None:
-                object.__setattr__(self, field.name, np.asarray(value, dtype=float))
+                array = np.asarray(value, dtype=float)
+                is_absent = field.name in CHANNELS and bool(np.isnan(array).all())
+                object.__setattr__(self, field.name, None if is_absent else array)
         if self.readings_T.ndim != 3 or self.readings_T.shape[2] != 3 or self.readings_T.shape[1] < 1:
             raise InputError(f"readings must have the shape (samples, sensors, 3), not {self.readings_T.shape}")
         self._check_shapes()
@@ -58,7 +63,7 @@ class Recording:
         self._check_time()
 
     def _check_shapes(self) -> None:
-        for name in ("time_s", "scalar_T", "temperature_C", "current_A", "attitude"):
+        for name in ("time_s", *CHANNELS):
             value = getattr(self, name)
             shape: tuple[int, ...] = (self.sample_count, 4) if name == "attitude" else (self.sample_count,)
             if value is not None and value.shape != shape:
@@ -69,7 +74,7 @@ class Recording:
             value = getattr(self, field.name)
             if value is None:
                 continue
-            is_channel = field.name not in ("time_s", "readings_T")
+            is_channel = field.name in CHANNELS
             bad = np.isinf(value) if is_channel else ~np.isfinite(value)
             if bad.any():
                 index = np.argwhere(bad)[0]
@@ -132,7 +137,7 @@ class Recording:
             When they betray another unit than the one stated.
         """
         low, high = EARTH_FIELD_T
-        if self.scalar_T is not None and np.isfinite(self.scalar_T).any():
+        if self.scalar_T is not None:
             _check_unit("the scalar intensity is", float(np.nanmedian(self.scalar_T)), low, high)
         size = np.median(np.linalg.norm(self.readings_T, axis=2), axis=0)
         for sensor, value in enumerate(size):

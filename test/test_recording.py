@@ -50,6 +50,12 @@ def test_take_selects_the_same_samples_in_every_channel(chosen):
 
 
 @pytest.mark.parametrize("channel", ["scalar_T", "temperature_C", "current_A"])
+def test_a_channel_that_holds_nothing_is_absent(channel):
+    """A channel of nothing but NaN is as good as none."""
+    assert getattr(recording(**{channel: np.full(SAMPLES, np.nan)}), channel) is None
+
+
+@pytest.mark.parametrize("channel", ["scalar_T", "temperature_C", "current_A"])
 def test_a_channel_may_be_missing_in_places(channel):
     """NaN in a channel beside the sensors means no reading there."""
     assert recording(**{channel: with_value(SAMPLES, 2, np.nan)}).sample_count == SAMPLES

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.linalg import norm
 
-from tam_calibration.calibration import Calibration
+from tam_calibration.calibration import Calibration, residual_series
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES
 from tam_calibration.problems import Refused
 from tam_calibration.recording import EARTH_FIELD_T, Recording
@@ -81,15 +80,12 @@ def find_warnings(recording: Recording, calibration: Calibration) -> tuple[str, 
 
 
 def _residual_in_parts(recording: Recording, calibration: Calibration) -> _Parts | None:
-    scalar = recording.scalar_T
-    reference = np.full(recording.sample_count, calibration.intensity_T) if scalar is None else scalar
-    known = np.flatnonzero(np.isfinite(reference))
-    if len(known) < PARTS * _FEWEST_IN_PART:
+    series = residual_series(calibration.errors, calibration.array, recording, calibration.intensity_T)
+    known = np.isfinite(series.center_intensity_T)
+    residual, time = np.abs(series.sensor_intensity_T[known]).max(axis=1), recording.time_s[known]
+    if len(residual) < PARTS * _FEWEST_IN_PART:
         return None
-    restored = calibration.errors.restore(recording.readings_T[known])
-    residual = np.abs(norm(restored, axis=2) - reference[known, None]).max(axis=1)
-    chunks = np.array_split(np.arange(len(known)), PARTS)
-    time = recording.time_s[known]
+    chunks = np.array_split(np.arange(len(residual)), PARTS)
     return _Parts(
         np.array([np.median(residual[chunk]) for chunk in chunks]),
         np.array([time[chunk[0]] for chunk in chunks]),

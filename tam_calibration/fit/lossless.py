@@ -46,7 +46,7 @@ def lossless(recording: Recording, array: Array, *, as_published: bool = False) 
         When the readings determine no ellipsoid, or a sensor is left-handed.
     """
     scalar = recording.scalar_T
-    known = recording if scalar is None or np.isnan(scalar).all() else recording.take(np.isfinite(scalar))
+    known = recording if scalar is None else recording.take(np.isfinite(scalar))
     if known.sample_count < FEWEST_SAMPLES:
         raise InputError(
             f"{known.sample_count} samples are too few for the lossless calibration: it needs {FEWEST_SAMPLES}"

@@ -43,8 +43,7 @@ def make_calibration(method: str, recording: Recording, array: Array, estimate: 
     """
     noisy, noise_is_estimated = complete_noise(array, recording)
     scalar = recording.scalar_T
-    has_scalar = scalar is not None and bool(np.isfinite(scalar).any())
-    intensity = float(np.nanmean(scalar)) if scalar is not None and has_scalar else estimate.intensity_T
+    intensity = estimate.intensity_T if scalar is None else float(np.nanmean(scalar))
     chi_square = _reduced_chi_square(recording, noisy, estimate)
     covariance = estimate.covariance
     if array.vector_noise_T is None and noisy.vector_noise_T is not None and chi_square:
@@ -59,7 +58,7 @@ def make_calibration(method: str, recording: Recording, array: Array, estimate: 
         noise_is_estimated=noise_is_estimated,
         errors=estimate.errors,
         covariance=covariance,
-        has_scalar_reference=has_scalar,
+        has_scalar_reference=scalar is not None,
         intensity_T=intensity,
         before=measure_residuals(none, array, recording, intensity),
         in_sample=measure_residuals(estimate.errors, array, recording, intensity),

@@ -58,9 +58,8 @@ def normalize(recording: Recording) -> Normalized:
     origin = np.stack([sphere_center(some[:, sensor]) for sensor in range(recording.sensor_count)])
     radius = float(norm(some - origin, axis=2).mean())
     scalar = recording.scalar_T
-    has_scalar = scalar is not None and bool(np.isfinite(scalar).any())
-    intensity = scalar / radius if scalar is not None and has_scalar else np.ones(recording.sample_count)
-    return Normalized((recording.readings_T - origin) / radius, intensity, origin, radius, has_scalar)
+    intensity = np.ones(recording.sample_count) if scalar is None else scalar / radius
+    return Normalized((recording.readings_T - origin) / radius, intensity, origin, radius, scalar is not None)
 
 
 def free_scale(matrix: FloatArray) -> FloatArray:

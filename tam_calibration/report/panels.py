@@ -1,8 +1,7 @@
 """Residuals as the panels of figures, in nT and nT/m, each with its noise floor."""
 
 from tam_calibration.array import OUTPUT_NAMES, TENSOR_OUTPUTS
-from tam_calibration.calibration import Residuals
-from tam_calibration.report.evidence import ResidualSeries
+from tam_calibration.calibration import Residuals, ResidualSeries
 from tam_calibration.report.residual_plots import Panel
 from tam_calibration.units import to_nanotesla
 

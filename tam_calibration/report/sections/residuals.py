@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from tam_calibration.calibration import Residuals
-from tam_calibration.report.evidence import NO_GRADIENT, Evidence, ResidualSeries
+from tam_calibration.calibration import Residuals, ResidualSeries
+from tam_calibration.report.evidence import NO_GRADIENT, Evidence
 from tam_calibration.report.page import Block, Gallery, Section, Text, embed
 from tam_calibration.report.panels import intensity_panels, tensor_panels
 from tam_calibration.report.residual_plots import Panel, plot_over_time, thinning_note
