@@ -20,7 +20,7 @@ class ScalarReference:
     rate_hz : float, optional
         Readings per second, at most the sensors' rate; None for one in every sample.
     one_error_per_recording : bool
-        Whether the noise is one draw for the whole recording (methods.md on Wu 2025 Fig. 6) and not one per reading.
+        Whether the noise is one draw for the whole recording, as Wu 2025 Fig. 6 needs it, and not one per reading.
     """
 
     rate_hz: float | None = None
