@@ -2,6 +2,7 @@
 
 from tam_calibration.files.array_yaml import array_from_mapping, array_to_mapping, read_array, write_array
 from tam_calibration.files.calibration_yaml import (
+    FORMULA,
     calibration_from_yaml,
     calibration_to_mapping,
     calibration_to_yaml,
@@ -13,6 +14,7 @@ from tam_calibration.files.recording_file import read_recording, read_samples, w
 from tam_calibration.files.whole import write_whole
 
 __all__ = [
+    "FORMULA",
     "array_from_mapping",
     "array_to_mapping",
     "calibration_from_yaml",

@@ -133,7 +133,10 @@ def _synchronise(reader: Reader, topics: StreamTopics, synchroniser: Synchronise
 
 def _check(samples: list[Sample], synchroniser: Synchroniser) -> None:
     if not samples:
-        raise InputError(f"no sample could be joined by the stamps of the topics: {synchroniser.explain_losses()}")
+        raise InputError(
+            f"no sample could be joined by the stamps of the topics ({synchroniser.explain_losses()}): "
+            "compare the stamps; where they only differ a little, raise the tolerance"
+        )
     if synchroniser.restarts:
         raise InputError(
             f"the stamps go backwards {synchroniser.restarts} times: keep one run (a bag that was played in a loop, "

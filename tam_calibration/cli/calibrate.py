@@ -1,0 +1,104 @@
+"""`tam calibrate`: from a recording to a calibration."""
+
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+
+import click
+import numpy as np
+
+from tam_calibration.calibration import Calibration
+from tam_calibration.cli.terminal import (
+    PATH,
+    reading,
+    showing_progress,
+    stdout,
+    to_json,
+    tolerance_option,
+    write_together,
+)
+from tam_calibration.files import (
+    calibration_to_mapping,
+    calibration_to_yaml,
+    provenance,
+    read_array,
+    read_samples,
+)
+from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
+from tam_calibration.geomagnetic import site_field_T
+from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
+
+
+@click.command()
+@click.argument("recording", type=PATH)
+@click.option("--array", type=PATH, required=True, help="Array YAML: where the sensors sit, and their noise.")
+@click.option("-o", "--output", type=PATH, help="Calibration YAML to write.")
+@click.option("--method", default=DEFAULT_METHOD, show_default=True, help=f"One of {', '.join(METHODS)}.")
+@click.option("--place", help="LAT,LON,DATE of a recording without scalar: its intensity is that of IGRF there.")
+@tolerance_option
+@click.option("--json", "json_path", type=PATH, help="Write the result as JSON; - is stdout, instead of the tables.")
+@click.option("--report", type=PATH, help="Write an HTML page with residuals, coverage and parameters.")
+def command(
+    recording: Path,
+    array: Path,
+    output: Path | None,
+    method: str,
+    place: str | None,
+    tolerance_s: float,
+    json_path: Path | None,
+    report: Path | None,
+) -> None:
+    """Estimate the errors of an array's sensors from RECORDING: a CSV file or a bag."""
+    to_stdout = json_path == Path("-")
+    outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
+    with write_together(outputs, [recording, array]) as beside:
+        data, calibration = _calibrate(recording, array, method, place, tolerance_s)
+        if "yaml" in beside:
+            beside["yaml"].write_text(calibration_to_yaml(calibration), encoding="utf-8")
+        if "json" in beside:
+            beside["json"].write_text(to_json(calibration_to_mapping(calibration)), encoding="utf-8")
+        if "report" in beside:
+            from tam_calibration.report import write_calibration_report  # late, as it brings matplotlib with it
+
+            write_calibration_report(beside["report"], calibration, data)
+    if to_stdout:
+        click.echo(to_json(calibration_to_mapping(calibration)))
+    else:
+        _print(data, calibration, [path for path in outputs.values() if path])
+
+
+def _calibrate(
+    path: Path, array_path: Path, method: str, place: str | None, tolerance_s: float
+) -> tuple[Recording, Calibration]:
+    array = read_array(array_path)
+    with showing_progress() as progress:
+        recording = read_samples(path, array.sensor_count, tolerance_s, reading(progress)).recording
+        if place is not None:
+            recording = _with_intensity(recording, place)
+        progress.add_task(f"fitting {recording.sample_count} samples", total=None)
+        calibration = calibrate(recording, array, method)
+    return recording, replace(calibration, source=provenance(path))
+
+
+def _with_intensity(recording: Recording, place: str) -> Recording:
+    if recording.scalar_T is not None:
+        raise InputError("--place is for recordings without a scalar reference; this one has its own")
+    try:
+        latitude, longitude, day = place.split(",")
+        where = float(latitude), float(longitude)
+        when = date.fromisoformat(day.strip())
+    except ValueError:
+        raise InputError(f"--place must be LAT,LON,DATE such as 47.37,8.54,2025-06-30, not {place!r}") from None
+    intensity = np.linalg.norm(site_field_T(*where, 0.0, when))
+    return replace(recording, scalar_T=np.full(recording.sample_count, intensity))
+
+
+def _print(recording: Recording, calibration: Calibration, written: list[Path]) -> None:
+    from tam_calibration.cli.calibration_table import print_calibration
+    from tam_calibration.fit.coverage import field_of, measure_coverage
+
+    console = stdout()
+    print_calibration(console, calibration, measure_coverage(field_of(recording, calibration.errors)))
+    for path in written:
+        click.echo(f"written: {path}")

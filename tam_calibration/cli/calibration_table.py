@@ -1,0 +1,71 @@
+"""A calibration as tables for people in a terminal."""
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from tam_calibration.array import OUTPUT_NAMES, TENSOR_OUTPUTS
+from tam_calibration.calibration import Calibration, Residuals
+from tam_calibration.errors import PARAMETER_NAMES
+from tam_calibration.files import FORMULA
+from tam_calibration.fit.coverage import Coverage
+from tam_calibration.report.formatting import number, sentence, with_error
+from tam_calibration.units import to_degrees, to_nanotesla
+
+_KINDS = (("", 1.0, 6), (" (°)", to_degrees(1.0), 5), (" (nT)", to_nanotesla(1.0), 2), (" (°)", to_degrees(1.0), 5))
+"""Unit, factor from SI and decimals of scale factor, non-orthogonality, bias and misalignment."""
+
+
+def print_calibration(console: Console, calibration: Calibration, coverage: Coverage) -> None:
+    """Print parameters, residuals, coverage, what to know, and how to apply the calibration by hand."""
+    console.print(_parameters(calibration))
+    console.print(_residuals(calibration))
+    intensity = number(to_nanotesla(calibration.intensity_T), 6)
+    reference = "from the scalar reference" if calibration.has_scalar_reference else "fitted, on an unknown scale"
+    console.print(f"Field: {intensity} nT, {reference}. Samples: {calibration.samples}.")
+    console.print(f"Coverage: {calibration.coverage:.0%} of the sphere. {sentence(coverage.advice)}")
+    if calibration.noise_is_estimated:
+        console.print("Noise: not stated in the array file, estimated from the recording's fast differences.")
+    for warning in calibration.warnings:
+        console.print(f"Warning: {sentence(warning)}", style="bold")
+    for statement in calibration.statements:
+        console.print(statement)
+    console.print(f"By hand: {FORMULA}")
+
+
+def _parameters(calibration: Calibration) -> Table:
+    values, standard_errors = calibration.errors.to_vector(), calibration.standard_errors
+    table = Table("parameter", title=f"Errors of the sensors ± standard errors ({calibration.method})")
+    for sensor in range(calibration.errors.sensor_count):
+        table.add_column(f"sensor {sensor + 1}", justify="right")
+    for index, name in enumerate(PARAMETER_NAMES):
+        unit, factor, decimals = _KINDS[index // 3]
+        pairs = zip(values[:, index] * factor, standard_errors[:, index] * factor, strict=True)
+        table.add_row(name + unit, *(with_error(float(value), float(error), decimals) for value, error in pairs))
+    return table
+
+
+def _residuals(calibration: Calibration) -> Table:
+    columns = {
+        "before": calibration.before,
+        "in sample": calibration.in_sample,
+        "held out": calibration.held_out,
+        "noise floor": calibration.floor,
+    }
+    present = {name: _rows(residuals) for name, residuals in columns.items() if residuals is not None}
+    table = Table("RMS residual", title="Residuals in a uniform field")
+    for name in present:
+        table.add_column(name, justify="right")
+    for quantity in present["before"]:
+        table.add_row(quantity, *(number(rows[quantity], 4) for rows in present.values()))
+    return table
+
+
+def _rows(residuals: Residuals) -> dict[str, float]:
+    rows = {f"|B| of sensor {k} (nT)": value for k, value in enumerate(residuals.sensor_intensity_T, start=1)}
+    rows["|B| at the centre (nT)"] = residuals.center_intensity_T
+    if np.isfinite(residuals.tensor_rmse_T_per_m):
+        names = (f"{OUTPUT_NAMES[index]} (nT/m)" for index in TENSOR_OUTPUTS)
+        rows |= dict(zip(names, residuals.tensor_T_per_m, strict=True))
+        rows["tensor, root of the sum of squares (nT/m)"] = residuals.tensor_rmse_T_per_m
+    return {name: to_nanotesla(float(value)) for name, value in rows.items()}

@@ -1,0 +1,87 @@
+"""What the subcommands share: progress on stderr, results that appear together or not at all."""
+
+import json
+import math
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from tam_calibration.files import write_whole
+from tam_calibration.files.recording_file import TOLERANCE_S
+from tam_calibration.files.samples import Progress as ProgressCallback
+from tam_calibration.problems import InputError
+
+PIPE_WIDTH = 120
+
+PATH = click.Path(path_type=Path)
+"""A path that is checked where it is used, in one sentence."""
+
+
+tolerance_option = click.option(
+    "--tolerance-s", default=TOLERANCE_S, show_default=True, help="Greatest difference of stamps within a bag's sample."
+)
+
+
+def stdout() -> Console:
+    """Return the console for results; wide enough for tables where it is a file or a pipe."""
+    return Console(width=None if sys.stdout.isatty() else PIPE_WIDTH, highlight=False, markup=False)
+
+
+@contextmanager
+def showing_progress() -> Iterator[Progress]:
+    """Show tasks on stderr while they run, where that is a terminal."""
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        yield progress
+
+
+def reading(progress: Progress) -> ProgressCallback:
+    """Return a callback that shows how much of the recording was read."""
+    task = progress.add_task("reading the recording", total=None)
+    return lambda done, total: progress.update(task, completed=done, total=total)
+
+
+@contextmanager
+def write_together(outputs: Mapping[str, Path | None], inputs: list[Path]) -> Iterator[dict[str, Path]]:
+    """Give a place to write each output to; they appear when all went well, and no input is overwritten.
+
+    Parameters
+    ----------
+    outputs : mapping
+        Path of each output, None where it is not wanted.
+    inputs : list of Path
+        What was read.
+
+    Raises
+    ------
+    InputError
+        When an output cannot be written, or is an input or another output.
+    """
+    wanted = {name: path for name, path in outputs.items() if path is not None}
+    taken = {path.resolve() for path in inputs}
+    for path in wanted.values():
+        if path.resolve() in taken:
+            raise InputError(f"{path} would be overwritten: choose another name for the output")
+        taken.add(path.resolve())
+    with ExitStack() as stack:
+        yield {name: stack.enter_context(write_whole(path)) for name, path in wanted.items()}
+
+
+def to_json(content: Mapping[str, Any]) -> str:
+    """Return JSON text; NaN, which JSON has not, becomes null."""
+    return json.dumps(_without_nan(content), ensure_ascii=False, indent=1)
+
+
+def _without_nan(content: Any) -> Any:
+    if isinstance(content, Mapping):
+        return {key: _without_nan(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_without_nan(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
