@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from tam_calibration.recording import Recording
 
 METHODS: dict[str, Callable[[Recording, Array], Calibration]] = {
     "maximum_likelihood": maximum_likelihood,
+    "robust": partial(maximum_likelihood, robust=True),
     "lossless": lossless,
 }
 DEFAULT_METHOD = "maximum_likelihood"

@@ -11,9 +11,9 @@ from numpy.linalg import LinAlgError, inv
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
 from tam_calibration.errors import SensorErrors
-from tam_calibration.fit import ellipsoid
+from tam_calibration.fit import ellipsoid, student
 from tam_calibration.fit.bound import parameter_covariance
-from tam_calibration.fit.likelihood import Likelihood, Linearization
+from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
@@ -21,10 +21,10 @@ from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
-_MOST_STEPS = 50
+_MOST_STEPS = 100
 
 
-def maximum_likelihood(recording: Recording, array: Array) -> Calibration:
+def maximum_likelihood(recording: Recording, array: Array, *, robust: bool = False) -> Calibration:
     """Fit the errors of the sensors by maximum likelihood.
 
     Parameters
@@ -34,11 +34,14 @@ def maximum_likelihood(recording: Recording, array: Array) -> Calibration:
         without any, the intensity is an unknown constant.
     array : Array
         Geometry and noise; a noise that is not stated is estimated.
+    robust : bool
+        Whether the noise is taken for Student-t with four degrees of freedom and a scale that is estimated, so that
+        outliers count little. Without outliers this costs a few per cent of the standard errors.
 
     Returns
     -------
     Calibration
-        With the covariance of the estimate, the inverse of its Fisher information.
+        With the covariance of the estimate: the inverse of its Fisher information, or its sandwich form.
 
     Raises
     ------
@@ -54,14 +57,18 @@ def maximum_likelihood(recording: Recording, array: Array) -> Calibration:
     vector_noise = noisy.vector_noise_T / data.radius_T
     scalar_noise = noisy.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
     likelihood = Likelihood(data.points, data.intensity, vector_noise, scalar_noise)
-    matrix, bias, point = _gauss_newton(likelihood, *_closed_form(data, vector_noise))
+    matrix, bias = _gauss_newton(likelihood, *_closed_form(data, vector_noise), robust)
+    information = likelihood.linearize(matrix, bias).information
+    if robust:
+        energy, channels = likelihood.energy(matrix, bias), likelihood.channel_count
+        information = information / student.variance_factor(energy, channels, student.scale_square(energy, channels))
     factor = 1.0 if data.has_scalar else float(free_scale(matrix))
     errors = SensorErrors.from_matrix(factor * matrix, data.origin_T + data.radius_T * bias)
     errors.misalignment[0] = 0
     free_intensity = None if data.has_scalar else data.radius_T / factor
-    covariance = parameter_covariance(point.information, errors, data.radius_T, free_intensity)
+    covariance = parameter_covariance(information, errors, data.radius_T, free_intensity)
     estimate = Estimate(errors, covariance, covariance_from_noise=True, intensity_T=data.radius_T / factor)
-    return make_calibration("maximum_likelihood", recording, array, estimate)
+    return make_calibration("robust" if robust else "maximum_likelihood", recording, array, estimate)
 
 
 def _closed_form(data: Normalized, vector_noise: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -94,26 +101,35 @@ def _into_frame_of_first(matrix: FloatArray) -> FloatArray:
 
 
 def _gauss_newton(
-    likelihood: Likelihood, matrix: FloatArray, bias: FloatArray
-) -> tuple[FloatArray, FloatArray, Linearization]:
+    likelihood: Likelihood, matrix: FloatArray, bias: FloatArray, robust: bool
+) -> tuple[FloatArray, FloatArray]:
     free = np.ones(12 * len(matrix), dtype=bool)
     free[[4, 8, 9]] = False  # what lies below the diagonal of the first matrix
     previous = np.inf
     for _ in range(_MOST_STEPS):
-        point = likelihood.linearize(matrix, bias)
+        weights = _student_weights(likelihood, matrix, bias) if robust else None
+        point = likelihood.linearize(matrix, bias, weights)
         step = np.zeros(free.size)
         step[free] = _solve(point.information[np.ix_(free, free)], point.gradient[free])
         # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.
         decrement = float(step @ point.gradient)
         update = step.reshape(-1, 3, 4)
         matrix, bias = matrix + update[..., :3], bias + update[..., 3]
-        if decrement < 1e-12 or (decrement < 1e-2 and decrement > previous / 4):
-            return matrix, bias, point
+        # Newton's steps fall quadratically until rounding stops them, those with new weights by a constant factor.
+        is_rounding = not robust and decrement < 1e-2 and decrement > previous / 4
+        if is_rounding or decrement < (1e-8 if robust else 1e-12):
+            return matrix, bias
         previous = decrement
     raise Refused(
         f"the fit did not settle in {_MOST_STEPS} steps: the readings do not fit one calibration, "
         "look for a change of field or sensor during the recording"
     )
+
+
+def _student_weights(likelihood: Likelihood, matrix: FloatArray, bias: FloatArray) -> FloatArray:
+    energy, channels = likelihood.energy(matrix, bias), likelihood.channel_count
+    square = student.scale_square(energy, channels)
+    return student.weights(energy, channels, square) / square
 
 
 def _solve(information: FloatArray, gradient: FloatArray) -> FloatArray:

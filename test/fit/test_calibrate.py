@@ -33,7 +33,7 @@ def test_residuals_before_are_those_of_the_paper(wu_scenario):
 
 def test_unknown_method_lists_the_known_ones(wu_run, wu_scenario):
     """A misspelled method is answered with the names there are."""
-    with pytest.raises(InputError, match="no method 'ellipse': choose one of maximum_likelihood, lossless"):
+    with pytest.raises(InputError, match="no method 'ellipse': choose one of maximum_likelihood, robust, lossless"):
         calibrate(wu_run.recording, wu_scenario.array, "ellipse")
 
 

@@ -154,3 +154,30 @@ def test_nine_poses_on_a_circle_determine_no_ellipsoid(wu_scenario):
     recording = Recording(np.arange(9.0), SensorErrors.none(4).distort(field), np.full(9, 4.7e-5))
     with pytest.raises(InputError, match="do not lie on an ellipsoid"):
         maximum_likelihood(recording, wu_scenario.array)
+
+
+@pytest.mark.parametrize("size_T", [0.0, 100e-9, 10e-6])
+def test_robust_errors_stay_within_their_standard_errors(wu_scenario, size_T):
+    """With and without 5 % of outliers the robust fit's errors have the spread that it tells, near the bound."""
+    generator = np.random.default_rng(7)
+    squares, told = [], []
+    for seed in range(30):
+        run = simulate(replace(wu_scenario, seed=seed))
+        hit = generator.random(run.recording.sample_count) < 0.05
+        outliers = size_T * generator.standard_normal((hit.sum(), 4, 3))
+        readings = run.recording.readings_T.copy()
+        readings[hit] += outliers
+        calibration = maximum_likelihood(replace(run.recording, readings_T=readings), wu_scenario.array, robust=True)
+        variance = np.diag(bound(run.center_field_T, run.errors, wu_scenario.array, has_scalar=True)).reshape(4, 12)
+        squares.append((calibration.errors.to_vector() - run.errors.to_vector())[1:] ** 2 / variance[1:])
+        told.append(calibration.standard_errors[1:] ** 2 / variance[1:])
+    assert np.sqrt(np.mean(told)) < 1.10
+    assert np.mean(squares) == pytest.approx(np.mean(told), abs=4 * np.sqrt(2 / 30 / 20))
+
+
+def test_robust_fit_is_exact_without_noise(noise_free, wu_scenario):
+    """Without noise the robust fit gives the errors back, even with a tenth of the samples spoilt."""
+    readings = noise_free.recording.readings_T.copy()
+    readings[::10] += 1e-6
+    found = maximum_likelihood(replace(noise_free.recording, readings_T=readings), wu_scenario.array, robust=True)
+    assert_allclose(found.errors.bias_T, noise_free.errors.bias_T, rtol=0, atol=1e-13)
