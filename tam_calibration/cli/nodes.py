@@ -18,7 +18,9 @@ REFRESH_S = 0.2
 
 
 @click.command()
-@click.option("--array", type=click.Path(exists=True, path_type=Path), help="Array YAML; without it the cross of 0.5 m.")
+@click.option(
+    "--array", type=click.Path(exists=True, path_type=Path), help="Array YAML; without it the cross of 0.5 m."
+)
 @click.option(
     "--calibration",
     type=click.Path(dir_okay=False, path_type=Path),

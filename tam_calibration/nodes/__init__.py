@@ -29,7 +29,7 @@ def ros_session() -> Iterator[None]:
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import try_shutdown
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         yield
@@ -37,3 +37,4 @@ def ros_session() -> Iterator[None]:
         pass
     finally:
         try_shutdown()
+        signal.signal(signal.SIGTERM, before)

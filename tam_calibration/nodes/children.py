@@ -99,12 +99,13 @@ class Children:
                 self._refuse(name)
 
     def end(self, signal_number: signal.Signals = signal.SIGINT) -> dict[str, int]:
-        """End the processes and return their exit codes."""
+        """End the processes and return their exit codes; one that was still starting may die of the signal: 0."""
         for process in self._processes.values():
             if process.poll() is None:
                 process.send_signal(signal_number)
         limit = time.monotonic() + GRACE_S
-        return {name: _wait(process, limit) for name, process in self._processes.items()}
+        codes = {name: _wait(process, limit) for name, process in self._processes.items()}
+        return {name: 0 if code == -signal_number else code for name, code in codes.items()}
 
     def end_one(self, name: str, signal_number: signal.Signals = signal.SIGINT) -> int:
         """End one process and return its exit code; it is no longer watched."""
@@ -112,9 +113,9 @@ class Children:
         process.send_signal(signal_number)
         return _wait(process, time.monotonic() + GRACE_S)
 
-    def wait(self, name: str, timeout_s: float) -> int:
-        """Wait for one process to end by itself and return its exit code; it is no longer watched."""
-        return self._processes.pop(name).wait(timeout_s)
+    def is_running(self, name: str) -> bool:
+        """Return whether a process has not ended."""
+        return self._processes[name].poll() is None
 
     def log(self, name: str) -> str:
         """Return the output of a process so far."""

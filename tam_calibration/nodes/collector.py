@@ -13,6 +13,8 @@ from sensor_msgs.msg import Imu, MagneticField, PointCloud2, Temperature
 from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
 
+from tam_calibration.files.bag_topics import CHANNEL_TOPICS, sensor_topic
+from tam_calibration.files.recording_file import TOLERANCE_S
 from tam_calibration.fit.coverage import Coverage, LiveCoverage
 from tam_calibration.message_stream import sensor_stream
 from tam_calibration.nodes.base import ERROR, OK, RELIABLE_STREAM, STALE, STREAM, WARN, Health, TamNode
@@ -22,7 +24,7 @@ from tam_calibration.nodes.process import run
 from tam_calibration.pointcloud_layout import SampleLayout
 from tam_calibration.synchronisation import Sample, Synchroniser
 
-SCALAR_TOPIC = "scalar/intensity"
+SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
 SCALAR_TYPES = {"sensor_msgs/MagneticField": MagneticField, "std_msgs/Float64": Float64}
 
 RULES = (
@@ -31,7 +33,7 @@ RULES = (
     Rule("scalar_type", "sensor_msgs/MagneticField", f"Message type of {SCALAR_TOPIC}.", choices=tuple(SCALAR_TYPES)),
     Rule(
         "tolerance_s",
-        0.002,
+        TOLERANCE_S,
         "Greatest difference of stamps within a sample [s]; less than half the time between samples.",
         bounds=(0.0, 10.0),
     ),
@@ -59,7 +61,7 @@ class Collector(TamNode):
     def health(self) -> Health:
         """Return what hinders, or what to do next for the coverage."""
         if self._synchroniser is None:
-            topics = ", ".join(f"{name}/magnetic_field" for name in self._sensors)
+            topics = ", ".join(map(sensor_topic, range(1, self._layout.sensor_count + 1)))
             return Health(STALE, f"no message yet on {topics}: start the sensors' drivers or play a bag")
         silent = self._silent()
         if len(silent) == len(self._sensors):
@@ -94,13 +96,13 @@ class Collector(TamNode):
         return "" if not types or self.value("scalar_type") in types else types.pop()
 
     def _subscribe(self) -> None:
-        for name in self._sensors:
-            self.create_subscription(MagneticField, f"{name}/magnetic_field", partial(self._take_sensor, name), STREAM)
+        for sensor, name in enumerate(self._sensors, start=1):
+            self.create_subscription(MagneticField, sensor_topic(sensor), partial(self._take_sensor, name), STREAM)
         scalar_type = SCALAR_TYPES[self.value("scalar_type")]
         self.create_subscription(scalar_type, SCALAR_TOPIC, self._take_scalar, STREAM)
-        self.create_subscription(Imu, "imu/data", self._take_attitude, STREAM)
-        self.create_subscription(Temperature, "temperature", self._take_temperature, STREAM)
-        self.create_subscription(Float64, "current", self._take_current, STREAM)
+        self.create_subscription(Imu, CHANNEL_TOPICS["attitude"], self._take_attitude, STREAM)
+        self.create_subscription(Temperature, CHANNEL_TOPICS["temperature"], self._take_temperature, STREAM)
+        self.create_subscription(Float64, CHANNEL_TOPICS["current"], self._take_current, STREAM)
 
     def _take_sensor(self, stream: str, message: MagneticField) -> None:
         self._push(stream, _stamp_ns(message.header), _vector(message))

@@ -40,6 +40,11 @@ class Monitor(Node):
         status = self.statuses[name]
         return {value.key: value.value for value in status.values} if status else {}
 
+    def count(self, name: str, figure: str) -> int | None:
+        """Return a figure of a node's status that counts; None where it is not told yet."""
+        value = self.figures(name).get(figure)
+        return None if value is None else int(value)
+
     def news(self) -> list[str]:
         """Return a line for each node whose status says something else than before, figures aside."""
         lines = []

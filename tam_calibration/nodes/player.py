@@ -11,6 +11,7 @@ from rclpy.time import Time
 from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
 
+from tam_calibration.files.bag import raw_messages
 from tam_calibration.problems import InputError
 
 CLOCK_PERIOD_NS = 10_000_000
@@ -26,7 +27,7 @@ class Player(Node):
     Parameters
     ----------
     reader : rosbags.rosbag2.Reader
-        An open bag.
+        An open bag that holds messages.
     rate : float
         How many times faster than recorded.
     clock : bool
@@ -35,7 +36,7 @@ class Player(Node):
     Raises
     ------
     InputError
-        When the bag holds no message, or none of a type that is installed here.
+        When no message of it is of a type that is installed here.
     """
 
     def __init__(self, reader: Reader, rate: float = 1.0, clock: bool = False) -> None:
@@ -47,8 +48,8 @@ class Player(Node):
         self._sensors: dict[str, Any] = {}
         for connection in reader.connections:
             self._advertise(connection)
-        if not reader.message_count or not self._publishers_by_topic:
-            raise InputError(f"{reader.path}: there is no message to play; was the recorder killed?")
+        if not self._publishers_by_topic:
+            raise InputError(f"{reader.path}: no message type of it is installed: {', '.join(self.unknown_types)}")
 
     @property
     def duration_s(self) -> float:
@@ -70,7 +71,7 @@ class Player(Node):
     def play(self) -> Iterator[float]:
         """Publish every message once, yielding after each how many seconds of the bag have been played."""
         first, begin, clock_due = self._reader.start_time, time.monotonic(), 0
-        for connection, stamp, data in self._reader.messages():
+        for connection, stamp, data in raw_messages(self._reader, self._reader.connections):
             publisher = self._publishers_by_topic.get(connection.topic)
             if publisher is None:
                 continue

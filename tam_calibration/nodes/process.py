@@ -13,6 +13,9 @@ from rclpy.utilities import ok, try_shutdown
 
 from tam_calibration.problems import InputError
 
+RCLError = rclpy_implementation.RCLError
+BAD_ARGUMENTS = (RCLError, rclpy_implementation.RCLInvalidROSArgsError, rclpy_implementation.UnknownROSArgsError)
+
 
 def run(make_node: Callable[[], Node], make_executor: Callable[[], Executor]) -> int:
     """Spin a node until SIGINT, SIGTERM or the end of its context.
@@ -29,7 +32,7 @@ def run(make_node: Callable[[], Node], make_executor: Callable[[], Executor]) ->
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        rclpy.init()
+        _initialise()
         _spin(make_node(), make_executor())
     except (InputError, ParameterException, OSError) as problem:
         print(f"tam: {problem}", file=sys.stderr)
@@ -43,13 +46,20 @@ def run(make_node: Callable[[], Node], make_executor: Callable[[], Executor]) ->
     return 0
 
 
+def _initialise() -> None:
+    try:
+        rclpy.init()
+    except BAD_ARGUMENTS as problem:
+        raise InputError(f"the arguments of ROS cannot be used: {str(problem).partition(', at /')[0]}") from problem
+
+
 def _spin(node: Node, executor: Executor) -> None:
     try:
         executor.add_node(node)
         # The events executor's own spin() does not return on signals.
         while ok():
             executor.spin_once(timeout_sec=1.0)
-    except rclpy_implementation.RCLError:
+    except RCLError:
         if ok():
             raise
     finally:

@@ -1,0 +1,61 @@
+"""`tam play`: play a bag onto its topics."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tam_calibration.nodes import ros_session
+
+if TYPE_CHECKING:
+    from tam_calibration.nodes.player import Player
+
+WAIT_S = 10.0
+
+
+@click.command()
+@click.argument("bag", type=click.Path(exists=True, path_type=Path))
+@click.option(
+    "--rate",
+    type=click.FloatRange(min=0, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="How many times faster than recorded.",
+)
+@click.option("--loop", is_flag=True, help="Begin again at the end; stamps then go backwards.")
+@click.option("--clock", is_flag=True, help="Publish the bag's time on /clock, for nodes with use_sim_time.")
+def command(bag: Path, rate: float, loop: bool, clock: bool) -> None:
+    """Play every topic of BAG, a rosbag2 folder or .mcap file, once somebody listens to the sensors."""
+    from tam_calibration.files.bag import open_bag
+
+    with ros_session(), open_bag(bag) as reader:
+        from tam_calibration.nodes.player import Player
+
+        player = Player(reader, rate, clock)
+        _wait(player)
+        _show(player, loop)
+
+
+def _wait(player: "Player") -> None:
+    for name in player.unknown_types:
+        click.echo(f"not played: {name} is not installed here", err=True)
+    if not player.wait_for_subscribers(WAIT_S):
+        click.echo(f"nobody listens to {', '.join(player.unheard())}; playing all the same", err=True)
+
+
+def _show(player: "Player", loop: bool) -> None:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True)) as progress:
+        task = progress.add_task("playing", total=player.duration_s)
+        while True:
+            begin = time.monotonic()
+            count = 0
+            for position_s in player.play():
+                count += 1
+                progress.update(task, completed=position_s)
+            progress.console.print(f"{count} messages in {time.monotonic() - begin:.1f} s")
+            if not loop:
+                return
