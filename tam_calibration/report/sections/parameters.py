@@ -26,7 +26,7 @@ def build(evidence: Evidence) -> Section:
     """Return the section."""
     calibration = evidence.calibration
     blocks: list[Block] = [_parameters(calibration), *(Text(statement) for statement in calibration.statements)]
-    blocks += [Text(_SENSOR_BY_HAND), Formula(["bᵢ = Mᵢ (yᵢ − oᵢ),   Mᵢ = (Dᵢ Λᵢ)⁻¹"]), _matrices(calibration)]
+    blocks += [Text(_SENSOR_BY_HAND), Formula(["bᵢ = Cᵢ (yᵢ − oᵢ),   Cᵢ = (Dᵢ Λᵢ)⁻¹"]), _matrices(calibration)]
     if calibration.array.has_gradient:
         blocks += [Text(_ARRAY_BY_HAND), Formula(["b = Σᵢ Wᵢ bᵢ,   g = Σᵢ Gᵢ bᵢ"]), _weights(calibration)]
     else:
@@ -51,8 +51,8 @@ def _matrices(calibration: Calibration) -> Table:
         for axis, name in enumerate("xyz"):
             bias = fixed(to_nanotesla(float(calibration.errors.bias_T[sensor, axis])), 3)
             rows.append([f"{sensor + 1} {name}", bias, *(fixed(float(value), 9) for value in matrix[axis])])
-    header = ["sensor, axis", "o (nT)", "M, column x", "M, column y", "M, column z"]
-    return Table(header, rows, "Bias o and matrix M of each sensor.")
+    header = ["sensor, axis", "o (nT)", "C, column x", "C, column y", "C, column z"]
+    return Table(header, rows, "Bias o and matrix C of each sensor; C is the inverse of the matrix in the calibration file.")
 
 
 def _weights(calibration: Calibration) -> Table:
