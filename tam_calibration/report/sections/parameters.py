@@ -52,7 +52,7 @@ def _matrices(calibration: Calibration) -> Table:
             bias = fixed(to_nanotesla(float(calibration.errors.bias_T[sensor, axis])), 3)
             rows.append([f"{sensor + 1} {name}", bias, *(fixed(float(value), 9) for value in matrix[axis])])
     header = ["sensor, axis", "o (nT)", "C, column x", "C, column y", "C, column z"]
-    return Table(header, rows, "Bias o and matrix C of each sensor; C is the inverse of the matrix in the calibration file.")
+    return Table(header, rows, "Bias o and matrix C of each sensor: the inverse of the calibration file's matrix.")
 
 
 def _weights(calibration: Calibration) -> Table:
