@@ -40,6 +40,7 @@ setup(
     extras_require={
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
         "test": [
+            "click>=8.2",
             "colcon-common-extensions",
             "hypothesis",
             "magpylib",
