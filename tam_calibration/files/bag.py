@@ -107,9 +107,8 @@ def read_bag(
         )
         samples = _synchronise(reader, topics, synchroniser, progress)
         _check(samples, synchroniser)
-        stamps_ns = np.array([sample.stamp_ns for sample in samples])
-        rows = np.column_stack([stamps_ns / 1e9, np.array([sample.values for sample in samples])])
-        return Samples(topics.layout.recording(rows), stamps_ns)
+        rows = np.array([(sample.stamp_ns / 1_000_000_000, *sample.values) for sample in samples])
+        return Samples(topics.layout.recording(rows), np.array([sample.stamp_ns for sample in samples]))
 
 
 def _synchronise(reader: Reader, topics: StreamTopics, synchroniser: Synchroniser, progress: Progress) -> list[Sample]:

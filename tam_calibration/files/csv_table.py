@@ -23,6 +23,8 @@ def read_table(path: Path) -> tuple[list[str], FloatArray]:
         When the file cannot be read, has no rows or a cell that is not a number.
     """
     header, _, body = read_text(path).partition("\n")
+    if ";" in header:
+        raise InputError(f"{path} separates its columns by semicolons: use commas, and points within numbers")
     names = [name.strip() for name in header.split(",")]
     if not body.strip():
         raise InputError(f"{path} holds a header but no sample")

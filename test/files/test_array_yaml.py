@@ -1,0 +1,75 @@
+"""The array file: the cross by its baseline, any array by positions, and each fault by its key."""
+
+import pytest
+from numpy.testing import assert_array_equal
+
+from tam_calibration.array import Array
+from tam_calibration.files import read_array, write_array
+from tam_calibration.problems import InputError
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Return a function that reads a text as an array file."""
+
+    def read(text):
+        path = tmp_path / "array.yaml"
+        path.write_text(text)
+        return read_array(path)
+
+    return read
+
+
+def test_a_baseline_makes_the_cross(read):
+    """The cross has one noise for all sensors; notes may hold anything."""
+    array = read("baseline_m: 0.5\nvector_noise_nT: 1\nscalar_noise_nT: 0.1\nnotes: {a: [1, 2]}\nrecording: {b: c}\n")
+    expected = Array.cross(0.5, 1e-9, 1e-10)
+    assert_array_equal(array.positions_m, expected.positions_m)
+    assert_array_equal(array.vector_noise_T, expected.vector_noise_T)
+    assert array.scalar_noise_T == expected.scalar_noise_T
+
+
+def test_positions_make_any_array(read):
+    """Positions are taken as they are; noise may differ between sensors, or be unknown."""
+    array = read("positions_m: [[0, 0, 1], [0, 0.5, 0]]\nvector_noise_nT: [1, 2.5]\n")
+    assert array.positions_m.tolist() == [[0, 0, 1], [0, 0.5, 0]]
+    assert array.vector_noise_T.tolist() == [1e-9, 2.5e-9]
+    assert array.scalar_noise_T is None
+    assert read("positions_m: [[0, 0, 0]]\n").vector_noise_T is None
+
+
+def test_an_array_reads_back(tmp_path):
+    """What is written reads back to the bit."""
+    array = Array([[0.1, 0.2, 0.3], [0, 0, -1 / 3]], [1.7e-9, 3e-9], 1e-10)
+    write_array(tmp_path / "a.yaml", array)
+    again = read_array(tmp_path / "a.yaml")
+    assert_array_equal(again.positions_m, array.positions_m)
+    assert_array_equal(again.vector_noise_T, array.vector_noise_T)
+    assert again.scalar_noise_T == array.scalar_noise_T
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "is empty"),
+        ("baseline_m", "must hold keys and values"),
+        ("baseline_m: [1", "this is not YAML at line 2: "),
+        ("baselin_m: 0.5", "the key 'baselin_m' is not known; known are baseline_m, positions_m, vector_noise_nT"),
+        ("baseline_m: wide", "baseline_m: input should be a valid number"),
+        ("baseline_m: -1", "the baseline must be a positive number of metres"),
+        ("baseline_m: 0.5\npositions_m: [[0, 0, 0]]", "give either baseline_m"),
+        ("vector_noise_nT: 1", "give either baseline_m"),
+        ("positions_m: []", "positions_m must be K rows of x, y, z"),
+        ("positions_m: [[0, 0]]", "positions_m.1.3"),
+        ("positions_m: [[0, 0, .nan]]", "positions_m holds a value that is not finite"),
+        ("baseline_m: 0.5\nvector_noise_nT: [1, 1]", "vector noise needs one value for each of 4 sensors"),
+        ("baseline_m: 0.5\nvector_noise_nT: 0", "every vector noise must be a positive number"),
+        ("baseline_m: 0.5\nscalar_noise_nT: -1", "the scalar noise must be zero or a positive number"),
+    ],
+)
+def test_a_fault_is_one_sentence(read, text, sentence):
+    """Whatever is wrong with the file is told with its name and key."""
+    with pytest.raises(InputError, match=sentence) as problem:
+        read(text)
+    assert "array.yaml" in str(problem.value)
+    assert "\n" not in str(problem.value)

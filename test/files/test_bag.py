@@ -1,0 +1,258 @@
+"""Recordings as bags: every storage reads alike, and what is wrong with a bag is one sentence."""
+
+import logging
+import shutil
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from tam_calibration.files import read_recording, read_samples, write_recording
+from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+FIELD, FLOAT64, IMU = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64", "sensor_msgs/msg/Imu"
+START_NS = 1_700_000_000_123_456_789
+PERIOD_NS = 10_000_000
+
+
+def make(msgtype, *values):
+    """Make a message of rosbags."""
+    return STORE.types[msgtype](*values)
+
+
+def header(stamp_ns, frame_id="sensor"):
+    """Make a header."""
+    time = make("builtin_interfaces/msg/Time", stamp_ns // 10**9, stamp_ns % 10**9)
+    return make("std_msgs/msg/Header", time, frame_id)
+
+
+def vector(x, y, z):
+    """Make a vector."""
+    return make("geometry_msgs/msg/Vector3", x, y, z)
+
+
+def field(stamp_ns, x=3e-5, y=0.0, z=4e-5, frame_id="sensor"):
+    """Make a MagneticField."""
+    return make(FIELD, header(stamp_ns, frame_id), vector(x, y, z), np.zeros(9))
+
+
+def write(path, messages, storage=StoragePlugin.SQLITE3, compression=None, types=()):
+    """Write a bag of (topic, recorded_ns, message); types adds topics without messages."""
+    writer = Writer(path, version=9, storage_plugin=storage)
+    if compression:
+        writer.set_compression(compression, CompressionFormat.ZSTD)
+    with writer:
+        connections = {t: writer.add_connection(t, msgtype, typestore=STORE) for t, msgtype in types}
+        for topic, recorded_ns, message in messages:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, message.__msgtype__, typestore=STORE)
+            writer.write(connections[topic], recorded_ns, STORE.serialize_cdr(message, message.__msgtype__))
+    return path
+
+
+def stamps(count=20):
+    """Return stamps in nanoseconds."""
+    return [START_NS + index * PERIOD_NS for index in range(count)]
+
+
+def two_sensors(namespace="/", count=20):
+    """Make the messages of two sensors and a scalar."""
+    return [
+        (f"{namespace}{topic}", stamp, field(stamp, frame_id=topic))
+        for stamp in stamps(count)
+        for topic in ("tam_1/magnetic_field", "tam_2/magnetic_field", "scalar/intensity")
+    ]
+
+
+def full_recording(samples=30):
+    """Make a recording with all channels."""
+    rng = np.random.default_rng(4)
+    scalar = 50e-6 + rng.normal(size=samples) * 1e-9
+    scalar[5] = np.nan
+    attitude = rng.normal(size=(samples, 4))
+    readings = rng.normal(size=(samples, 3, 3)) * 5e-5
+    return Recording(
+        np.arange(samples) / 64, readings, scalar, rng.normal(size=samples), rng.normal(size=samples), attitude
+    )
+
+
+@pytest.mark.parametrize(("name", "storage"), [("bag", "sqlite3"), ("bag", "mcap"), ("bag.mcap", "sqlite3")])
+def test_a_recording_reads_back(tmp_path, name, storage):
+    """Folder and single file give the very numbers that were written, in every channel."""
+    recording = full_recording()
+    write_recording(tmp_path / name, recording, storage)
+    again = read_recording(tmp_path / name)
+    for each in fields(Recording):
+        assert_array_equal(getattr(again, each.name), getattr(recording, each.name))
+
+
+@pytest.mark.parametrize("storage", StoragePlugin)
+@pytest.mark.parametrize("compression", [None, *CompressionMode][:4])
+def test_every_storage_and_compression_reads_alike(tmp_path, storage, compression):
+    """sqlite3 and mcap, plain and with zstd by file, message and chunk."""
+    samples = read_samples(write(tmp_path / "bag", two_sensors(), storage, compression))
+    assert samples.stamps_ns.tolist() == stamps()
+    assert_array_equal(samples.recording.time_s, [stamp / 10**9 for stamp in stamps()])
+    assert_allclose(samples.recording.scalar_T, 5e-5)
+    assert samples.recording.readings_T[7].tolist() == [[3e-5, 0, 4e-5]] * 2
+
+
+def test_topics_may_stand_under_a_namespace(tmp_path):
+    """The topics are found by the end of their names."""
+    assert read_recording(write(tmp_path / "bag", two_sensors("/auv/"))).scalar_T is not None
+
+
+def test_stamps_join_the_topics_not_the_times_of_recording(tmp_path):
+    """Messages that were recorded late and in bursts are joined by their stamps."""
+    messages = sorted(two_sensors(), key=lambda one: (one[1] // 10**8, one[0]))
+    samples = read_samples(write(tmp_path / "bag", [(topic, 5, message) for topic, _, message in messages]))
+    assert samples.stamps_ns.tolist() == stamps()
+
+
+def test_a_scalar_without_stamps_is_held(tmp_path):
+    """std_msgs/Float64 gives each sample the value that was recorded last."""
+    messages = []
+    for index, stamp in enumerate(stamps()):
+        messages.append(("/tam_1/magnetic_field", stamp, field(stamp)))
+        messages.append(("/scalar/intensity", stamp, make(FLOAT64, 5e-5 + index * 1e-9)))
+    scalar = read_recording(write(tmp_path / "bag", messages)).scalar_T
+    assert_allclose(scalar, 5e-5 + np.arange(20) * 1e-9)
+
+
+def test_an_imu_without_orientation_gives_none(tmp_path):
+    """An IMU whose covariance says that it has no orientation is no attitude."""
+    none = np.array([-1.0, *[0.0] * 8])
+    still = vector(0.0, 0.0, 0.0)
+    quaternion = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
+    imu = [("/imu/data", s, make(IMU, header(s), quaternion, none, still, none, still, none)) for s in stamps()]
+    messages = sorted([*two_sensors(), *imu], key=lambda one: one[1])
+    assert read_recording(write(tmp_path / "bag", messages)).attitude is None
+
+
+def test_losses_are_said(tmp_path, caplog):
+    """A sample that a sensor lacks is left out, and counted."""
+    messages = two_sensors()
+    del messages[10]
+    with caplog.at_level(logging.WARNING):
+        assert read_recording(write(tmp_path / "bag", messages)).sample_count == 19
+    assert "19 of 20 samples synchronised" in caplog.text
+    assert "tam_2: missing in 1 samples" in caplog.text
+
+
+def test_progress_is_told(tmp_path):
+    """The callback ends with everything done."""
+    told = []
+    read_samples(write(tmp_path / "bag", two_sensors()), progress=lambda done, total: told.append((done, total)))
+    assert told[-1] == (60, 60)
+
+
+def refuse(path, sentence, **options):
+    """Check that a bag is refused with one sentence that names it."""
+    with pytest.raises(InputError, match=sentence) as problem:
+        read_recording(path, **options)
+    assert str(path) in str(problem.value)
+    assert "\n" not in str(problem.value)
+
+
+@pytest.mark.parametrize(
+    ("storage", "compression", "suffix"),
+    [
+        (StoragePlugin.SQLITE3, None, "db3"),
+        (StoragePlugin.MCAP, None, "mcap"),
+        (StoragePlugin.SQLITE3, CompressionMode.FILE, "zstd"),
+    ],
+)
+@pytest.mark.parametrize("part", [0, 0.5, 0.99])
+def test_truncated_bags_are_refused(tmp_path, storage, compression, suffix, part):
+    """Wherever a data file was cut, the bag is told to be damaged."""
+    path = write(tmp_path / "bag", two_sensors(count=200), storage, compression)
+    data = next(path.glob(f"*.{suffix}"))
+    data.write_bytes(data.read_bytes()[: int(data.stat().st_size * part)])
+    refuse(path, "is damaged or truncated: ")
+
+
+def test_a_bag_without_metadata_is_refused(tmp_path):
+    """A folder that was not indexed is told how to mend it."""
+    path = write(tmp_path / "bag", two_sensors())
+    (path / "metadata.yaml").unlink()
+    refuse(path, "holds no metadata.yaml: .*reindex")
+
+
+def test_a_bag_without_messages_is_refused(tmp_path):
+    """A recorder that was killed leaves topics without messages."""
+    refuse(write(tmp_path / "bag", [], types=[("/tam_1/magnetic_field", FIELD)]), "holds no message")
+
+
+def test_damaged_messages_are_refused(tmp_path):
+    """A message that is too short is told with its topic."""
+    path = tmp_path / "bag"
+    with Writer(path, version=9) as writer:
+        connection = writer.add_connection("/tam_1/magnetic_field", FIELD, typestore=STORE)
+        writer.write(connection, 1, b"\x00\x01\x00\x00\x01")
+    refuse(path, "topic /tam_1/magnetic_field: a message is damaged")
+
+
+def test_missing_and_mistyped_topics_are_named(tmp_path):
+    """The topic is named, and what there is is listed."""
+    scalar_only = [one for one in two_sensors() if one[0] == "/scalar/intensity"]
+    refuse(
+        write(tmp_path / "a", scalar_only), "topic tam_1/magnetic_field is missing; the bag holds /scalar/intensity$"
+    )
+    without_2 = [*two_sensors(), *((f"/tam_4{t[6:]}", s, m) for t, s, m in two_sensors() if "tam_1" in t)]
+    refuse(
+        write(tmp_path / "b", without_2),
+        "topic /tam_3/magnetic_field is missing; the bag holds .*/tam_4/magnetic_field",
+    )
+    refuse(write(tmp_path / "c", two_sensors()), "topic /tam_3/magnetic_field is missing", sensor_count=4)
+    refuse(tmp_path / "c", "the bag has 2 sensors, the array 1", sensor_count=1)
+    wrong = [("/tam_1/magnetic_field", 1, make(FLOAT64, 1.0))]
+    refuse(
+        write(tmp_path / "d", wrong),
+        "/tam_1/magnetic_field has the type std_msgs/msg/Float64, not sensor_msgs/msg/Magn",
+    )
+    wrong = [*two_sensors(count=5), ("/temperature", START_NS, make(FLOAT64, 1.0))]
+    refuse(
+        write(tmp_path / "e", wrong), "/temperature has the type std_msgs/msg/Float64, not sensor_msgs/msg/Temperature"
+    )
+    several = [*two_sensors("/a/"), *two_sensors("/b/")]
+    refuse(write(tmp_path / "f", several), "several arrays, under /a/, /b/")
+
+
+def test_topics_that_cannot_be_joined_are_explained(tmp_path):
+    """When no stamps fit, or a sensor is silent, the reason is given."""
+    apart = [(t, s, field(s + 3_000_000 * ("tam_2" in t))) for t, s, _ in two_sensors()]
+    refuse(
+        write(tmp_path / "a", apart), "no sample could be joined .*tam_2: missing in 20 samples.* raise the tolerance"
+    )
+    assert read_recording(tmp_path / "a", tolerance_s=4e-3).sample_count == 20
+    silent = [one for one in two_sensors() if "tam_2" not in one[0]]
+    path = write(tmp_path / "b", silent, types=[("/tam_2/magnetic_field", FIELD)])
+    refuse(path, "no sample could be joined .*nothing arrived from tam_2")
+
+
+def test_a_bag_of_several_rounds_is_refused(tmp_path):
+    """Stamps that go back are several runs, which one recording cannot hold."""
+    round_ = two_sensors(count=700)
+    again = [(topic, recorded + 7 * 10**9, message) for topic, recorded, message in round_]
+    refuse(write(tmp_path / "bag", [*round_, *again]), "the stamps go backwards 1 times: keep one run")
+
+
+def test_times_that_are_no_stamps_are_refused(tmp_path):
+    """Before 1970 there is no stamp; nothing is written."""
+    with pytest.raises(InputError, match="cannot be stamps of messages"):
+        write_recording(tmp_path / "bag", Recording(np.array([-1.0, 0.0]), np.ones((2, 1, 3))))
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_bag_is_known_by_its_content(tmp_path):
+    """A single file of a bag is read whatever its suffix."""
+    path = write(tmp_path / "bag", two_sensors(), StoragePlugin.MCAP)
+    shutil.copy(path / "bag.mcap", tmp_path / "alone.mcap")
+    assert read_recording(tmp_path / "alone.mcap").sample_count == 20
+    with Reader(tmp_path / "alone.mcap") as reader:
+        assert reader.message_count == 60

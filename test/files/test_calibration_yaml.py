@@ -1,0 +1,135 @@
+"""The calibration file reads back as it was; one that was damaged is refused."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tam_calibration.array import Array
+from tam_calibration.calibration import Provenance
+from tam_calibration.files import calibration_from_yaml, calibration_to_yaml, read_calibration, write_calibration
+from tam_calibration.fit import calibrate
+from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
+
+
+@pytest.fixture(scope="module")
+def calibration(recording, cross):
+    """Return a calibration of the cross with a source."""
+    return replace(calibrate(recording, cross), source=Provenance("run.mcap", 12345, "ab" * 32), warnings=("a: b", "ü"))
+
+
+@pytest.fixture(scope="module")
+def text(calibration):
+    """Return its file."""
+    return calibration_to_yaml(calibration)
+
+
+def test_the_calibration_that_is_read_corrects_alike(calibration, recording, tmp_path):
+    """Corrected with the file, field and tensor differ by no more than the last bits of the readings."""
+    write_calibration(tmp_path / "c.yaml", calibration)
+    again = read_calibration(tmp_path / "c.yaml")
+    expected, corrected = calibration.correct(recording), again.correct(recording)
+    assert_allclose(corrected.outputs[:, :3], expected.outputs[:, :3], rtol=0, atol=1e-15 * 50e-6)
+    assert_allclose(corrected.outputs[:, 3:], expected.outputs[:, 3:], rtol=0, atol=1e-15 * 50e-6 / 0.25)
+    assert_array_equal(corrected.standard_errors, expected.standard_errors)
+
+
+def test_everything_reads_back(calibration, text):
+    """Names, figures, statements and covariance of the file are those of the calibration."""
+    again = calibration_from_yaml(text, "text")
+    exact = (
+        "method",
+        "noise_is_estimated",
+        "has_scalar_reference",
+        "samples",
+        "time_span_s",
+        "source",
+        "warnings",
+        "statements",
+    )
+    for name in exact:
+        assert getattr(again, name) == getattr(calibration, name)
+    assert_array_equal(again.covariance, calibration.covariance)
+    assert_array_equal(again.array.positions_m, calibration.array.positions_m)
+    assert_allclose(again.errors.to_vector(), calibration.errors.to_vector(), rtol=3e-16)
+    assert_allclose(again.intensity_T, calibration.intensity_T, rtol=3e-16)
+    assert_allclose(again.coverage, calibration.coverage, rtol=1e-5)
+    assert again.reduced_chi_square == pytest.approx(calibration.reduced_chi_square, rel=1e-5)
+    for name in ("before", "in_sample", "held_out", "floor"):
+        stored, original = getattr(again, name), getattr(calibration, name)
+        assert_allclose(stored.sensor_intensity_T, original.sensor_intensity_T, rtol=1e-5)
+        assert_allclose(stored.center_intensity_T, original.center_intensity_T, rtol=1e-5)
+        assert_allclose(stored.tensor_T_per_m, original.tensor_T_per_m, rtol=1e-5)
+
+
+def test_it_is_readable_by_hand(calibration, text):
+    """The readings are corrected with nothing but matrix and bias of the file, as its formula says."""
+    content = yaml.safe_load(text)
+    reading_nT = np.array([100.0, -20000.0, 45000.0])
+    for sensor, block in enumerate(content["sensors"]):
+        field_nT = np.linalg.solve(block["matrix"], reading_nT - block["bias_nT"])
+        raw = np.zeros((1, 4, 3))
+        raw[0, sensor] = reading_nT * 1e-9
+        assert_allclose(calibration.errors.restore(raw)[0, sensor], field_nT * 1e-9, rtol=1e-12)
+    assert "inverse of its matrix" in content["formula"]
+    assert content["recording"]["sha256"] == "ab" * 32
+
+
+def test_one_sensor_without_scalar_reads_back(recording):
+    """A calibration without tensor, scalar reference, source or held-out residuals reads back."""
+    single = Recording(recording.time_s, recording.readings_T[:, :1])
+    calibration = replace(calibrate(single, Array(np.zeros((1, 3)), np.array([1e-9]))), held_out=None, covariance=None)
+    again = calibration_from_yaml(calibration_to_yaml(calibration), "text")
+    assert again.held_out is None and again.source is None and again.covariance is None
+    assert np.isnan(again.in_sample.tensor_T_per_m).all()
+    assert_array_equal(again.array.vector_noise_T, calibration.array.vector_noise_T)
+
+
+def damage(text, pattern, replacement):
+    """Return the text with the first match of a pattern replaced."""
+    damaged = re.sub(pattern, replacement, text, count=1, flags=re.DOTALL)
+    assert damaged != text
+    return damaged
+
+
+@pytest.mark.parametrize(
+    ("pattern", "replacement", "sentence"),
+    [
+        ("calibration/1", "calibration/2", "it has the schema 'tam_calibration/calibration/2', not"),
+        ("schema: [^\n]*\n", "", "it has no schema"),
+        ("method: [^\n]*\n", "", "the key 'method' is missing"),
+        ("method:", "methods: 3\nmethod:", "the key 'methods' is not known"),
+        (r"bias_nT: \[", "bias_nT: [1.0, ", "sensors.1.bias_nT"),
+        (r"bias_nT: \[[^,]*", "bias_nT: [lots", "sensors.1.bias_nT.1: input should be a valid number"),
+        (r"bias_nT: \[[^,]*", "bias_nT: [.nan", "sensors.1.bias_nT.1: input should be a finite number"),
+        (r"scale_factor: \[[01]", "scale_factor: [2", "matrix and parameters of sensor 1 contradict each other"),
+        (r"- sensor: 2", "- sensor: 7", "its sensors are not numbered"),
+        (
+            r"vector_noise_nT: \[1.0, ",
+            "vector_noise_nT: [",
+            "vector noise needs one value for each of 4 sensors",
+        ),
+        (r"(covariance_SI:\n- \[[^,]*),", r"\1, 0.0,", "covariance_SI must have 48 rows of 48 numbers"),
+        (r"covariance_SI:\n- \[", "covariance_SI:\n- [-", "covariance_SI must be symmetric"),
+        ("covariance_order.*", "", "the key 'covariance_order' is missing"),
+        (r"\n- sensor: 3.*", "\n- sensor: [", "this is not YAML"),
+        (".*", "just words", "must hold keys and values"),
+    ],
+)
+def test_a_damaged_file_is_one_sentence(text, pattern, replacement, sentence):
+    """A file of another version, truncated or edited by hand is refused, with its name and the place."""
+    with pytest.raises(InputError, match=sentence) as problem:
+        calibration_from_yaml(damage(text, pattern, replacement), "c.yaml")
+    assert str(problem.value).startswith("c.yaml: ")
+    assert "\n" not in str(problem.value)
+
+
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.9, 0.999])
+def test_a_truncated_file_is_refused(text, part):
+    """Wherever the file was cut, it is not taken for a calibration."""
+    with pytest.raises(InputError):
+        calibration_from_yaml(text[: int(len(text) * part)], "c.yaml")
