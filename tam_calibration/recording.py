@@ -156,6 +156,8 @@ def _unit_hint(tesla: float) -> str:
         "µT given as T": 1e6,
         "nT given as T": 1e9,
         "gauss given as T": 1e4,
+        "nT given as µT": 1e3,
+        "gauss given as µT": 1e-2,
         "µT given as nT": 1e-3,
         "T given as µT": 1e-6,
         "T given as nT": 1e-9,
