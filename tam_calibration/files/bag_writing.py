@@ -1,5 +1,6 @@
 """Writing bags: recordings, and corrected data beside what was there."""
 
+import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,7 @@ from tam_calibration.files.cdr import fill
 from tam_calibration.files.samples import stamps_of
 from tam_calibration.files.whole import write_whole
 from tam_calibration.pointcloud_layout import FRAME_ID
+from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
@@ -43,8 +45,11 @@ def write_bag(path: Path, storage: str) -> Iterator[Writer]:
     with write_whole(path) as beside:
         is_single = path.suffix == ".mcap"
         folder = beside.with_name("bag") if is_single else beside
-        with Writer(folder, version=9, storage_plugin=STORAGES["mcap" if is_single else storage]) as writer:
-            yield writer
+        try:
+            with Writer(folder, version=9, storage_plugin=STORAGES["mcap" if is_single else storage]) as writer:
+                yield writer
+        except sqlite3.Error as problem:
+            raise InputError(f"{path} cannot be written: {problem}") from problem
         if is_single:
             next(folder.glob("*.mcap")).rename(beside)
 

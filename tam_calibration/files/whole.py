@@ -42,5 +42,10 @@ def write_whole(path: Path) -> Iterator[Path]:
         raise InputError(f"{path} cannot be written: {problem.strerror} ({path.parent})") from None
     with folder as name:
         beside = Path(name, path.name)
-        yield beside
-        os.replace(beside, path)
+        try:
+            yield beside
+            os.replace(beside, path)
+        except OSError as problem:
+            if problem.filename is None or str(problem.filename).startswith(name):
+                raise InputError(f"{path} cannot be written: {problem.strerror}") from problem
+            raise

@@ -48,3 +48,11 @@ def test_devices_are_refused():
     """Renaming onto a device would destroy it."""
     with pytest.raises(InputError, match="not a regular file"), write_whole("/dev/null"):
         pass
+
+
+def test_an_error_of_the_system_while_writing_names_the_target(tmp_path):
+    """A full disk says which file it was; another file's error stays as it is."""
+    with pytest.raises(InputError, match=r"a\.txt cannot be written: full"), write_whole(tmp_path / "a.txt"):
+        raise OSError(28, "full")
+    with pytest.raises(FileNotFoundError), write_whole(tmp_path / "a.txt"):
+        (tmp_path / "other").read_text()
