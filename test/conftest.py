@@ -105,6 +105,7 @@ class Bench:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self._health = None
+        self._sensor_topics = []
 
     def close(self):
         """End the processes and check that each ended well."""
@@ -178,27 +179,40 @@ class Bench:
         found = []
 
         def is_found():
-            statuses = [status for message in self._health for status in message.status if status.name == name]
+            statuses = [status for message in self._health for status in message.status if name in ("", status.name)]
             found[:] = [(each, figures) for each in statuses if condition(each, figures := figures_of(each))]
             return found
 
         self.spin_until(is_found, what)
         return found[-1]
 
-    def connect(self, name, **subscribers):
-        """Wait until a node has matched so many subscribers of its topics: none of them misses what comes next."""
-        wanted = {f"subscribers./{topic}": str(count) for topic, count in subscribers.items()}
-        self.health(name, lambda _, figures: wanted.items() <= figures.items(), f"{subscribers} of {name}")
+    def connect(self, **subscribers):
+        """Wait until nodes have matched so many subscribers of their topics, and the collector all sensors.
+
+        None of them then misses what comes next.
+        """
+        wanted = {
+            name: {(f"subscribers./{topic}", str(count)) for topic, count in topics.items()}
+            for name, topics in subscribers.items()
+        }
+        wanted["collector"] |= {(f"publishers./{topic}", "1") for topic in self._sensor_topics}
+        missing = dict(wanted)
+
+        def is_connected(status, figures):
+            if missing.get(status.name, set()) <= figures.items():
+                missing.pop(status.name, None)
+            return not missing
+
+        self.health("", is_connected, f"{wanted} are connected")
 
     def publish_sensors(self, sensors=(1, 2, 3, 4), scalar=True):
-        """Return a function that publishes samples of a recording on the sensors' topics, once they are matched."""
+        """Return a function that publishes samples of a recording on the sensors' topics."""
         from sensor_msgs.msg import MagneticField
 
         topics = [f"tam_{sensor}/magnetic_field" for sensor in sensors] + ["scalar/intensity"] * scalar
         publishers = [self.node.create_publisher(MagneticField, topic, 1000) for topic in topics]
-        wanted = {(f"publishers./{topic}", "1") for topic in topics}
         self.spin_until(lambda: all(each.get_subscription_count() for each in publishers), "the sensors are subscribed")
-        self.health("collector", lambda _, figures: wanted <= figures.items(), "the collector hears the sensors")
+        self._sensor_topics += topics
         columns = [sensor - 1 for sensor in sensors]
 
         def publish(recording, index):

@@ -56,6 +56,7 @@ def _show(player: "Player", loop: bool) -> None:
             for position_s in player.play():
                 count += 1
                 progress.update(task, completed=position_s)
+            progress.update(task, completed=player.duration_s)
             progress.console.print(f"{count} messages in {time.monotonic() - begin:.1f} s")
             if not loop:
                 return

@@ -150,7 +150,7 @@ class Collector(TamNode):
             readings = np.array(sample.values[: 3 * self._layout.sensor_count]).reshape(1, -1, 3)
             self._coverage.add(readings)
             if self._samples.get_subscription_count():
-                self._samples.publish(self._cloud(sample.stamp_ns, (sample.stamp_ns / 1e9, *sample.values)))
+                self._samples.publish(self._cloud(sample.stamp_ns, (sample.stamp_ns / 1_000_000_000, *sample.values)))
 
     def _cloud(self, stamp_ns: int, row: Sequence[float]) -> PointCloud2:
         header = Header(stamp=Time(nanoseconds=stamp_ns).to_msg(), frame_id=self._frame_id)

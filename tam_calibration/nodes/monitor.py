@@ -1,7 +1,7 @@
 """What the nodes say in /diagnostics, as bars in the terminal or as plain lines."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
@@ -37,8 +37,7 @@ class Monitor(Node):
 
     def figures(self, name: str) -> dict[str, str]:
         """Return the figures of a node's status; none before the first."""
-        status = self.statuses[name]
-        return {value.key: value.value for value in status.values} if status else {}
+        return figures_of(self.statuses[name])
 
     def count(self, name: str, figure: str) -> int | None:
         """Return a figure of a node's status that counts; None where it is not told yet."""
@@ -56,26 +55,8 @@ class Monitor(Node):
         return lines
 
     def render(self) -> RenderableType:
-        """Return bar of the coverage, counts, and a row for each node."""
-        table = Table.grid(padding=(0, 2))
-        for name, status in self.statuses.items():
-            level, colour = LEVELS[status.level] if status else ("…", "dim")
-            table.add_row(name, Text(level, colour), Text(status.message if status else "starting"))
-        return Group(*self._bars(), table)
-
-    def _bars(self) -> list[RenderableType]:
-        figures = self.figures("collector")
-        if "fraction" not in figures:
-            return []
-        fraction = float(figures["fraction"])
-        grid = Table.grid(padding=(0, 2))
-        colour = "green" if figures["enough"] == "True" else "yellow"
-        bar = ProgressBar(1.0, fraction, width=BAR_WIDTH, complete_style=colour, finished_style=colour)
-        grid.add_row("sphere of directions", bar, f"{fraction:.0%}  {_missing(figures)}")
-        samples, lost = int(figures["samples"]), int(figures["lost"])
-        synchronised = ProgressBar(max(samples + lost, 1), samples, width=BAR_WIDTH, complete_style="green")
-        grid.add_row("synchronised", synchronised, f"{samples} samples, {lost} messages lost")
-        return [grid]
+        """Return bars of coverage and losses, and a row for each node."""
+        return render_statuses(self.statuses)
 
     def _take(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -83,8 +64,38 @@ class Monitor(Node):
                 self.statuses[status.name] = status
 
 
-def _missing(figures: dict[str, str]) -> str:
-    return "enough" if figures["enough"] == "True" else f"missing: {figures['missing']}"
+def render_statuses(statuses: Mapping[str, DiagnosticStatus | None]) -> RenderableType:
+    """Return bars of the collector's coverage and losses, and a row for each node; None for one that is silent yet."""
+    table = Table.grid(padding=(0, 2))
+    for name, status in statuses.items():
+        level, colour = LEVELS[status.level] if status else ("…", "dim")
+        table.add_row(name, Text(level, colour), Text(status.message if status else "starting"))
+    return Group(*_bars(figures_of(statuses["collector"])), table)
+
+
+def figures_of(status: DiagnosticStatus | None) -> dict[str, str]:
+    """Return the figures of a status; none before the first."""
+    return {value.key: value.value for value in status.values} if status else {}
+
+
+def _bars(figures: Mapping[str, str]) -> list[RenderableType]:
+    if "fraction" not in figures:
+        return []
+    is_enough = figures["enough"] == "True"
+    fraction, colour = float(figures["fraction"]), "green" if is_enough else "yellow"
+    samples, lost = int(figures["samples"]), int(figures["lost"])
+    grid = Table.grid(padding=(0, 2))
+    grid.add_row(
+        "sphere of directions",
+        ProgressBar(1.0, fraction, width=BAR_WIDTH, complete_style=colour, finished_style=colour),
+        f"{fraction:.0%}  {'enough' if is_enough else 'missing: ' + figures['missing']}",
+    )
+    grid.add_row(
+        "synchronised",
+        ProgressBar(max(samples + lost, 1), samples, BAR_WIDTH, complete_style="green", finished_style="green"),
+        f"{samples} samples, {lost} messages lost",
+    )
+    return [grid]
 
 
 def _line(name: str, status: DiagnosticStatus | None) -> str:

@@ -55,8 +55,9 @@ def test_service_calibrates_what_the_sensors_published(bench, recording, calibra
     """Every sample is synchronised, and the latched calibration equals the fit of the same recording offline."""
     bench.start_nodes(collector={}, calibrator={}, corrector={})
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
-    bench.connect("collector", samples=3)
-    bench.play(recording, bench.publish_sensors(), samples)
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 3})
+    bench.play(recording, publish, samples)
     bench.health("calibrator", lambda status, _: "600 samples" in status.message, "every sample is stored")
     answer = bench.call("calibrator/calibrate")
     assert answer.success, answer.message
@@ -83,9 +84,9 @@ def test_outputs_equal_those_offline(bench, recording, calibration_file):
     center = bench.listen(sensor_msgs.MagneticField, "center")
     gradient = bench.listen(std_msgs.Float64MultiArray, "gradient")
     field_gradient = bench.listen(sensor_msgs.PointCloud2, "field_gradient")
-    bench.connect("collector", samples=2)
-    bench.connect("corrector", center=1, gradient=1, field_gradient=1)
-    bench.play(recording, bench.publish_sensors(), samples, last=200)
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2}, corrector={"center": 1, "gradient": 1, "field_gradient": 1})
+    bench.play(recording, publish, samples, last=200)
     bench.spin_until(lambda: min(len(center), len(gradient), len(field_gradient)) == 200, "all are corrected")
 
     outputs = offline.outputs[:200]
@@ -109,9 +110,8 @@ def test_new_calibration_switches_without_a_gap(bench, recording, calibration):
     bench.start_nodes(collector={}, corrector={})
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     outputs = bench.listen(sensor_msgs.PointCloud2, "field_gradient")
-    bench.connect("collector", samples=2)
-    bench.connect("corrector", field_gradient=1)
     publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2}, corrector={"field_gradient": 1})
     publisher_of(bench, calibration_to_yaml(calibration))
     bench.health("corrector", lambda status, _: "no calibration yet" not in status.message, "the first is taken")
     bench.play(recording, publish, samples, last=50)
@@ -144,8 +144,8 @@ def test_silent_sensor_is_named_until_it_restarts(bench, recording):
     """A sensor that stops is named in /diagnostics, the service still answers, and samples go on when it restarts."""
     bench.start_nodes(collector={"silence_s": 0.5}, calibrator={})
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
-    bench.connect("collector", samples=2)
     others, second = bench.publish_sensors((1, 3, 4)), bench.publish_sensors((2,), scalar=False)
+    bench.connect(collector={"samples": 2})
     active = [others, second]
     bench.stream(recording, active)
     bench.spin_until(lambda: len(samples) >= 5, "samples arrive")
@@ -167,8 +167,8 @@ def test_stamps_backwards_start_over(bench, recording):
     """When a bag loops, samples go on from its start, and the calibrator stores those of the new run only."""
     bench.start_nodes(collector={}, calibrator={})
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
-    bench.connect("collector", samples=2)
     publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
     bench.play(recording, publish, samples, last=300)
     bench.play(recording, publish, samples, last=150)
     assert_array_equal(rows_of(samples)[300:, 1:13], recording.readings_T[:150].reshape(-1, 12))
@@ -181,8 +181,8 @@ def test_losses_are_counted(bench, recording):
     """Messages of sensors whose partner is missing are counted, and told in words."""
     bench.start_nodes(collector={})
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
-    bench.connect("collector", samples=1)
     others, fourth = bench.publish_sensors((1, 2, 3)), bench.publish_sensors((4,), scalar=False)
+    bench.connect(collector={"samples": 1})
     for index in range(100):
         others(recording, index)
         if index % 10 != 5:
@@ -198,8 +198,8 @@ def test_reset_starts_over(bench, recording):
     """collector/reset empties coverage, losses and the calibrator's store."""
     bench.start_nodes(collector={}, calibrator={})
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
-    bench.connect("collector", samples=2)
     publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
     bench.play(recording, publish, samples, last=200)
     _, figures = bench.health("collector", lambda status, _: True, "coverage is told")
     assert float(figures["fraction"]) > 0.3
@@ -224,10 +224,10 @@ def test_unstamped_scalar_joins_the_samples(bench, recording):
     """A Float64 scalar has no stamp: each sample takes the newest value."""
     bench.start_nodes(collector={"scalar_type": "std_msgs/Float64"})
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
-    bench.connect("collector", samples=1)
     publisher = bench.node.create_publisher(std_msgs.Float64, "scalar/intensity", 10)
     bench.spin_until(publisher.get_subscription_count, "the scalar is subscribed")
     publish = bench.publish_sensors(scalar=False)
+    bench.connect(collector={"samples": 1})
     publish(recording, 0)
     publisher.publish(std_msgs.Float64(data=4.9e-5))
     bench.spin_until(lambda: samples, "the first sample")
@@ -242,8 +242,9 @@ def test_save_writes_what_was_calibrated(bench, recording, tmp_path):
     answer = bench.call("calibrator/save")
     assert not answer.success and "calibrator/calibrate" in answer.message and not path.exists()
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
-    bench.connect("collector", samples=2)
-    bench.play(recording, bench.publish_sensors(), samples)
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
+    bench.play(recording, publish, samples)
     assert bench.call("calibrator/calibrate").success
     answer = bench.call("calibrator/save")
     assert answer.success and str(path) in answer.message

@@ -20,24 +20,37 @@ def test_signal_ends_every_node_well(bench, number):
     assert [children.log(name) for name in NODES] == ["", "", ""]
 
 
-@pytest.mark.parametrize(
-    ("name", "parameter", "sentence"),
-    [
-        ("collector", "tolerence_s:=0.001", "collector has no parameter tolerence_s: it knows array_file"),
-        ("collector", "tolerance_s:=1", "of type 'INTEGER', expecting type 'DOUBLE': tolerance_s"),
-        ("collector", "silence_s:=-1.0", "out of range Min: 0.1"),
-        ("collector", "scalar_type:=std_msgs/Int32", "is not one of: sensor_msgs/MagneticField, std_msgs/Float64"),
-        ("calibrator", "method:=magic", "is not one of: maximum_likelihood"),
-        ("calibrator", "array_file:=/nowhere.yaml", "/nowhere.yaml"),
-        ("corrector", "calibration_file:=/nowhere.yaml", "/nowhere.yaml"),
-    ],
-)
-def test_unusable_parameter_ends_the_node_with_a_sentence(ros_domain, name, parameter, sentence):
+def test_unusable_parameter_ends_the_node_with_a_sentence(ros_domain):
     """An unknown or unusable parameter ends the node with exit code 2 and one sentence."""
-    arguments = ["-m", f"tam_calibration.nodes.{name}", "--ros-args", "-p", parameter]
+    refused = {
+        ("collector", "tolerence_s:=0.001"): "collector has no parameter tolerence_s: it knows array_file",
+        ("collector", "tolerance_s:=1"): "of type 'INTEGER', expecting type 'DOUBLE': tolerance_s",
+        ("collector", "silence_s:=-1.0"): "out of range Min: 0.1",
+        ("collector", "scalar_type:=std_msgs/Int32"): "is not one of: sensor_msgs/MagneticField, std_msgs/Float64",
+        ("calibrator", "method:=magic"): "is not one of: maximum_likelihood",
+        ("calibrator", "array_file:=/nowhere.yaml"): "/nowhere.yaml",
+        ("corrector", "calibration_file:=/nowhere.yaml"): "/nowhere.yaml",
+    }
+    processes = {
+        sentence: subprocess.Popen(
+            [sys.executable, "-m", f"tam_calibration.nodes.{name}", "--ros-args", "-p", parameter],
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for (name, parameter), sentence in refused.items()
+    }
+    for sentence, process in processes.items():
+        _, errors = process.communicate(timeout=20)
+        assert process.returncode == 2, sentence
+        assert errors.startswith("tam: ") and sentence in errors and len(errors.splitlines()) == 1
+
+
+def test_unusable_arguments_end_the_node_with_a_sentence(ros_domain):
+    """A file of parameters that is not there is not a traceback."""
+    arguments = ["-m", "tam_calibration.nodes.collector", "--ros-args", "--params-file", "/nowhere.yaml"]
     ended = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, timeout=20)
     assert ended.returncode == 2
-    assert ended.stderr.startswith("tam: ") and sentence in ended.stderr and len(ended.stderr.splitlines()) == 1
+    assert "tam: the arguments of ROS cannot be used" in ended.stderr and "Traceback" not in ended.stderr
 
 
 def test_shipped_parameters_are_known(bench):

@@ -1,0 +1,48 @@
+"""`tam demo`: the whole chain, and how it is judged."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from tam_calibration.cli import demo_figures
+from tam_calibration.cli.main import main
+from tam_calibration.files.scenario import read_scenario
+from tam_calibration.problems import Refused
+from tam_calibration.simulation import simulate
+
+
+def test_demo_reaches_the_noise_floor(ros_domain, tmp_path, monkeypatch):
+    """A shorter run over DDS ends with exit code 0, a page and a calibration."""
+    scenario = replace(read_scenario("tumble_100_hz"), sample_count=1500)
+    monkeypatch.setattr("tam_calibration.files.scenario.read_scenario", lambda name: scenario)
+    monkeypatch.setattr("tam_calibration.cli.demo.PLAY_RATE", 4.0)
+    monkeypatch.setattr("tam_calibration.cli.demo.CHECK_SAMPLES", 600)
+    output = tmp_path / "output"
+    result = CliRunner().invoke(main, ["demo", "--output-dir", str(output)])
+    assert result.exit_code == 0, result.output
+    assert "2100 of 2100 samples synchronised" in " ".join(result.output.split())
+    assert (output / "calibration.html").read_text().startswith("<!")
+    assert (output / "calibration.yaml").exists()
+
+
+@pytest.fixture(scope="module")
+def run():
+    """Return a simulated run."""
+    return simulate(replace(read_scenario("tumble_100_hz"), sample_count=300))
+
+
+def test_judge_accepts_the_true_correction_only(run):
+    """What the true errors leave passes; the raw readings and a stream with gaps are refused with their figures."""
+    restored = run.errors.restore(run.recording.readings_T).reshape(300, -1) @ run.scenario.array.operator.T
+    demo_figures.require_success(run, restored)
+    with pytest.raises(Refused, match="times the noise floor"):
+        demo_figures.require_success(run, demo_figures.raw_outputs(run))
+    with pytest.raises(Refused, match="299 of 300 samples"):
+        demo_figures.require_success(run, restored[1:])
+
+
+def test_error_of_the_truth_is_zero(run):
+    """The figures are errors against the simulated truth."""
+    assert np.allclose(demo_figures.errors_of(run, demo_figures.true_outputs(run)), 0)

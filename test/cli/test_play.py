@@ -1,0 +1,112 @@
+"""`tam play`: a bag into the nodes, as separate processes over DDS."""
+
+import signal
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tam_calibration.cli.main import main
+from tam_calibration.files import read_recording, write_recording
+
+sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
+
+PLAY = ["-m", "tam_calibration", "play"]
+
+
+@pytest.fixture(scope="module")
+def bag(recording, tmp_path_factory):
+    """Return a bag of the recording."""
+    path = tmp_path_factory.mktemp("bag") / "run"
+    write_recording(path, recording)
+    return path
+
+
+def rows_in(bag, topic):
+    """Return the rows of the one-row clouds on a topic of a bag."""
+    from tam_calibration.files.bag import open_bag
+    from tam_calibration.files.bag_writing import TYPESTORE
+
+    with open_bag(bag) as reader:
+        connections = [connection for connection in reader.connections if connection.topic == topic]
+        clouds = [TYPESTORE.deserialize_cdr(data, each.msgtype) for each, _, data in reader.messages(connections)]
+    return np.array([np.frombuffer(cloud.data, "<f8") for cloud in clouds])
+
+
+def play(bench, *arguments):
+    """Play a bag to its end in a process, which must end well."""
+    player = bench.start({"player": [*PLAY, *arguments]})
+    bench.spin_until(lambda: not player.is_running("player"), "the bag is played")
+    assert player.end_one("player") == 0
+    return player.log("player")
+
+
+def test_played_bag_gives_what_offline_commands_give(bench, bag, tmp_path):
+    """At 100 Hz no message is lost, the service calibrates, and field_gradient equals `tam correct` of the same bag."""
+    from tam_calibration.nodes.cloud import read_cloud
+
+    path, offline = tmp_path / "calibration.yaml", tmp_path / "corrected.mcap"
+    bench.start_nodes(collector={}, calibrator={"calibration_file": path}, corrector={})
+    field_gradient = bench.listen(sensor_msgs.PointCloud2, "field_gradient")
+    bench.connect(collector={"samples": 2}, corrector={"field_gradient": 1})
+    play(bench, str(bag))
+    _, figures = bench.health("collector", lambda _, figures: figures["samples"] == "600", "all samples are joined")
+    assert figures["lost"] == figures["scalar.missing"] == "0"
+    answer = bench.call("calibrator/calibrate")
+    assert answer.success, answer.message
+    assert bench.call("calibrator/save").success
+
+    play(bench, str(bag), "--rate", "4")
+    bench.spin_until(lambda: len(field_gradient) == 600, "every sample is corrected")
+    result = CliRunner().invoke(main, ["correct", str(bag), "--calibration", str(path), "-o", str(offline)])
+    assert result.exit_code == 0, result.output
+    live = np.concatenate([read_cloud(cloud)[1] for cloud in field_gradient])
+    assert_allclose(live, rows_in(offline, "/field_gradient"), rtol=1e-12)
+    stamps = [message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for message in field_gradient]
+    assert_array_equal([stamp / 10**9 for stamp in stamps], read_recording(bag).time_s)
+
+
+def test_loop_and_clock(bench, bag):
+    """In a loop the samples begin anew, the bag's time is on /clock, and Ctrl-C ends the player well."""
+    from rosgraph_msgs.msg import Clock
+
+    bench.start_nodes(collector={})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    bench.connect(collector={"samples": 1})
+    player = bench.start({"player": [*PLAY, str(bag), "--rate", "5", "--loop", "--clock"]})
+    clock = bench.listen(Clock, "/clock")
+    bench.spin_until(lambda: len(samples) > 700, "the bag begins anew")
+    assert player.end_one("player", signal.SIGINT) == 0
+    stamps = np.array([message.header.stamp.sec + message.header.stamp.nanosec / 1e9 for message in samples])
+    assert (np.diff(stamps) < 0).sum() == 1
+    assert 1.7e9 <= clock[-1].clock.sec <= 1.7e9 + 6
+    bench.health("collector", lambda _, figures: figures["restarts"] == "1", "the restart is counted")
+
+
+def test_use_sim_time(bench, bag):
+    """A node with use_sim_time takes its time from the bag's /clock."""
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    bench.start_nodes(collector={"use_sim_time": "true"})
+    diagnostics = bench.listen(DiagnosticArray, "/diagnostics")
+    bench.start({"player": [*PLAY, str(bag), "--loop", "--clock"]})
+    bench.spin_until(lambda: diagnostics and diagnostics[-1].header.stamp.sec > 0, "the clock arrives")
+    assert 1.7e9 <= diagnostics[-1].header.stamp.sec <= 1.7e9 + 6
+
+
+def test_nobody_listens_is_said(ros_domain, bag, monkeypatch):
+    """Without a subscriber the bag is played all the same, and the player says who does not listen."""
+    monkeypatch.setattr("tam_calibration.cli.play.WAIT_S", 0.1)
+    result = CliRunner().invoke(main, ["play", str(bag), "--rate", "1000"])
+    assert result.exit_code == 0, result.output
+    assert "nobody listens to /tam_1/magnetic_field" in result.output and "3000 messages" in result.output
+
+
+def test_damaged_bag_is_refused(ros_domain, bag, tmp_path):
+    """What is no bag ends in one sentence and exit code 2."""
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(b"\x89MCAP0\r\n" + bytes(50))
+    result = CliRunner().invoke(main, ["play", str(damaged)])
+    assert result.exit_code == 2
+    assert str(damaged) in result.output and len(result.output.splitlines()) == 1

@@ -1,0 +1,71 @@
+"""The launch file, as far as it can be checked where ROS 2 launch is not installed."""
+
+import ast
+import runpy
+import sys
+from importlib.resources import files
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LAUNCH_FILE = ROOT / "launch" / "tam.launch.py"
+
+
+class Recorded(SimpleNamespace):
+    """Stands for any action or substitution: keeps what it was made with."""
+
+    def __init__(self, *positional, **named):
+        super().__init__(positional=positional, **named)
+
+    def perform(self, context):
+        """Return the value of a launch argument, as LaunchConfiguration does."""
+        return context[self.positional[0]]
+
+
+@pytest.fixture
+def launch_file(monkeypatch):
+    """Return the names of the launch file, run with stand-ins for the launch packages."""
+    names = {
+        "launch": ["LaunchContext", "LaunchDescription"],
+        "launch.actions": ["DeclareLaunchArgument", "OpaqueFunction", "SetEnvironmentVariable"],
+        "launch.substitutions": ["EnvironmentVariable", "LaunchConfiguration"],
+        "launch_ros": [],
+        "launch_ros.actions": ["Node"],
+    }
+    for module, members in names.items():
+        stand_in = ModuleType(module)
+        for member in members:
+            setattr(stand_in, member, type(member, (Recorded,), {}))
+        monkeypatch.setitem(sys.modules, module, stand_in)
+    return runpy.run_path(str(LAUNCH_FILE))
+
+
+def started(launch_file, **given):
+    """Return the nodes that the launch file starts with some arguments given, by name."""
+    actions = launch_file["generate_launch_description"]().positional[0]
+    defaults = {action.positional[0]: action.default_value for action in actions if hasattr(action, "default_value")}
+    [opaque] = [action for action in actions if hasattr(action, "function")]
+    return {node.name: node for node in opaque.function(defaults | given)}
+
+
+def test_nodes_are_the_entry_points(launch_file):
+    """Executables, names and modules of the nodes are the same everywhere."""
+    nodes = started(launch_file)
+    assert list(nodes) == ["collector", "calibrator", "corrector"]
+    setup = ast.unparse(ast.parse((ROOT / "setup.py").read_text()))
+    for name, node in nodes.items():
+        assert (node.package, node.executable) == ("tam_calibration", name)
+        assert f"{name} = {{NAME}}.nodes.{name}:main" in setup
+        assert (files("tam_calibration") / "nodes" / f"{name}.py").is_file()
+
+
+def test_arguments_become_parameters_only_where_given(launch_file):
+    """What is not given leaves the file of parameters in force; each node gets what it knows."""
+    nodes = started(launch_file, params_file="p.yaml", array_file="a.yaml", calibration_file="c.yaml", namespace="auv")
+    assert nodes["collector"].parameters == ["p.yaml", {"use_sim_time": False, "array_file": "a.yaml"}]
+    assert nodes["calibrator"].parameters[1]["calibration_file"] == "c.yaml"
+    assert "calibration_file" not in nodes["corrector"].parameters[1]
+    assert {node.namespace for node in nodes.values()} == {"auv"}
+    assert started(launch_file)["collector"].parameters == [{"use_sim_time": False}]
