@@ -1,0 +1,1 @@
+"""The `tam` command: one file for each subcommand."""
