@@ -28,8 +28,8 @@ def test_unusable_parameter_ends_the_node_with_a_sentence(ros_domain):
         ("collector", "silence_s:=-1.0"): "out of range Min: 0.1",
         ("collector", "scalar_type:=std_msgs/Int32"): "is not one of: sensor_msgs/MagneticField, std_msgs/Float64",
         ("calibrator", "method:=magic"): "is not one of: maximum_likelihood",
-        ("calibrator", "array_file:=/nowhere.yaml"): "/nowhere.yaml",
-        ("corrector", "calibration_file:=/nowhere.yaml"): "/nowhere.yaml",
+        ("calibrator", "array_file:=/array.yaml"): "/array.yaml",
+        ("corrector", "calibration_file:=/calibration.yaml"): "/calibration.yaml",
     }
     processes = {
         sentence: subprocess.Popen(
