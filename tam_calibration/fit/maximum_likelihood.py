@@ -22,6 +22,7 @@ from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 _MOST_STEPS = 100
+_SMALLEST_SPREAD = 1e-12  # of readings that are not all in a plane, over the largest
 
 
 def maximum_likelihood(recording: Recording, array: Array, *, robust: bool = False) -> Calibration:
@@ -78,7 +79,10 @@ def _closed_form(data: Normalized, vector_noise: FloatArray) -> tuple[FloatArray
     weight /= weight.mean()
     mean = points.mean(axis=0)
     spread = weight[:, None] * (points.T @ points / len(points) - np.outer(mean, mean)) * weight
-    components = np.linalg.eigh(spread)[1][:, -3:]
+    values, vectors = np.linalg.eigh(spread)
+    if values[-3] < _SMALLEST_SPREAD * values[-1]:
+        raise InputError(ellipsoid.NO_ELLIPSOID)
+    components = vectors[:, -3:]
     scores = (points - mean) @ (weight[:, None] * components)
     known = np.isfinite(data.intensity)
     rows = ellipsoid.monomials(scores[known], data.intensity[known])
