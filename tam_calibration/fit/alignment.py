@@ -1,0 +1,110 @@
+"""The alignment of sensors that are orthogonal already: Procrustes analysis, and the linear regression before it.
+
+Every function takes any number of leading axes and treats each of them apart.
+"""
+
+import numpy as np
+from numpy.linalg import inv
+
+from tam_calibration.errors import SensorErrors
+from tam_calibration.problems import InputError
+from tam_calibration.units import FloatArray
+
+
+def field_products(joint: FloatArray, unmix: FloatArray, center: FloatArray) -> FloatArray:
+    """Return the sums of the outer products of the restored fields.
+
+    Parameters
+    ----------
+    joint : (S, 3K+1, 3K+1) array
+        Moments of all readings, and 1.
+    unmix : (S, K, 3, 3) array
+        From unbiased readings to the field in each sensor's own frame.
+    center : (S, K, 3) array
+        Biases.
+
+    Returns
+    -------
+    (S, K, K, 3, 3) array
+        At k, l the sum of b_k b_lᵀ.
+    """
+    sets, sensors = center.shape[:2]
+    eye = np.broadcast_to(np.eye(3 * sensors), (sets, 3 * sensors, 3 * sensors))
+    shift = np.concatenate([eye, -center.reshape(sets, -1, 1)], axis=2)
+    centered = (shift @ joint @ np.swapaxes(shift, 1, 2)).reshape(sets, sensors, 3, sensors, 3)
+    products: FloatArray = np.einsum("skip,skplq,sljq->sklij", unmix, centered, unmix, optimize=True)
+    return products
+
+
+def procrustes(cross: FloatArray) -> FloatArray:
+    """Return the rotations Λ that turn a reference into each sensor's field.
+
+    Parameters
+    ----------
+    cross : (..., K, 3, 3) array
+        Sums of b_k bᵀ, b the reference.
+
+    Returns
+    -------
+    (..., K, 3, 3) array
+        Minimising the sum of |b_k - Λ_k b|² over rotations (Chi 2017 eq. 16, the other way round).
+
+    Raises
+    ------
+    InputError
+        When a sensor is left-handed.
+    """
+    left, _, right = np.linalg.svd(cross)
+    rotation: FloatArray = left @ right
+    mirrored = (np.linalg.det(rotation) < 0).reshape(-1, cross.shape[-3]).any(axis=0)
+    if mirrored.any():
+        raise InputError(
+            f"sensor {np.argmax(mirrored) + 1} is a mirror image of the reference: "
+            "check the order and signs of its axes"
+        )
+    return rotation
+
+
+def rotation_by_regression(regression: FloatArray) -> FloatArray:
+    """Return the rotations Λ of the sensors from the regression of a reference on their fields, angle by angle.
+
+    The z row of b = V b_k gives two angles, the y row the third: what V says beside that is not used. Li 2018a compares
+    itself with this alignment of Yin 2014, and its Table 2 is met by it.
+
+    Parameters
+    ----------
+    regression : (..., K, 3, 3) array
+        V of each sensor.
+
+    Raises
+    ------
+    InputError
+        When a sensor is turned by more than 90° about z, where the arc sine is wrong.
+    """
+    beyond = (regression[..., 0, 0] < 0).reshape(-1, regression.shape[-3]).any(axis=0)
+    if beyond.any():
+        raise InputError(
+            f"sensor {np.argmax(beyond) + 1} is turned by more than 90° against the reference, "
+            "beyond what a linear alignment finds: use the method maximum_likelihood"
+        )
+    beta = -np.arcsin(np.clip(regression[..., 2, 0], -1, 1))
+    alpha = np.arctan2(regression[..., 2, 1], regression[..., 2, 2])
+    gamma = np.arcsin(np.clip(regression[..., 1, 0] / np.cos(beta), -1, 1))
+    angles = np.stack([alpha, beta, gamma], axis=-1).reshape(-1, 3)
+    zero = np.zeros_like(angles)
+    rotation: FloatArray = SensorErrors(zero + 1, zero, zero, angles).rotation
+    return rotation.reshape(regression.shape)
+
+
+def regression_on_first(products: FloatArray) -> FloatArray:
+    """Return the regressions V (S, K, 3, 3) of sensor 1's field on each sensor's, from ``field_products``."""
+    own = np.moveaxis(np.diagonal(products, axis1=1, axis2=2), -1, 1)
+    regression: FloatArray = products[:, 0] @ inv(own)
+    return regression
+
+
+def into_frame_of_first(matrix: FloatArray) -> FloatArray:
+    """Turn the common frame of matrices D Λ (S, K, 3, 3) into the orthogonal frame of sensor 1."""
+    first = SensorErrors.from_matrix(matrix[:, 0], np.zeros((len(matrix), 3))).rotation
+    turned: FloatArray = matrix @ np.swapaxes(first, 1, 2)[:, None]
+    return turned

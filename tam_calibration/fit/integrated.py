@@ -1,0 +1,107 @@
+"""The integrated calibration of Chi 2017: sensor errors, misalignment, and the hard and soft iron of the vehicle.
+
+With soft iron a sensor reads C b + o with any matrix C (eq. 5). Its ellipsoid is fitted by least squares under a
+constraint that admits ellipsoids only, split by Cholesky factorisation, and the sensors are aligned by Procrustes.
+"""
+
+import numpy as np
+from numpy.linalg import LinAlgError, inv
+
+from tam_calibration.array import Array
+from tam_calibration.calibration import Calibration
+from tam_calibration.fit import ellipsoid
+from tam_calibration.fit.alignment import field_products, procrustes
+from tam_calibration.fit.moments import finish, gather
+from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+FRAME_STATEMENT = (
+    "The array frame is the frame in which the matrix of sensor 1 is upper triangular. With soft iron that is not the "
+    "frame of its axes, and it may be turned against the array by tens of degrees: a uniform field looks perfect, but "
+    "the components of the field and of a source's gradient are turned with it. Record the attitude to take the frame "
+    "from it."
+)
+
+_RATIOS = (100.0, 4.0)
+"""Bounds on I²/J of the ellipsoid, I the trace of A and J the sum of its principal minors (Li and Griffiths 2004).
+
+It is 3 for a sphere. The first bound admits axes of 14 to 1; what is fitted under the second is always an ellipsoid.
+"""
+
+
+def integrated(recording: Recording, array: Array) -> Calibration:
+    """Fit the matrices and biases of sensors near iron by Chi 2017.
+
+    Parameters
+    ----------
+    recording : Recording
+        Samples in a uniform field of an intensity that is taken as constant, the mean square of the scalar readings;
+        the iron is fixed to the array.
+    array : Array
+        Geometry and noise.
+
+    Returns
+    -------
+    Calibration
+        With the covariance of a jackknife over groups of samples. Scale factors and angles are those of D Λ = C, the
+        soft iron in them, in the frame of ``FRAME_STATEMENT``; ``attitude_frame.into_array_frame`` takes it off.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid, or a sensor is left-handed.
+    """
+    moments = gather(recording, "integrated")
+    shape, center = constrained_ellipsoid(moments.quartic, moments.mean_square)
+    unmix = ellipsoid.square_root(shape)
+    products = field_products(moments.joint, unmix, center)
+    matrix = inv(unmix) @ procrustes(products[:, :, 0])
+    return finish("integrated", recording, array, moments.data, matrix, center)
+
+
+def constrained_ellipsoid(moments: FloatArray, mean_square: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the shapes and centres of the ellipsoids nearest to points in algebraic distance: Chi 2017 eqs. 9 to 14.
+
+    Parameters
+    ----------
+    moments : (..., 11, 11) array
+        Of ``ellipsoid.monomials``, points scaled to order one.
+    mean_square : (...) array
+        Square of the intensity.
+
+    Returns
+    -------
+    (..., 3, 3) array, (..., 3) array
+        A and o of (p - o)ᵀ A (p - o) = mean_square.
+
+    Raises
+    ------
+    InputError
+        When the points determine no ellipsoid.
+    """
+    for ratio in _RATIOS:
+        try:
+            shape, linear, constant = _nearest(moments, ratio)
+            center = -np.linalg.solve(shape, linear[..., None])[..., 0] / 2
+        except LinAlgError:
+            raise InputError(ellipsoid.NO_ELLIPSOID) from None
+        if (np.linalg.eigvalsh(shape)[..., 0] > 0).all():
+            break
+    size = np.einsum("...i,...ij,...j->...", center, shape, center) - constant
+    return shape * (mean_square / size)[..., None, None], center
+
+
+def _nearest(moments: FloatArray, ratio: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return A, the linear and the constant coefficients that minimise the algebraic distance with ratio J - I² = 1."""
+    square, mixed, rest = moments[..., :6, :6], moments[..., :6, 6:10], moments[..., 6:10, 6:10]
+    eliminate = np.linalg.solve(rest, np.swapaxes(mixed, -1, -2))
+    constraint = np.diag([-1.0] * 3 + [-ratio] * 3)
+    constraint[:3, :3] += (ratio / 2 - 1) * (1 - np.eye(3))
+    values, vectors = np.linalg.eig(inv(constraint) @ (square - mixed @ eliminate))
+    # One value is positive, or zero without noise; the others are negative.
+    chosen = np.argmax(values.real, axis=-1)[..., None, None]
+    quadratic = np.take_along_axis(vectors.real, chosen, axis=-1)[..., 0]
+    quadratic = quadratic * np.sign(quadratic[..., :3].sum(axis=-1, keepdims=True))
+    linear = -(eliminate @ quadratic[..., None])[..., 0]
+    return ellipsoid.symmetric(quadratic), linear[..., :3], linear[..., 3]

@@ -1,0 +1,119 @@
+"""The moments of a recording, of all its samples and with each group of samples left out, and the way back from them.
+
+A method that needs no more than these is worked out for all sets at once, and its covariance is a jackknife.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tam_calibration.array import Array
+from tam_calibration.calibration import Calibration
+from tam_calibration.errors import SensorErrors
+from tam_calibration.fit.lossless import FEWEST_SAMPLES, _jackknife, _moments, _parameters
+from tam_calibration.fit.result import Estimate, make_calibration
+from tam_calibration.fit.scale import Normalized, free_scale, normalize
+from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Moments of S sets of samples: the first is of all samples, each other leaves a group out.
+
+    Parameters
+    ----------
+    quartic : (S, K, 11, 11) array
+        Of the monomials of ``ellipsoid.monomials`` of each sensor.
+    joint : (S, 3K+1, 3K+1) array
+        Of the readings of all sensors, and 1.
+    data : Normalized
+        The samples, about the origins and in the unit of the moments.
+    """
+
+    quartic: FloatArray
+    joint: FloatArray
+    data: Normalized
+
+    @property
+    def mean_square(self) -> FloatArray:
+        """(S, 1) mean square of the intensity, in units of the radius."""
+        mean: FloatArray = self.quartic[:, :1, 9, 10] / self.quartic[:, :1, 9, 9]
+        return mean
+
+    def with_constant_intensity(self) -> "Moments":
+        """Return the moments that the readings would have beside a constant intensity of the same mean square."""
+        quartic = self.quartic.copy()
+        quartic[..., :, 10] = self.mean_square[..., None] * quartic[..., :, 9]
+        quartic[..., 10, :] = self.mean_square[..., None] * quartic[..., 9, :]
+        return replace(self, quartic=quartic)
+
+
+def gather(recording: Recording, method: str, *, with_platform: bool = False) -> Moments:
+    """Return the moments of the samples that have a scalar reading, or of all where none has.
+
+    Parameters
+    ----------
+    recording : Recording
+        Samples in a uniform field.
+    method : str
+        What needs them, for people.
+    with_platform : bool
+        Whether the mean reading of the sensors follows them as one sensor more (Li 2018a eq. 2).
+
+    Raises
+    ------
+    InputError
+        When there are too few samples.
+    """
+    scalar = recording.scalar_T
+    known = recording if scalar is None or np.isnan(scalar).all() else recording.take(np.isfinite(scalar))
+    if known.sample_count < FEWEST_SAMPLES:
+        raise InputError(
+            f"{known.sample_count} samples are too few for the {method} calibration: it needs {FEWEST_SAMPLES}"
+        )
+    data = _append_mean(normalize(known)) if with_platform else normalize(known)
+    quartic, joint = _moments(data)
+    return Moments(_with_each_left_out(quartic), _with_each_left_out(joint), data)
+
+
+def _append_mean(data: Normalized) -> Normalized:
+    points = np.concatenate([data.points, data.points.mean(axis=1, keepdims=True)], axis=1)
+    origin = np.concatenate([data.origin_T, data.origin_T.mean(axis=0, keepdims=True)])
+    return replace(data, points=points, origin_T=origin)
+
+
+def _with_each_left_out(groups: FloatArray) -> FloatArray:
+    total = groups.sum(axis=0)
+    return np.concatenate([total[None], total - groups])
+
+
+def finish(
+    method: str, recording: Recording, array: Array, data: Normalized, matrix: FloatArray, center: FloatArray
+) -> Calibration:
+    """Return the calibration of what a method found for each set.
+
+    Parameters
+    ----------
+    method : str
+        Its name.
+    recording, array : Recording, Array
+        What it was given.
+    data : Normalized
+        Of the moments.
+    matrix : (S, K, 3, 3) array
+        D Λ of each sensor in the orthogonal frame of sensor 1.
+    center : (S, K, 3) array
+        Bias of each sensor about its origin, in units of the radius.
+    """
+    factor = np.ones(len(matrix)) if data.has_scalar else free_scale(matrix)
+    bias = data.origin_T[: recording.sensor_count] + data.radius_T * center
+    vectors = _parameters(matrix * factor[:, None, None, None], bias)
+    estimate = Estimate(
+        SensorErrors.from_vector(vectors[0]),
+        _jackknife(vectors[1:]),
+        covariance_from_noise=False,
+        intensity_T=float(data.radius_T / factor[0]),
+    )
+    return make_calibration(method, recording, array, estimate)

@@ -1,0 +1,55 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.fit import ellipsoid
+from tam_calibration.fit.integrated import constrained_ellipsoid, integrated
+from tam_calibration.problems import InputError
+from tam_calibration.reproduce import chi2017
+
+
+def ellipsoid_moments(axes, center, noise=0.0, part=1.0):
+    """Return the moments of points on an ellipsoid with given half axes, or on the upper part of it."""
+    generator = np.random.default_rng(5)
+    direction = generator.normal(size=(400, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    direction = direction[direction[:, 2] > 1 - 2 * part]
+    points = direction * axes + center + noise * generator.normal(size=direction.shape)
+    rows = ellipsoid.monomials(points, np.ones(len(points)))
+    return rows.T @ rows
+
+
+@pytest.mark.parametrize("axes", [(1, 1, 1), (1, 1.5, 0.7), (0.2, 1, 1), (1, 0.1, 0.1), (1, 1, 0.09)])
+def test_an_ellipsoid_is_found_exactly(axes):
+    """Without noise shape and centre are exact, also for long and for flat ellipsoids."""
+    center = np.array([0.2, -0.1, 0.3])
+    shape, found = constrained_ellipsoid(ellipsoid_moments(np.array(axes), center), np.array(1.0))
+    assert_allclose(found, center, atol=1e-10)
+    assert_allclose(shape, np.diag(1 / np.square(axes)), rtol=1e-9, atol=1e-8)
+
+
+def test_what_is_fitted_is_an_ellipsoid():
+    """On a small cap of a noisy sphere, where a free quadric opens, the constraint still yields an ellipsoid."""
+    moments = ellipsoid_moments(np.ones(3), np.zeros(3), noise=0.05, part=0.1)
+    free = np.linalg.solve(moments[:9, :9], moments[:9, 9])
+    assert np.linalg.eigvalsh(ellipsoid.symmetric(free[:6])).min() < 0
+    shape, _ = constrained_ellipsoid(moments, np.array(1.0))
+    assert np.linalg.eigvalsh(shape).min() > 0
+
+
+def test_points_in_a_plane_are_refused():
+    """A singular fit is a sentence, not a traceback."""
+    with pytest.raises(InputError, match="do not lie on an ellipsoid"):
+        constrained_ellipsoid(np.zeros((11, 11)), np.array(1.0))
+
+
+def test_hard_and_soft_iron_are_taken_off():
+    """With the paper's iron and no noise intensity and tensor of a uniform field are exact."""
+    case = chi2017.set_up()
+    exact = replace(case.recording, readings_T=case.errors.distort(case.field_T))
+    calibration = integrated(exact, case.array)
+    assert calibration.before.tensor_rmse_T_per_m > 5e-5
+    assert calibration.in_sample.tensor_rmse_T_per_m < 1e-16
+    assert calibration.in_sample.sensor_intensity_T.max() < 1e-16

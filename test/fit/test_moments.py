@@ -1,0 +1,101 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.array import Array
+from tam_calibration.fit.artificial_vector import artificial_vector
+from tam_calibration.fit.fast_rotation import fast_rotation
+from tam_calibration.fit.integrated import integrated
+from tam_calibration.fit.moments import gather
+from tam_calibration.fit.simplified_linear import simplified_linear
+from tam_calibration.fit.two_step_linear import two_step_linear
+from tam_calibration.problems import InputError
+from tam_calibration.simulation import simulate
+
+EXACT = (artificial_vector, fast_rotation, integrated, two_step_linear)
+
+
+def name_of(method):
+    """Return the name by which a user calls a method."""
+    return method.__name__
+
+
+@pytest.mark.parametrize("method", EXACT, ids=name_of)
+def test_noise_free_data_give_the_errors_back(noise_free, wu_scenario, method):
+    """Without noise bias is exact to 1e-8 nT, scale factors and angles to 1e-12, in the frame of sensor 1."""
+    calibration = method(noise_free.recording, wu_scenario.array)
+    found = calibration.errors
+    assert calibration.method == method.__name__
+    assert_allclose(found.bias_T, noise_free.errors.bias_T, rtol=0, atol=1e-17)
+    assert_allclose(found.scale_factor, noise_free.errors.scale_factor, rtol=0, atol=1e-12)
+    assert_allclose(found.non_orthogonality, noise_free.errors.non_orthogonality, rtol=0, atol=1e-12)
+    assert_allclose(found.misalignment, noise_free.errors.misalignment, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", EXACT, ids=name_of)
+def test_jackknife_tells_the_spread_of_the_estimate(wu_scenario, method):
+    """Over 40 runs the spread of the parameters agrees with the standard errors that are told."""
+    errors, told = [], []
+    for seed in range(40):
+        run = simulate(replace(wu_scenario, seed=seed))
+        calibration = method(run.recording, wu_scenario.array)
+        errors.append(calibration.errors.to_vector() - run.errors.to_vector())
+        told.append(calibration.standard_errors)
+    spread, told = np.mean(np.square(errors), axis=0), np.mean(np.square(told), axis=0)
+    ratio = spread[told > 0] / told[told > 0]
+    assert ratio.mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / 40 / 15))
+
+
+@pytest.mark.parametrize("method", (*EXACT, simplified_linear), ids=name_of)
+def test_without_reference_the_scale_is_fixed_by_convention(noise_free, wu_scenario, method):
+    """Without a scalar the determinants have the geometric mean 1."""
+    calibration = method(replace(noise_free.recording, scalar_T=None), wu_scenario.array)
+    assert not calibration.has_scalar_reference
+    assert np.linalg.det(calibration.errors.matrix).prod() == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("method", EXACT, ids=name_of)
+def test_one_sensor_is_a_legal_array(noise_free, method):
+    """A single sensor is calibrated as it is within the array."""
+    alone = replace(noise_free.recording, readings_T=noise_free.recording.readings_T[:, :1])
+    found = method(alone, Array(np.zeros((1, 3)), np.array([1e-9]), 1e-10)).errors
+    assert_allclose(found.bias_T, noise_free.errors.bias_T[:1], rtol=0, atol=1e-16)
+
+
+@pytest.mark.parametrize("method", EXACT, ids=name_of)
+def test_samples_without_a_scalar_reading_are_left_out(noise_free, wu_scenario, method):
+    """Missing scalar readings leave a noise-free result exact."""
+    sparse = np.where(np.arange(noise_free.recording.sample_count) % 3 == 0, noise_free.recording.scalar_T, np.nan)
+    found = method(replace(noise_free.recording, scalar_T=sparse), wu_scenario.array).errors
+    assert_allclose(found.bias_T, noise_free.errors.bias_T, rtol=0, atol=1e-16)
+
+
+@pytest.mark.parametrize(
+    ("method", "tracks"),
+    [(artificial_vector, True), (fast_rotation, True), (integrated, False), (two_step_linear, False)],
+    ids=["artificial_vector", "fast_rotation", "integrated", "two_step_linear"],
+)
+def test_who_tracks_a_drift_of_the_field(noise_free, wu_scenario, method, tracks):
+    """A drift that the scalar tracks spoils only the methods that hold the intensity constant."""
+    swing = 1 + 2e-4 * np.sin(np.arange(noise_free.recording.sample_count) / 20)
+    readings = noise_free.errors.distort(noise_free.center_field_T * swing[:, None])
+    drifting = replace(noise_free.recording, readings_T=readings, scalar_T=noise_free.recording.scalar_T * swing)
+    error = np.abs(method(drifting, wu_scenario.array).errors.bias_T - noise_free.errors.bias_T).max()
+    assert error < 1e-17 if tracks else 1e-10 < error < 1e-8
+
+
+@pytest.mark.parametrize("method", (*EXACT, simplified_linear), ids=name_of)
+def test_a_mirrored_sensor_is_named(noise_free, wu_scenario, method):
+    """A sensor with one axis reversed is refused by number."""
+    readings = noise_free.recording.readings_T.copy()
+    readings[:, 2, 0] *= -1
+    with pytest.raises(InputError, match="sensor 3"):
+        method(replace(noise_free.recording, readings_T=readings), wu_scenario.array)
+
+
+def test_too_few_samples_are_counted(noise_free):
+    """Nine samples leave the jackknife nothing to leave out."""
+    with pytest.raises(InputError, match="9 samples are too few for the integrated"):
+        gather(noise_free.recording.take(slice(0, 9)), "integrated")

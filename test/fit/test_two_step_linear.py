@@ -1,0 +1,33 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.fit.bound import bound
+from tam_calibration.fit.lossless import lossless
+from tam_calibration.fit.two_step_linear import two_step_linear
+from tam_calibration.simulation import simulate
+
+
+def test_with_a_constant_intensity_the_ellipsoid_is_that_of_wu(wu_run, wu_scenario):
+    """Bias, scale factors and non-orthogonality are those of the lossless calibration; the alignment is another."""
+    constant = replace(wu_run.recording, scalar_T=np.full(wu_run.recording.sample_count, 54955.83e-9))
+    found = two_step_linear(constant, wu_scenario.array).errors.to_vector()
+    expected = lossless(constant, wu_scenario.array).errors.to_vector()
+    assert_allclose(found[:, :9], expected[:, :9], rtol=0, atol=1e-13)
+    assert 1e-8 < np.abs(found - expected)[1:, 9:].max() < 1e-5
+
+
+def test_the_alignment_reaches_the_bound(wu_scenario):
+    """The errors of an ellipsoid's triangular factor do not reach what is regressed below its diagonal."""
+    runs = [simulate(replace(wu_scenario, seed=seed)) for seed in range(60)]
+    least = bound(runs[0].center_field_T, runs[0].errors, wu_scenario.array, has_scalar=True)
+    least = np.diag(least).reshape(-1, 12)[1:, 9:]
+
+    def efficiency(method):
+        found = [method(run.recording, wu_scenario.array).errors.misalignment for run in runs]
+        return np.mean(np.mean(np.square(found - runs[0].errors.misalignment), axis=0)[1:] / least)
+
+    assert efficiency(two_step_linear) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 60 / 9))
+    assert efficiency(lossless) > 1.4
