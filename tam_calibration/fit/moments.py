@@ -68,7 +68,7 @@ def gather(recording: Recording, method: str, *, with_platform: bool = False) ->
         When there are too few samples.
     """
     scalar = recording.scalar_T
-    known = recording if scalar is None or np.isnan(scalar).all() else recording.take(np.isfinite(scalar))
+    known = recording if scalar is None else recording.take(np.isfinite(scalar))
     if known.sample_count < FEWEST_SAMPLES:
         raise InputError(
             f"{known.sample_count} samples are too few for the {method} calibration: it needs {FEWEST_SAMPLES}"
