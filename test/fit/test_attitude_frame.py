@@ -23,30 +23,35 @@ def exact(case):
     return replace(case.recording, readings_T=case.errors.distort(case.field_T))
 
 
-def test_attitude_takes_the_turn_off(case, exact):
+@pytest.fixture(scope="module")
+def blind(case, exact):
+    """Return the calibration of the recording without noise and without attitude."""
+    return integrated(replace(exact, attitude=None), case.array)
+
+
+def test_attitude_takes_the_turn_off(case, exact, blind):
     """Without noise the errors in the array frame are found, the misalignment of sensor 1 with them."""
-    found = into_array_frame(integrated(exact, case.array).errors, exact)
+    found = into_array_frame(blind.errors, exact)
     assert_allclose(found.matrix, case.errors.matrix, rtol=0, atol=1e-12)
     assert_allclose(found.misalignment[0], case.errors.misalignment[0], rtol=0, atol=1e-12)
 
 
-def test_only_a_gradient_sees_the_turn(case, exact):
+def test_only_a_gradient_sees_the_turn(case, exact, blind):
     """The tensor of a source is wrong in the frame of sensor 1, and right in the array frame."""
     gradient = 1e-6 * np.array([[1.0, 0.5, -0.3], [0.5, -0.2, 0.7], [-0.3, 0.7, -0.8]])
     field = case.field_T[:, None] + case.array.positions_m @ gradient
-    calibration = integrated(exact, case.array)
     expected = gradient[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]]
-    wrong = calibration.apply(case.errors.distort(field))[:, 3:8]
+    wrong = blind.apply(case.errors.distort(field))[:, 3:8]
     assert np.abs(wrong - expected).max() > 0.2e-6
-    turned = replace(calibration, errors=into_array_frame(calibration.errors, exact))
+    turned = replace(blind, errors=into_array_frame(blind.errors, exact))
     assert_allclose(turned.apply(case.errors.distort(field))[:, 3:8], np.tile(expected, (200, 1)), rtol=0, atol=1e-15)
 
 
-def test_noise_of_the_attitude_averages_out(case, exact):
+def test_noise_of_the_attitude_averages_out(case, exact, blind):
     """With one degree of noise in the attitude the frame is found to a third of a degree."""
     noise = Rotation.from_rotvec(np.random.default_rng(6).normal(scale=0.0175, size=(200, 3)))
     noisy = replace(exact, attitude=(Rotation.from_quat(exact.attitude) * noise).as_quat())
-    found = into_array_frame(integrated(exact, case.array).errors, noisy)
+    found = into_array_frame(blind.errors, noisy)
     error = Rotation.from_matrix(found.rotation[0] @ case.errors.rotation[0].T).magnitude()
     assert error < 0.006
 
