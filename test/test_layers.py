@@ -12,7 +12,7 @@ LAYERS = (
     ("cli",),
     ("nodes",),
     ("report",),
-    ("gap",),
+    ("gap", "reproduce"),
     ("files",),
     ("fit", "simulation"),
     ("calibration",),

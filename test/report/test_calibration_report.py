@@ -1,3 +1,4 @@
+import errno
 import re
 from html.parser import HTMLParser
 
@@ -173,10 +174,10 @@ def test_full_disk_leaves_the_old_page(make, tmp_path, monkeypatch):
 
     def break_off(self, text, encoding):
         self.write_bytes(text[:1000].encode(encoding))
-        raise OSError("no space left")
+        raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(type(path), "write_text", break_off)
-    with pytest.raises(OSError, match="no space left"):
+    with pytest.raises(InputError, match=r"report.html cannot be written: No space left on device"):
         write_calibration_report(path, *make())
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
