@@ -10,12 +10,18 @@ import numpy as np
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
 from tam_calibration.errors import SensorErrors
-from tam_calibration.fit.lossless import FEWEST_SAMPLES, _jackknife, _moments, _parameters
+from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
+
+JACKKNIFE_GROUPS = 64
+FEWEST_SAMPLES = 10
+"""An ellipsoid has nine parameters; one sample more lets the jackknife leave one out."""
+
+_PIECE = 16_384
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +80,7 @@ def gather(recording: Recording, method: str, *, with_platform: bool = False) ->
             f"{known.sample_count} samples are too few for the {method} calibration: it needs {FEWEST_SAMPLES}"
         )
     data = _append_mean(normalize(known)) if with_platform else normalize(known)
-    quartic, joint = _moments(data)
+    quartic, joint = _moments_of_groups(data)
     return Moments(_with_each_left_out(quartic), _with_each_left_out(joint), data)
 
 
@@ -82,6 +88,32 @@ def _append_mean(data: Normalized) -> Normalized:
     points = np.concatenate([data.points, data.points.mean(axis=1, keepdims=True)], axis=1)
     origin = np.concatenate([data.origin_T, data.origin_T.mean(axis=0, keepdims=True)])
     return replace(data, points=points, origin_T=origin)
+
+
+def _moments_of_groups(data: Normalized) -> tuple[FloatArray, FloatArray]:
+    """Return the (G, K, 11, 11) and (G, 3K+1, 3K+1) moments of the samples that are g, g + G, g + 2G … in time."""
+    groups = min(JACKKNIFE_GROUPS, len(data.points))
+    sensors = data.points.shape[1]
+    quartic, joint = np.zeros((groups, sensors, 11, 11)), np.zeros((groups, 3 * sensors + 1, 3 * sensors + 1))
+    piece = _PIECE // groups * groups
+    for start in range(0, len(data.points), piece):
+        points, intensity = data.points[start : start + piece], data.intensity[start : start + piece]
+        rows = np.stack([ellipsoid.monomials(points[:, sensor], intensity) for sensor in range(sensors)])
+        dealt = _deal(rows, groups)
+        quartic += np.moveaxis(np.swapaxes(dealt, -1, -2) @ dealt, 1, 0)
+        everything = np.column_stack([points.reshape(len(points), -1), np.ones(len(points))])
+        dealt = _deal(everything, groups)
+        joint += np.swapaxes(dealt, -1, -2) @ dealt
+    return quartic, joint
+
+
+def _deal(rows: FloatArray, groups: int) -> FloatArray:
+    """Deal rows (..., N, M) to groups in turn: (..., G, N/G, M), the last turn filled up with zeros."""
+    count, width = rows.shape[-2:]
+    turns = -(-count // groups)
+    full = np.zeros((*rows.shape[:-2], turns * groups, width))
+    full[..., :count, :] = rows
+    return np.swapaxes(full.reshape(*rows.shape[:-2], turns, groups, width), -3, -2)
 
 
 def _with_each_left_out(groups: FloatArray) -> FloatArray:
@@ -112,8 +144,24 @@ def finish(
     vectors = _parameters(matrix * factor[:, None, None, None], bias)
     estimate = Estimate(
         SensorErrors.from_vector(vectors[0]),
-        _jackknife(vectors[1:]),
+        jackknife(vectors[1:]),
         covariance_from_noise=False,
         intensity_T=float(data.radius_T / factor[0]),
     )
     return make_calibration(method, recording, array, estimate)
+
+
+def _parameters(matrix: FloatArray, bias_T: FloatArray) -> FloatArray:
+    """Return the (S, K, 12) parameters of matrices (S, K, 3, 3) and biases (S, K, 3)."""
+    every = SensorErrors.from_matrix(matrix.reshape(-1, 3, 3), bias_T.reshape(-1, 3))
+    vectors = every.to_vector().reshape(*matrix.shape[:2], 12)
+    vectors[:, 0, 9:] = 0
+    return vectors
+
+
+def jackknife(replicates: FloatArray) -> FloatArray:
+    """Return the covariance of the flattened estimates (G, ...) that leave one group out each."""
+    groups = len(replicates)
+    deviation = (replicates - replicates.mean(axis=0)).reshape(groups, -1)
+    covariance: FloatArray = (groups - 1) / groups * deviation.T @ deviation
+    return covariance
