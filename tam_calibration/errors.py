@@ -6,6 +6,7 @@ frame to the sensor's own orthogonal frame.
 """
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.linalg import inv, norm
@@ -114,25 +115,27 @@ class SensorErrors:
         """Number of sensors K."""
         return len(self.scale_factor)
 
-    @property
+    @cached_property
     def measurement(self) -> FloatArray:
         """(K, 3, 3) upper triangular matrices D of scale factors and non-orthogonality (Wu 2025 eq. 3)."""
         (sx, sy, sz), (theta, phi, psi) = self.scale_factor.T, self.non_orthogonality.T
-        zero = np.zeros_like(sx)
-        return _stack_rows(
-            [sx * np.cos(theta) * np.cos(phi), sx * np.cos(theta) * np.sin(phi), sx * np.sin(theta)],
-            [zero, sy * np.cos(psi), sy * np.sin(psi)],
-            [zero, zero, sz],
-        )
+        matrix = np.zeros((self.sensor_count, 3, 3))
+        matrix[:, 0, 0] = sx * np.cos(theta) * np.cos(phi)
+        matrix[:, 0, 1] = sx * np.cos(theta) * np.sin(phi)
+        matrix[:, 0, 2] = sx * np.sin(theta)
+        matrix[:, 1, 1] = sy * np.cos(psi)
+        matrix[:, 1, 2] = sy * np.sin(psi)
+        matrix[:, 2, 2] = sz
+        return matrix
 
-    @property
+    @cached_property
     def rotation(self) -> FloatArray:
         """(K, 3, 3) passive rotations Λ from the array frame to each sensor's orthogonal frame."""
         alpha, beta, gamma = self.misalignment.T
-        rotation: FloatArray = _rotate_x(alpha) @ _rotate_y(beta) @ _rotate_z(gamma)
+        rotation: FloatArray = _rotate(0, alpha) @ _rotate(1, beta) @ _rotate(2, gamma)
         return rotation
 
-    @property
+    @cached_property
     def matrix(self) -> FloatArray:
         """(K, 3, 3) matrices D Λ from the field in the array frame to the readings without bias."""
         matrix: FloatArray = self.measurement @ self.rotation
@@ -167,10 +170,10 @@ class SensorErrors:
         matrix[:, :6] = matrix[:, :6] @ rotation[:, None]
         derivative[:, 6:9, :, 3] = np.eye(3)
         alpha, beta, gamma = self.misalignment.T
-        rx, ry, rz = _rotate_x(alpha), _rotate_y(beta), _rotate_z(gamma)
+        about_x, about_yz = _rotate(0, alpha), _rotate(1, beta) @ _rotate(2, gamma)
         # A passive rotation by an angle has the derivative -[axis]× times itself.
         matrix[:, 9] = measurement @ -_CROSS[0] @ rotation
-        matrix[:, 10] = measurement @ rx @ -_CROSS[1] @ ry @ rz
+        matrix[:, 10] = measurement @ about_x @ -_CROSS[1] @ about_yz
         matrix[:, 11] = measurement @ rotation @ -_CROSS[2]
         return np.moveaxis(derivative, 1, 3)
 
@@ -181,20 +184,12 @@ _CROSS = np.array(
 )
 
 
-def _stack_rows(*rows: list[FloatArray]) -> FloatArray:
-    return np.stack([np.stack(row, -1) for row in rows], -2)
-
-
-def _rotate_x(angle: FloatArray) -> FloatArray:
-    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
-    return _stack_rows([one, zero, zero], [zero, c, s], [zero, -s, c])
-
-
-def _rotate_y(angle: FloatArray) -> FloatArray:
-    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
-    return _stack_rows([c, zero, -s], [zero, one, zero], [s, zero, c])
-
-
-def _rotate_z(angle: FloatArray) -> FloatArray:
-    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
-    return _stack_rows([c, s, zero], [-s, c, zero], [zero, zero, one])
+def _rotate(axis: int, angle: FloatArray) -> FloatArray:
+    """Return the (K, 3, 3) passive rotations about an axis."""
+    rotation = np.zeros((len(angle), 3, 3))
+    second, third = (axis + 1) % 3, (axis + 2) % 3
+    rotation[:, axis, axis] = 1
+    rotation[:, second, second] = rotation[:, third, third] = np.cos(angle)
+    rotation[:, second, third] = np.sin(angle)
+    rotation[:, third, second] = -rotation[:, second, third]
+    return rotation
