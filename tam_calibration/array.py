@@ -28,6 +28,9 @@ class Array:
         None means unknown: it is estimated from the recording.
     scalar_noise_T : float, optional
         Standard deviation of the scalar magnetometer's noise, tesla. None means unknown.
+    scalar_position_m : (3,) array, optional
+        Position of the scalar magnetometer in the array frame, metres; None means at the centre. It matters only
+        where a fit takes the ambient field to have a gradient.
 
     Raises
     ------
@@ -38,6 +41,7 @@ class Array:
     positions_m: FloatArray
     vector_noise_T: FloatArray | None = None
     scalar_noise_T: float | None = None
+    scalar_position_m: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
@@ -58,6 +62,11 @@ class Array:
             object.__setattr__(self, "vector_noise_T", noise)
         if self.scalar_noise_T is not None and not (np.isfinite(self.scalar_noise_T) and self.scalar_noise_T >= 0):
             raise InputError("the scalar noise must be zero or a positive number")
+        if self.scalar_position_m is not None:
+            position = np.asarray(self.scalar_position_m, dtype=float)
+            if position.shape != (3,) or not np.isfinite(position).all():
+                raise InputError("the position of the scalar magnetometer must be three finite numbers x, y, z")
+            object.__setattr__(self, "scalar_position_m", position)
 
     @classmethod
     def cross(

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.linalg import inv, norm
 
 from tam_calibration.array import TENSOR_OUTPUTS, Array
+from tam_calibration.effects.ambient_gradient import without_gradient
 from tam_calibration.errors import SensorErrors
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
@@ -20,6 +21,10 @@ FRAME_STATEMENT = (
 SCALE_STATEMENT = (
     "Without a scalar reference the absolute scale is unknown: the determinants of the matrices are given the "
     "geometric mean 1, and the intensity is told on that scale."
+)
+GRADIENT_STATEMENT = (
+    "The field of the recording was taken to have a gradient, the same throughout in the world of the attitude; it was "
+    "fitted together with the errors, and residuals are those without it."
 )
 
 
@@ -64,6 +69,22 @@ class Residuals:
     def tensor_rmse_T_per_m(self) -> float:
         """Root of the summed squares of the five components, e_T of Wu 2025 eqs. 16, 17."""
         return float(norm(self.tensor_T_per_m))
+
+
+@dataclass(frozen=True, eq=False)
+class AmbientGradient:
+    """The gradient that a fit found in the field of its recording, in the world of the attitude.
+
+    Parameters
+    ----------
+    tensor_T_per_m : (3, 3) array
+        Symmetric and trace-free, T/m.
+    standard_errors_T_per_m : (3, 3) array
+        Of each component, T/m.
+    """
+
+    tensor_T_per_m: FloatArray
+    standard_errors_T_per_m: FloatArray
 
 
 @dataclass(frozen=True)
@@ -132,6 +153,8 @@ class Calibration:
         Residuals of samples that the fit did not see.
     source : Provenance, optional
         Where the recording came from.
+    ambient_gradient : AmbientGradient, optional
+        What was fitted beside the errors, where that was asked for.
     """
 
     method: str
@@ -151,11 +174,14 @@ class Calibration:
     warnings: tuple[str, ...] = ()
     held_out: Residuals | None = None
     source: Provenance | None = None
+    ambient_gradient: AmbientGradient | None = None
 
     @property
     def statements(self) -> tuple[str, ...]:
         """What holds for the frame, and what the data could not determine."""
-        return (FRAME_STATEMENT,) if self.has_scalar_reference else (FRAME_STATEMENT, SCALE_STATEMENT)
+        scale = () if self.has_scalar_reference else (SCALE_STATEMENT,)
+        gradient = () if self.ambient_gradient is None else (GRADIENT_STATEMENT,)
+        return (FRAME_STATEMENT, *scale, *gradient)
 
     @cached_property
     def standard_errors(self) -> FloatArray:
@@ -210,6 +236,18 @@ class Calibration:
             )
         recording.check_units()
         return Corrected(recording.time_s, self.apply(recording.readings_T), self.output_standard_errors)
+
+    def without_ambient_gradient(self, recording: Recording) -> Recording:
+        """Return the recording as it would be in a uniform field; itself where no gradient was fitted.
+
+        Raises
+        ------
+        InputError
+            When a gradient was fitted and the recording has no attitude.
+        """
+        if self.ambient_gradient is None:
+            return recording
+        return without_gradient(recording, self.errors, self.array, self.ambient_gradient.tensor_T_per_m)
 
     def apply(self, readings_T: FloatArray) -> FloatArray:
         """Return the (N, 9) outputs of (N, K, 3) readings; a sample's result does not depend on its neighbours."""

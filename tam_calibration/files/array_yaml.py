@@ -27,6 +27,8 @@ class ArrayFile(Document):
         Noise of each axis, one for all sensors or one for each.
     scalar_noise_nT : float, optional
         Noise of the scalar magnetometer.
+    scalar_position_m : [x, y, z], optional
+        Where the scalar magnetometer sits when it is not at the centre.
     notes, recording
         Anything; not read.
     """
@@ -35,6 +37,7 @@ class ArrayFile(Document):
     positions_m: list[tuple[float, float, float]] | None = None
     vector_noise_nT: float | list[float] | None = None
     scalar_noise_nT: float | None = None
+    scalar_position_m: tuple[float, float, float] | None = None
     notes: Any = None
     recording: Any = None
 
@@ -57,6 +60,7 @@ class ArrayFile(Document):
             array.positions_m,
             vector_noise_T,
             None if self.scalar_noise_nT is None else from_nanotesla(self.scalar_noise_nT),
+            None if self.scalar_position_m is None else np.array(self.scalar_position_m),
         )
 
 
@@ -92,6 +96,8 @@ def array_to_mapping(array: Array) -> dict[str, Any]:
         content["vector_noise_nT"] = nanotesla_to_write(array.vector_noise_T).tolist()
     if array.scalar_noise_T is not None:
         content["scalar_noise_nT"] = float(nanotesla_to_write(np.array(array.scalar_noise_T)))
+    if array.scalar_position_m is not None:
+        content["scalar_position_m"] = array.scalar_position_m.tolist()
     return content
 
 

@@ -15,18 +15,25 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 
-METHODS: dict[str, Callable[[Recording, Array], Calibration]] = {
+Fit = Callable[[Recording, Array], Calibration]
+
+METHODS: dict[str, Fit] = {
     "maximum_likelihood": maximum_likelihood,
     "robust": partial(maximum_likelihood, robust=True),
     "lossless": lossless,
 }
 DEFAULT_METHOD = "maximum_likelihood"
 
+WITH_AMBIENT_GRADIENT = ("maximum_likelihood", "robust")
+"""The methods that can fit the gradient of the ambient field with the errors."""
+
 FOLDS = 5
 BLOCKS_PER_FOLD = 10
 
 
-def calibrate(recording: Recording, array: Array, method: str = DEFAULT_METHOD) -> Calibration:
+def calibrate(
+    recording: Recording, array: Array, method: str = DEFAULT_METHOD, *, ambient_gradient: bool = False
+) -> Calibration:
     """Fit the errors of an array's sensors and judge the fit.
 
     Parameters
@@ -37,6 +44,8 @@ def calibrate(recording: Recording, array: Array, method: str = DEFAULT_METHOD) 
         Geometry and noise.
     method : str
         A name of ``METHODS``.
+    ambient_gradient : bool
+        Whether the field had a gradient, which the recorded attitude tells from the errors of the sensors.
 
     Returns
     -------
@@ -52,6 +61,12 @@ def calibrate(recording: Recording, array: Array, method: str = DEFAULT_METHOD) 
     """
     if method not in METHODS:
         raise InputError(f"there is no method {method!r}: choose one of {', '.join(METHODS)}")
+    fit = METHODS[method]
+    if ambient_gradient:
+        if method not in WITH_AMBIENT_GRADIENT:
+            able = " or ".join(WITH_AMBIENT_GRADIENT)
+            raise InputError(f"{method} takes the field for uniform: {able} can fit an ambient gradient")
+        fit = partial(maximum_likelihood, robust=method == "robust", ambient_gradient=True)
     if recording.sensor_count != array.sensor_count:
         raise InputError(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
@@ -59,14 +74,15 @@ def calibrate(recording: Recording, array: Array, method: str = DEFAULT_METHOD) 
         )
     recording.check_plausible()
     require_determined(recording, array)
-    calibration = METHODS[method](recording, array)
-    require_one_calibration(recording, calibration)
+    calibration = fit(recording, array)
+    uniform = calibration.without_ambient_gradient(recording)
+    require_one_calibration(uniform, calibration)
     require_accurate(calibration)
-    warnings = find_warnings(recording, calibration)
-    return replace(calibration, warnings=warnings, held_out=_held_out(recording, array, method))
+    warnings = find_warnings(uniform, calibration)
+    return replace(calibration, warnings=warnings, held_out=_held_out(recording, array, fit))
 
 
-def _held_out(recording: Recording, array: Array, method: str) -> Residuals | None:
+def _held_out(recording: Recording, array: Array, fit: Fit) -> Residuals | None:
     """Return the residuals of every sample, each corrected by a fit to the other folds of blocks of time."""
     count = recording.sample_count
     block = np.arange(count) * FOLDS * BLOCKS_PER_FOLD // count
@@ -76,10 +92,10 @@ def _held_out(recording: Recording, array: Array, method: str) -> Residuals | No
         if not test.any() or (~test).sum() < 2 * FEWEST_SAMPLES:
             return None
         try:
-            fitted = METHODS[method](recording.take(~test), array)
+            fitted = fit(recording.take(~test), array)
         except InputError:
             return None
-        seen = recording.take(test)
+        seen = fitted.without_ambient_gradient(recording.take(test))
         parts.append(measure_residuals(fitted.errors, array, seen, fitted.intensity_T))
         sizes.append(test.sum())
     return _pool(parts, np.array(sizes))

@@ -10,11 +10,19 @@ from numpy.linalg import LinAlgError, inv
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
+from tam_calibration.effects.ambient_gradient import require_attitude
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import ellipsoid, student
+from tam_calibration.fit.ambient_gradient import (
+    gradient_of,
+    marginal_information,
+    require_gradient_determined,
+    turning_of,
+)
 from tam_calibration.fit.bound import parameter_covariance
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.noise import complete_noise
+from tam_calibration.fit.reference import interpolate, is_worth_interpolating
 from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
 from tam_calibration.problems import InputError, Refused
@@ -25,19 +33,26 @@ _MOST_STEPS = 100
 _SMALLEST_SPREAD = 1e-12  # of readings that are not all in a plane, over the largest
 
 
-def maximum_likelihood(recording: Recording, array: Array, *, robust: bool = False) -> Calibration:
+def maximum_likelihood(
+    recording: Recording, array: Array, *, robust: bool = False, ambient_gradient: bool = False
+) -> Calibration:
     """Fit the errors of the sensors by maximum likelihood.
 
     Parameters
     ----------
     recording : Recording
-        Samples in a uniform field. Samples without a scalar reading count with what the sensors say of each other;
-        without any, the intensity is an unknown constant.
+        Samples in a uniform field. Between the readings of a scalar magnetometer that is slower than the sensors the
+        intensity is interpolated, see ``reference``; other samples without one count with what the sensors say of each
+        other. Without any scalar reading the intensity is an unknown constant.
     array : Array
         Geometry and noise; a noise that is not stated is estimated.
     robust : bool
         Whether the noise is taken for Student-t with four degrees of freedom and a scale that is estimated, so that
-        outliers count little. Without outliers this costs a few per cent of the standard errors.
+        outliers count little. Without outliers this costs a few per cent of the standard errors. The intensity is not
+        interpolated: what samples share cannot be weighed sample by sample.
+    ambient_gradient : bool
+        Whether the field had a gradient that is uniform in the world: its five components are fitted too, from the
+        samples with attitude.
 
     Returns
     -------
@@ -47,29 +62,54 @@ def maximum_likelihood(recording: Recording, array: Array, *, robust: bool = Fal
     Raises
     ------
     InputError
-        When the readings determine no ellipsoid, or a sensor is left-handed.
+        When the readings determine no ellipsoid, or a sensor is left-handed; when an ambient gradient is asked for and
+        the attitude is missing or does not determine it.
     Refused
         When the iteration does not settle.
     """
+    if ambient_gradient:
+        recording = require_attitude(recording)
     noisy, _ = complete_noise(array, recording)
-    assert noisy.vector_noise_T is not None
-    assert noisy.scalar_noise_T is not None
     data = normalize(recording)
-    vector_noise = noisy.vector_noise_T / data.radius_T
-    scalar_noise = noisy.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
-    likelihood = Likelihood(data.points, data.intensity, vector_noise, scalar_noise)
-    matrix, bias = _gauss_newton(likelihood, *_closed_form(data, vector_noise), robust)
-    information = likelihood.linearize(matrix, bias).information
+    likelihood = _likelihood(recording, noisy, data, robust, ambient_gradient)
+    start = _closed_form(data, likelihood.vector_noise)
+    free = _free_rows(recording.sensor_count)
+    if ambient_gradient:
+        at_start = likelihood.linearize(*start, ambient_gradient=np.zeros(5)).information
+        require_gradient_determined(marginal_information(at_start, free)[1], likelihood.vector_noise, noisy)
+    matrix, bias, components = _gauss_newton(likelihood, *start, robust)
+    information = likelihood.linearize(matrix, bias, ambient_gradient=components).information
     if robust:
-        energy, channels = likelihood.energy(matrix, bias), likelihood.channel_count
+        energy, channels = likelihood.energy(matrix, bias, components), likelihood.channel_count
         information = information / student.variance_factor(energy, channels, student.scale_square(energy, channels))
     factor = 1.0 if data.has_scalar else float(free_scale(matrix))
+    intensity_T = data.radius_T / factor
+    gradient = None
+    if ambient_gradient:
+        information, of_gradient = marginal_information(information, free)
+        gradient = gradient_of(components, of_gradient, intensity_T)
     errors = SensorErrors.from_matrix(factor * matrix, data.origin_T + data.radius_T * bias)
     errors.misalignment[0] = 0
-    free_intensity = None if data.has_scalar else data.radius_T / factor
+    free_intensity = None if data.has_scalar else intensity_T
     covariance = parameter_covariance(information, errors, data.radius_T, free_intensity)
-    estimate = Estimate(errors, covariance, covariance_from_noise=True, intensity_T=data.radius_T / factor)
+    estimate = Estimate(errors, covariance, True, intensity_T, gradient)
     return make_calibration("robust" if robust else "maximum_likelihood", recording, array, estimate)
+
+
+def _likelihood(
+    recording: Recording, array: Array, data: Normalized, robust: bool, ambient_gradient: bool
+) -> Likelihood:
+    assert array.vector_noise_T is not None
+    assert array.scalar_noise_T is not None
+    vector_noise = array.vector_noise_T / data.radius_T
+    scalar_noise = array.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
+    turning = turning_of(recording, array) if ambient_gradient else None
+    # In a gradient the intensity away from the centre changes as the array is turned, not along a line.
+    is_steady = turning is None or array.scalar_position_m is None
+    if robust or not is_steady or not is_worth_interpolating(data.intensity):
+        return Likelihood(data.points, data.intensity, vector_noise, scalar_noise, turning=turning)
+    reference = interpolate(recording.time_s, data.intensity, scalar_noise)
+    return Likelihood(data.points, reference.intensity, vector_noise, 0.0, reference.noise, turning)
 
 
 def _closed_form(data: Normalized, vector_noise: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -104,25 +144,34 @@ def _into_frame_of_first(matrix: FloatArray) -> FloatArray:
     return turned
 
 
+def _free_rows(count: int) -> np.ndarray:
+    """Return which of the rows of [D Λ | o] are fitted: not what lies below the diagonal of the first matrix."""
+    free = np.ones(12 * count, dtype=bool)
+    free[[4, 8, 9]] = False
+    return free
+
+
 def _gauss_newton(
     likelihood: Likelihood, matrix: FloatArray, bias: FloatArray, robust: bool
-) -> tuple[FloatArray, FloatArray]:
-    free = np.ones(12 * len(matrix), dtype=bool)
-    free[[4, 8, 9]] = False  # what lies below the diagonal of the first matrix
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    ambient_gradient = np.zeros(0 if likelihood.turning is None else 5)
+    rows = 12 * len(matrix)
+    free = np.append(_free_rows(len(matrix)), np.ones(len(ambient_gradient), dtype=bool))
     previous = np.inf
     for _ in range(_MOST_STEPS):
-        weights = _student_weights(likelihood, matrix, bias) if robust else None
-        point = likelihood.linearize(matrix, bias, weights)
+        weights = _student_weights(likelihood, matrix, bias, ambient_gradient) if robust else None
+        point = likelihood.linearize(matrix, bias, weights, ambient_gradient)
         step = np.zeros(free.size)
         step[free] = _solve(point.information[np.ix_(free, free)], point.gradient[free])
         # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.
         decrement = float(step @ point.gradient)
-        update = step.reshape(-1, 3, 4)
+        update = step[:rows].reshape(-1, 3, 4)
         matrix, bias = matrix + update[..., :3], bias + update[..., 3]
+        ambient_gradient = ambient_gradient + step[rows:]
         # Newton's steps fall quadratically until rounding stops them, those with new weights by a constant factor.
         is_rounding = not robust and decrement < 1e-2 and decrement > previous / 4
         if is_rounding or decrement < (1e-8 if robust else 1e-12):
-            return matrix, bias
+            return matrix, bias, ambient_gradient
         previous = decrement
     raise Refused(
         f"the fit did not settle in {_MOST_STEPS} steps: the readings do not fit one calibration, "
@@ -130,8 +179,10 @@ def _gauss_newton(
     )
 
 
-def _student_weights(likelihood: Likelihood, matrix: FloatArray, bias: FloatArray) -> FloatArray:
-    energy, channels = likelihood.energy(matrix, bias), likelihood.channel_count
+def _student_weights(
+    likelihood: Likelihood, matrix: FloatArray, bias: FloatArray, ambient_gradient: FloatArray
+) -> FloatArray:
+    energy, channels = likelihood.energy(matrix, bias, ambient_gradient), likelihood.channel_count
     square = student.scale_square(energy, channels)
     return student.weights(energy, channels, square) / square
 

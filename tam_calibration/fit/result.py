@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tam_calibration.array import Array
-from tam_calibration.calibration import Calibration, measure_residuals, noise_floor
+from tam_calibration.calibration import AmbientGradient, Calibration, measure_residuals, noise_floor
+from tam_calibration.effects.ambient_gradient import without_gradient
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.fit.likelihood import Likelihood
@@ -28,12 +29,15 @@ class Estimate:
         Whether the covariance comes from the array's noise, not from the scatter of the data.
     intensity_T : float
         The constant intensity on the estimate's scale, used where there is no scalar reference.
+    ambient_gradient : AmbientGradient, optional
+        Fitted beside the errors; its standard errors come from the array's noise.
     """
 
     errors: SensorErrors
     covariance: FloatArray
     covariance_from_noise: bool
     intensity_T: float
+    ambient_gradient: AmbientGradient | None = None
 
 
 def make_calibration(method: str, recording: Recording, array: Array, estimate: Estimate) -> Calibration:
@@ -44,13 +48,18 @@ def make_calibration(method: str, recording: Recording, array: Array, estimate: 
     noisy, noise_is_estimated = complete_noise(array, recording)
     scalar = recording.scalar_T
     intensity = estimate.intensity_T if scalar is None else float(np.nanmean(scalar))
-    chi_square = _reduced_chi_square(recording, noisy, estimate)
-    covariance = estimate.covariance
+    covariance, gradient = estimate.covariance, estimate.ambient_gradient
+    uniform = recording
+    if gradient is not None:
+        uniform = without_gradient(recording, estimate.errors, array, gradient.tensor_T_per_m)
+    chi_square = _reduced_chi_square(uniform, noisy, estimate)
     if array.vector_noise_T is None and noisy.vector_noise_T is not None and chi_square:
         factor = float(np.sqrt(chi_square.get("differential", chi_square.get("common_mode", 1.0))))
         noisy = replace(noisy, vector_noise_T=factor * noisy.vector_noise_T)
         covariance = factor**2 * covariance if estimate.covariance_from_noise else covariance
-        chi_square = _reduced_chi_square(recording, noisy, estimate)
+        if gradient is not None:
+            gradient = replace(gradient, standard_errors_T_per_m=factor * gradient.standard_errors_T_per_m)
+        chi_square = _reduced_chi_square(uniform, noisy, estimate)
     none = SensorErrors.none(recording.sensor_count)
     return Calibration(
         method=method,
@@ -61,12 +70,13 @@ def make_calibration(method: str, recording: Recording, array: Array, estimate: 
         has_scalar_reference=scalar is not None,
         intensity_T=intensity,
         before=measure_residuals(none, array, recording, intensity),
-        in_sample=measure_residuals(estimate.errors, array, recording, intensity),
+        in_sample=measure_residuals(estimate.errors, array, uniform, intensity),
         floor=noise_floor(estimate.errors, noisy, noisy.scalar_noise_T or 0.0),
         samples=recording.sample_count,
         time_span_s=(float(recording.time_s[0]), float(recording.time_s[-1])),
         coverage=measure_coverage(field_of(recording, estimate.errors)).fraction,
         reduced_chi_square=chi_square,
+        ambient_gradient=gradient,
     )
 
 

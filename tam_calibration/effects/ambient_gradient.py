@@ -1,0 +1,89 @@
+"""The gradient of the ambient field at a site that is not perfect: uniform in the world, turning in the array frame.
+
+At attitude R (array to world) a sensor at r reads b + Rᵀ G R r, with G symmetric and trace-free in the world.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.array import Array
+from tam_calibration.errors import SensorErrors
+from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+ROWS, COLUMNS = (0, 0, 0, 1, 1), (0, 1, 2, 1, 2)
+"""Where the five independent components xx, xy, xz, yy, yz stand in a tensor."""
+
+BASIS = np.zeros((5, 3, 3))
+"""(5, 3, 3) symmetric, trace-free tensors of which one component each is 1."""
+BASIS[range(5), ROWS, COLUMNS] = BASIS[range(5), COLUMNS, ROWS] = 1
+BASIS[(0, 3), 2, 2] = -1
+
+
+def turned(tensors: FloatArray, attitude: FloatArray) -> FloatArray:
+    """Return tensors (P, 3, 3) of the world as (N, P, 3, 3) in the array frame at attitudes (N, 4)."""
+    from scipy.spatial.transform import Rotation
+
+    matrix = Rotation.from_quat(attitude).as_matrix()[:, None]
+    in_array: FloatArray = np.swapaxes(matrix, 2, 3) @ tensors @ matrix
+    return in_array
+
+
+def gradient_field(gradient_T_per_m: FloatArray, attitude: FloatArray, positions_m: FloatArray) -> FloatArray:
+    """Return what a gradient (3, 3) of the world adds to the field at positions (P, 3) of the array: (N, P, 3), T."""
+    tensors = turned(gradient_T_per_m[None], attitude)[:, 0]
+    field: FloatArray = np.einsum("nij,pj->npi", tensors, positions_m)
+    return field
+
+
+def require_attitude(recording: Recording) -> Recording:
+    """Return the samples of a recording whose attitude is known.
+
+    Raises
+    ------
+    InputError
+        When there are none.
+    """
+    if recording.attitude is None:
+        raise InputError(
+            "an ambient gradient turns in the array frame as the array is turned, and the recording has no attitude: "
+            "record it, or calibrate where the field is uniform"
+        )
+    known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))
+    return recording if len(known) == recording.sample_count else recording.take(known)
+
+
+def without_gradient(
+    recording: Recording, errors: SensorErrors, array: Array, gradient_T_per_m: FloatArray
+) -> Recording:
+    """Return what the sensors and the scalar magnetometer would have read in the field of the array's centre.
+
+    Parameters
+    ----------
+    recording : Recording
+        With attitude; samples without are left out.
+    errors : SensorErrors
+        Of the sensors.
+    array : Array
+        Positions of the sensors and of the scalar magnetometer.
+    gradient_T_per_m : (3, 3) array
+        Gradient of the ambient field in the world, T/m.
+
+    Raises
+    ------
+    InputError
+        When the recording has no attitude.
+    """
+    recording = require_attitude(recording)
+    assert recording.attitude is not None
+    at_sensors = gradient_field(gradient_T_per_m, recording.attitude, array.positions_m)
+    readings = recording.readings_T - np.einsum("kij,nkj->nki", errors.matrix, at_sensors)
+    scalar = recording.scalar_T
+    if scalar is not None and array.scalar_position_m is not None:
+        center = errors.restore(readings).mean(axis=1)
+        at_scalar = gradient_field(gradient_T_per_m, recording.attitude, array.scalar_position_m[None])[:, 0]
+        scalar = scalar - norm(center + at_scalar, axis=1) + norm(center, axis=1)
+    return replace(recording, readings_T=readings, scalar_T=scalar)
