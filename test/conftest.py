@@ -5,6 +5,7 @@ import os
 import tempfile
 import time
 from importlib.resources import files
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -119,7 +120,7 @@ class Bench:
         """Start processes of the Python interpreter: a mapping of names to arguments."""
         from tam_calibration.nodes.children import Children
 
-        children = Children(commands, self.logs / str(len(self.children)))
+        children = Children(commands, self.logs / str(len(self.children))).__enter__()
         self.children.append(children)
         return children
 
@@ -216,20 +217,21 @@ class Bench:
         columns = [sensor - 1 for sensor in sensors]
 
         def publish(recording, index):
-            fields = recording.readings_T[index, columns].tolist()
+            lap, row = divmod(index, recording.sample_count)
+            fields = recording.readings_T[row, columns].tolist()
             if scalar:
-                fields.append([float(recording.scalar_T[index]), 0.0, 0.0])
+                fields.append([float(recording.scalar_T[row]), 0.0, 0.0])
             for publisher, field in zip(publishers, fields, strict=True):
-                publisher.publish(_message(recording.time_s[index], field))
+                publisher.publish(_message(recording.time_s[row] + 10 * lap, field))
 
         return publish
 
     def stream(self, recording, publishers):
         """Publish samples at 100 Hz while the bench spins, by each function of a list."""
-        remaining = iter(range(recording.sample_count))
+        indices = count()
 
         def publish_next():
-            index = next(remaining)
+            index = next(indices)
             for publish in publishers:
                 publish(recording, index)
 
@@ -238,10 +240,10 @@ class Bench:
     def play(self, recording, publish, samples, first=0, last=None):
         """Publish samples one after another, no faster than they come back as messages on `samples`."""
         before = len(samples)
-        for count, index in enumerate(range(first, recording.sample_count if last is None else last)):
+        for done, index in enumerate(range(first, recording.sample_count if last is None else last)):
             publish(recording, index)
-            self.spin_until(lambda count=count: len(samples) >= before + count - 20, f"sample {index} comes back")
-        self.spin_until(lambda: len(samples) == before + count + 1, "all samples come back")
+            self.spin_until(lambda done=done: len(samples) >= before + done - 20, f"sample {index} comes back")
+        self.spin_until(lambda: len(samples) == before + done + 1, "all samples come back")
 
 
 def _message(time_s, field):

@@ -26,6 +26,9 @@ CHECK_BEGINS_S = 1000.0
 PLAY_RATE = 2.0
 TIMEOUT_S = 30.0
 
+STOPPED = 130
+"""Exit code after Ctrl-C, as shells have it: the demonstration has not shown anything."""
+
 
 @click.command()
 @click.option(
@@ -48,12 +51,10 @@ def command(output_dir: Path) -> None:
     output_dir.mkdir(parents=True, exist_ok=True)
     with console.status("simulating"):
         turned, check = _simulate(output_dir)
-    with ros_session():
+    with ros_session(exit_code=STOPPED):
         live = _run_nodes(console, output_dir, turned, check)
         _conclude(console, output_dir, turned, check, live)
         console.print(f"{time.monotonic() - begin:.0f} s in all")
-        return
-    raise Refused("the demonstration was stopped")
 
 
 def _simulate(output_dir: Path) -> tuple["Simulation", "Simulation"]:

@@ -10,11 +10,7 @@ from tam_calibration.nodes import ros_session
 from tam_calibration.nodes.children import Children, node_commands
 
 if TYPE_CHECKING:
-    from rclpy.executors import Executor
-
     from tam_calibration.nodes.monitor import Monitor
-
-REFRESH_S = 0.2
 
 
 @click.command()
@@ -31,24 +27,21 @@ REFRESH_S = 0.2
 def command(array: Path | None, calibration: Path | None, method: str | None, params_file: Path | None) -> None:
     """Start collector, calibrator and corrector, and show coverage, losses and advice until Ctrl-C."""
     log_directory = Path(os.environ.get("ROS_LOG_DIR", "~/.ros/log")).expanduser() / f"tam_nodes_{os.getpid()}"
-    with ros_session(), Children(node_commands(array, calibration, method, params_file), log_directory) as children:
-        from rclpy.executors import SingleThreadedExecutor
-
+    with ros_session():
         from tam_calibration.nodes.monitor import Monitor
 
-        monitor, executor = Monitor(children.names), SingleThreadedExecutor()
-        executor.add_node(monitor)
-        _watch(children, monitor, executor)
+        with Children(node_commands(array, calibration, method, params_file), log_directory) as children:
+            _watch(children, Monitor(children.names))
 
 
-def _watch(children: Children, monitor: "Monitor", executor: "Executor") -> None:
+def _watch(children: Children, monitor: "Monitor") -> None:
     from rich.console import Console
     from rich.live import Live
 
     console = Console()
     with Live(console=console, auto_refresh=False, transient=True) as live:
         while True:
-            executor.spin_once(timeout_sec=REFRESH_S)
+            monitor.turn()
             children.check()
             if console.is_terminal:
                 live.update(monitor.render(), refresh=True)

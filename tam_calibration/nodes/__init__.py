@@ -7,12 +7,13 @@ from contextlib import contextmanager
 from importlib.resources import files
 from importlib.util import find_spec
 
+from tam_calibration.nodes import signals
 from tam_calibration.problems import InputError
 
 
 @contextmanager
-def ros_session() -> Iterator[None]:
-    """Use ROS 2 in this process until the block ends; Ctrl-C and SIGTERM end the block in order.
+def ros_session(exit_code: int = 0) -> Iterator[None]:
+    """Use ROS 2 in this process until the block ends; Ctrl-C and SIGTERM end it in order, with an exit code.
 
     Raises
     ------
@@ -29,12 +30,12 @@ def ros_session() -> Iterator[None]:
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import try_shutdown
 
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    before = {number: signal.getsignal(number) for number in signals.ENDING}
+    signals.raise_exit(exit_code)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         yield
-    except KeyboardInterrupt:
-        pass
     finally:
         try_shutdown()
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

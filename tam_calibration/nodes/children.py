@@ -5,11 +5,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
+from tam_calibration.nodes import signals
 from tam_calibration.problems import Refused
 
 GRACE_S = 5.0
@@ -55,31 +55,29 @@ class Children:
     """
 
     def __init__(self, commands: Mapping[str, Sequence[str]], log_directory: Path) -> None:
+        self._commands = commands
         self._logs = {name: log_directory / f"{name}.log" for name in commands}
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
-        log_directory.mkdir(parents=True, exist_ok=True)
-        for name, arguments in commands.items():
-            with self._logs[name].open("wb") as log:
-                self._processes[name] = subprocess.Popen(
-                    [sys.executable, *arguments],
-                    stdin=subprocess.DEVNULL,
-                    stdout=log,
-                    stderr=subprocess.STDOUT,
-                    env=dict(os.environ),
-                    start_new_session=True,  # a Ctrl-C in the terminal reaches only the parent, who ends them in order
-                )
 
     def __enter__(self) -> "Children":
-        """Return itself."""
+        """Start the processes."""
+        try:
+            for name in self._commands:
+                self._start(name)
+        except BaseException:  # told to end in between: none may be left behind
+            self.end()
+            raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End the processes; a failure of one is raised unless something else already was."""
-        codes = self.end()
-        if kind is None and any(codes.values()):
-            self._refuse(next(name for name, code in codes.items() if code))
+        """End the processes; a failure of one is raised unless something else already failed."""
+        with signals.held_back():  # a second Ctrl-C leaves none behind
+            codes = self.end()
+        if kind in (None, SystemExit) and any(codes.values()):
+            name, code = next((name, code) for name, code in codes.items() if code)
+            self._refuse(name, code)
 
     @property
     def names(self) -> list[str]:
@@ -95,23 +93,25 @@ class Children:
             When one has ended, with the end of its output.
         """
         for name, process in self._processes.items():
-            if process.poll() is not None:
-                self._refuse(name)
+            if (code := process.poll()) is not None:
+                self._refuse(name, code)
 
-    def end(self, signal_number: signal.Signals = signal.SIGINT) -> dict[str, int]:
-        """End the processes and return their exit codes; one that was still starting may die of the signal: 0."""
-        for process in self._processes.values():
-            if process.poll() is None:
-                process.send_signal(signal_number)
-        limit = time.monotonic() + GRACE_S
-        codes = {name: _wait(process, limit) for name, process in self._processes.items()}
-        return {name: 0 if code == -signal_number else code for name, code in codes.items()}
+    def end(self) -> dict[str, int]:
+        """End the processes one after another and return their exit codes.
+
+        Not at once: Fast DDS 2.14 can deadlock when a participant is destroyed while it hears of another's end.
+        """
+        return {name: self.end_one(name) for name in reversed(self.names)}
 
     def end_one(self, name: str, signal_number: signal.Signals = signal.SIGINT) -> int:
         """End one process and return its exit code; it is no longer watched."""
         process = self._processes.pop(name)
         process.send_signal(signal_number)
-        return _wait(process, time.monotonic() + GRACE_S)
+        try:
+            return process.wait(GRACE_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait()
 
     def is_running(self, name: str) -> bool:
         """Return whether a process has not ended."""
@@ -121,16 +121,18 @@ class Children:
         """Return the output of a process so far."""
         return self._logs[name].read_text(errors="replace")
 
-    def _refuse(self, name: str) -> None:
+    def _start(self, name: str) -> None:
+        self._logs[name].parent.mkdir(parents=True, exist_ok=True)
+        with self._logs[name].open("wb") as log, signals.held_back():
+            self._processes[name] = subprocess.Popen(
+                [sys.executable, *self._commands[name]],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=dict(os.environ),
+                start_new_session=True,  # a Ctrl-C in the terminal reaches only the parent, who ends them in order
+            )
+
+    def _refuse(self, name: str, code: int) -> None:
         tail = "\n".join(self.log(name).splitlines()[-TAIL_LINES:])
-        raise Refused(
-            f"{name} ended with exit code {self._processes[name].returncode} (see {self._logs[name]}):\n{tail}"
-        )
-
-
-def _wait(process: subprocess.Popen[bytes], limit: float) -> int:
-    try:
-        return process.wait(max(0.0, limit - time.monotonic()))
-    except subprocess.TimeoutExpired:
-        process.kill()
-        return process.wait()
+        raise Refused(f"{name} ended with exit code {code} (see {self._logs[name]}):\n{tail}")

@@ -4,19 +4,15 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from tam_calibration.nodes.base import LATCHED, RELIABLE_STREAM
+from tam_calibration.nodes.base import RELIABLE_STREAM
 from tam_calibration.nodes.children import NODES, Children
 from tam_calibration.nodes.cloud import read_cloud
-from tam_calibration.nodes.monitor import Monitor
+from tam_calibration.nodes.monitor import TURN_S, Monitor
 from tam_calibration.problems import Refused
 from tam_calibration.units import FloatArray
-
-TURN_S = 0.05
 
 
 class Client(Monitor):
@@ -33,11 +29,7 @@ class Client(Monitor):
     def __init__(self, children: Children, on_turn: Callable[[Monitor], None]) -> None:
         super().__init__(NODES)
         self._children, self._on_turn = children, on_turn
-        self._spinner = SingleThreadedExecutor()
-        self._spinner.add_node(self)
-        self.calibration = ""
         self._corrected: list[FloatArray] = []
-        self.create_subscription(String, "calibration", self._take_calibration, LATCHED)
         self.create_subscription(PointCloud2, "field_gradient", self._take_corrected, RELIABLE_STREAM)
 
     @property
@@ -53,14 +45,14 @@ class Client(Monitor):
         Refused
             When it does not hold in time, or a node ends.
         """
-        limit, turn = time.monotonic() + timeout_s, 0.0
+        limit, shown = time.monotonic() + timeout_s, 0.0
         while not condition():
             self._children.check()
             if time.monotonic() > limit:
                 raise Refused(f"{what} did not happen within {timeout_s:g} s; the nodes say: {' | '.join(self.news())}")
-            self._spinner.spin_once(timeout_sec=TURN_S)
-            if time.monotonic() > turn + TURN_S:
-                turn = time.monotonic()
+            self.turn()
+            if time.monotonic() > shown + TURN_S:
+                shown = time.monotonic()
                 self._on_turn(self)
 
     def call(self, service: str, timeout_s: float) -> str:
@@ -72,16 +64,13 @@ class Client(Monitor):
             When it does not answer in time, or answers no, with its reason.
         """
         client = self.create_client(Trigger, service)
-        self.wait_until(client.service_is_ready, f"{service}", timeout_s)
+        self.wait_until(client.service_is_ready, f"the start of {service}", timeout_s)
         future = client.call_async(Trigger.Request())
         self.wait_until(future.done, f"the answer of {service}", timeout_s)
         response = future.result()
         if not response.success:
             raise Refused(f"{service}: {response.message}")
         return str(response.message)
-
-    def _take_calibration(self, message: String) -> None:
-        self.calibration = message.data
 
     def _take_corrected(self, cloud: PointCloud2) -> None:
         self._corrected.extend(read_cloud(cloud)[1])

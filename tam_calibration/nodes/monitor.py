@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Group, RenderableType
 from rich.progress_bar import ProgressBar
@@ -18,6 +19,7 @@ LEVELS = {
 }
 
 BAR_WIDTH = 40
+TURN_S = 0.1
 
 
 class Monitor(Node):
@@ -33,7 +35,13 @@ class Monitor(Node):
         super().__init__("monitor")
         self.statuses: dict[str, DiagnosticStatus] = dict.fromkeys(names)
         self._told: dict[str, str] = {}
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._take, 10)
+
+    def turn(self) -> None:
+        """Take what has arrived, or wait a moment for something."""
+        self._executor.spin_once(timeout_sec=TURN_S)
 
     def figures(self, name: str) -> dict[str, str]:
         """Return the figures of a node's status; none before the first."""

@@ -63,7 +63,7 @@ def test_shipped_parameters_are_known(bench):
     bench.spin_until(lambda: set(NODES) <= set(bench.node.get_node_names()), "the nodes are seen")
     stated = yaml.safe_load(path.read_text())["/**"]
     for name in NODES:
-        rules = import_module(f"tam_calibration.nodes.{name}").RULES
+        rules = import_module(f"tam_calibration.nodes.{name}_node").RULES
         assert stated[name]["ros__parameters"] == {rule.name: rule.default for rule in rules}
 
 

@@ -1,0 +1,202 @@
+"""The collector node: joins the topics of the sensors into samples, and watches coverage and losses."""
+
+import math
+import time
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.time import Time
+from sensor_msgs.msg import Imu, MagneticField, PointCloud2, Temperature
+from std_msgs.msg import Float64, Header
+from std_srvs.srv import Trigger
+
+from tam_calibration.files.bag_topics import CHANNEL_TOPICS, sensor_topic
+from tam_calibration.files.recording_file import TOLERANCE_S
+from tam_calibration.fit.coverage import Coverage, LiveCoverage
+from tam_calibration.message_stream import sensor_stream
+from tam_calibration.nodes.base import ERROR, OK, RELIABLE_STREAM, STALE, STREAM, WARN, Health, TamNode
+from tam_calibration.nodes.cloud import make_cloud
+from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
+from tam_calibration.nodes.signals import Startup
+from tam_calibration.nodes.spinning import spin_node
+from tam_calibration.pointcloud_layout import SampleLayout
+from tam_calibration.synchronisation import Sample, Synchroniser
+
+SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
+SCALAR_TYPES = {"sensor_msgs/MagneticField": MagneticField, "std_msgs/Float64": Float64}
+
+RULES = (
+    ARRAY_FILE,
+    FRAME_ID,
+    Rule("scalar_type", "sensor_msgs/MagneticField", f"Message type of {SCALAR_TOPIC}.", choices=tuple(SCALAR_TYPES)),
+    Rule(
+        "tolerance_s",
+        TOLERANCE_S,
+        "Greatest difference of stamps within a sample [s]; less than half the time between samples.",
+        bounds=(0.0, 10.0),
+    ),
+    Rule("silence_s", 2.0, "Time without a message after which a sensor is reported [s].", bounds=(0.1, 3600.0)),
+)
+
+
+class Collector(TamNode):
+    """Publishes `samples` of the sensors' topics; /diagnostics tells what is missing, lost or silent."""
+
+    def __init__(self) -> None:
+        super().__init__("collector", RULES)
+        sensor_count = array_of(self).sensor_count
+        self._layout = SampleLayout(sensor_count, scalar=True, temperature=True, current=True, attitude=True)
+        self._sensors = [sensor_stream(sensor + 1) for sensor in range(sensor_count)]
+        self._frame_id: str = self.value("frame_id")
+        self._coverage = LiveCoverage()
+        self._synchroniser: Synchroniser | None = None
+        self._heard_s: dict[str, float] = {}
+        self._epoch = self._lost = 0
+        self._samples = self.create_publisher(PointCloud2, "samples", RELIABLE_STREAM)
+        self._subscribe()
+        self.create_service(Trigger, "~/reset", self._reset)
+
+    def health(self) -> Health:
+        """Return what hinders, or what to do next for the coverage."""
+        if self._synchroniser is None:
+            topics = ", ".join(map(sensor_topic, range(1, self._layout.sensor_count + 1)))
+            return Health(STALE, f"no message yet on {topics}: start the sensors' drivers or play a bag")
+        silent = self._silent()
+        if len(silent) == len(self._sensors):
+            self._deliver(self._synchroniser.flush())
+        coverage = self._coverage.summary()
+        level, message = self._judge(self._synchroniser, silent) or (OK, coverage.advice)
+        return Health(level, message, _describe(coverage) | _count(self._synchroniser) | {"lost": self._lost})
+
+    def _judge(self, synchroniser: Synchroniser, silent: Sequence[str]) -> tuple[bytes, str] | None:
+        """Return level and sentence of what hinders most, or None."""
+        lost = sum(losses.dropped for losses in synchroniser.losses.values())
+        new_losses, self._lost = lost - self._lost, lost
+        if silent:
+            limit = self.value("silence_s")
+            return WARN, f"nothing from {', '.join(silent)} for more than {limit:g} s: check sensor, cable and driver"
+        if synchroniser.drops_everything:
+            return ERROR, f"no samples can be joined: {synchroniser.explain_losses()}; compare stamps and tolerance_s"
+        if other := self._other_scalar_type():
+            return WARN, f"{SCALAR_TOPIC} carries {other}: start the collector with scalar_type:={other}"
+        if new_losses:
+            return WARN, f"{new_losses} messages lost in the last second: {synchroniser.explain_losses()}"
+        return None
+
+    def _silent(self) -> list[str]:
+        limit = time.monotonic() - self.value("silence_s")
+        return [name for name in self._sensors if self._heard_s[name] < limit]
+
+    def _other_scalar_type(self) -> str:
+        """Return the type on the scalar's topic where it is not the one that is subscribed, or nothing."""
+        endpoints = self.get_publishers_info_by_topic(self.resolve_topic_name(SCALAR_TOPIC))
+        types = {endpoint.topic_type.replace("/msg/", "/") for endpoint in endpoints}
+        return "" if not types or self.value("scalar_type") in types else types.pop()
+
+    def _subscribe(self) -> None:
+        for sensor, name in enumerate(self._sensors, start=1):
+            self.create_subscription(MagneticField, sensor_topic(sensor), partial(self._take_sensor, name), STREAM)
+        scalar_type = SCALAR_TYPES[self.value("scalar_type")]
+        self.create_subscription(scalar_type, SCALAR_TOPIC, self._take_scalar, STREAM)
+        self.create_subscription(Imu, CHANNEL_TOPICS["attitude"], self._take_attitude, STREAM)
+        self.create_subscription(Temperature, CHANNEL_TOPICS["temperature"], self._take_temperature, STREAM)
+        self.create_subscription(Float64, CHANNEL_TOPICS["current"], self._take_current, STREAM)
+
+    def _take_sensor(self, stream: str, message: MagneticField) -> None:
+        self._push(stream, _stamp_ns(message.header), _vector(message))
+        self._heard_s[stream] = time.monotonic()
+
+    def _take_scalar(self, message: MagneticField | Float64) -> None:
+        if isinstance(message, Float64):
+            self._push("scalar", None, (message.data,))
+        else:
+            x, y, z = _vector(message)
+            self._push("scalar", _stamp_ns(message.header), (math.sqrt(x * x + y * y + z * z),))
+
+    def _take_attitude(self, message: Imu) -> None:
+        turn = message.orientation
+        values = (turn.x, turn.y, turn.z, turn.w)
+        if message.orientation_covariance[0] != -1 and any(values):  # else the driver says that it has none
+            self._push("attitude", _stamp_ns(message.header), values)
+
+    def _take_temperature(self, message: Temperature) -> None:
+        self._push("temperature", _stamp_ns(message.header), (message.temperature,))
+
+    def _take_current(self, message: Float64) -> None:
+        self._push("current", None, (message.data,))
+
+    def _push(self, stream: str, stamp_ns: int | None, values: Sequence[float]) -> None:
+        if self._synchroniser is None:
+            self._synchroniser = self._make_synchroniser()
+        self._deliver(self._synchroniser.push(stream, stamp_ns, values))
+
+    def _make_synchroniser(self) -> Synchroniser:
+        """Return a synchroniser that waits for the scalar from the first sample on where somebody publishes one."""
+        self._heard_s = dict.fromkeys(self._sensors, time.monotonic())
+        return Synchroniser(
+            self._layout,
+            tolerance_ns=round(self.value("tolerance_s") * 1e9),
+            scalar_is_held=self.value("scalar_type") == "std_msgs/Float64",
+            expected=("scalar",) if self.count_publishers(SCALAR_TOPIC) else (),
+        )
+
+    def _deliver(self, samples: Sequence[Sample]) -> None:
+        for sample in samples:
+            if sample.epoch != self._epoch:
+                self._epoch = sample.epoch
+                self._coverage.reset()
+            readings = np.array(sample.values[: 3 * self._layout.sensor_count]).reshape(1, -1, 3)
+            self._coverage.add(readings)
+            if self._samples.get_subscription_count():
+                self._samples.publish(self._cloud(sample.stamp_ns, (sample.stamp_ns / 1_000_000_000, *sample.values)))
+
+    def _cloud(self, stamp_ns: int, row: Sequence[float]) -> PointCloud2:
+        header = Header(stamp=Time(nanoseconds=stamp_ns).to_msg(), frame_id=self._frame_id)
+        return make_cloud(header, self._layout.columns, row)
+
+    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Forget coverage and losses; an empty cloud tells the calibrator to start over as well."""
+        self._coverage.reset()
+        self._synchroniser, self._lost, self._epoch = None, 0, 0
+        self._samples.publish(self._cloud(self.get_clock().now().nanoseconds, ()))
+        response.success, response.message = (
+            True,
+            "coverage, losses and stored samples are forgotten: start turning the array",
+        )
+        return response
+
+
+def _describe(coverage: Coverage) -> dict[str, object]:
+    return {
+        "fraction": f"{coverage.fraction:.3f}",
+        "missing": coverage.missing,
+        "enough": coverage.enough,
+        "relative_error": f"{coverage.relative_error:.3g}",
+        "advice": coverage.advice,
+    }
+
+
+def _count(synchroniser: Synchroniser) -> dict[str, object]:
+    by_stream = {
+        f"{name}.{what}": getattr(losses, what)
+        for name, losses in synchroniser.losses.items()
+        for what in ("received", "unmatched", "duplicate", "late", "missing")
+    }
+    overall = {"samples": synchroniser.delivered, "restarts": synchroniser.restarts}
+    return overall | {"losses": synchroniser.explain_losses()} | by_stream
+
+
+def _stamp_ns(header: Header) -> int:
+    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+
+
+def _vector(message: MagneticField) -> tuple[float, float, float]:
+    field = message.magnetic_field
+    return field.x, field.y, field.z
+
+
+def spin(startup: Startup) -> None:
+    """Run the collector until it is told to end."""
+    spin_node(startup, Collector, EventsExecutor)
