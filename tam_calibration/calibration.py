@@ -155,6 +155,8 @@ class Calibration:
         Where the recording came from.
     ambient_gradient : AmbientGradient, optional
         What was fitted beside the errors, where that was asked for.
+    frame : str
+        What the array frame of the errors is, one or more sentences.
     """
 
     method: str
@@ -175,13 +177,14 @@ class Calibration:
     held_out: Residuals | None = None
     source: Provenance | None = None
     ambient_gradient: AmbientGradient | None = None
+    frame: str = FRAME_STATEMENT
 
     @property
     def statements(self) -> tuple[str, ...]:
         """What holds for the frame, and what the data could not determine."""
         scale = () if self.has_scalar_reference else (SCALE_STATEMENT,)
         gradient = () if self.ambient_gradient is None else (GRADIENT_STATEMENT,)
-        return (FRAME_STATEMENT, *scale, *gradient)
+        return (self.frame, *scale, *gradient)
 
     @cached_property
     def standard_errors(self) -> FloatArray:

@@ -132,6 +132,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         held_out=None if residuals.held_out is None else residuals.held_out.to_residuals(),
         source=stored.recording.to_provenance(),
         warnings=tuple(stored.warnings),
+        frame=stored.frame,
     )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from tam_calibration import __version__
-from tam_calibration.calibration import FRAME_STATEMENT, Calibration, Residuals
+from tam_calibration.calibration import Calibration, Residuals
 from tam_calibration.files.array_yaml import array_to_mapping
 from tam_calibration.files.calibration_schema import SCHEMA, calibration_of
 from tam_calibration.files.exact import degrees_to_write, nanotesla_to_write
@@ -75,7 +75,7 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
         "software": f"tam_calibration {__version__}",
         "method": calibration.method,
         "formula": FORMULA,
-        "frame": FRAME_STATEMENT,
+        "frame": calibration.frame,
         "statements": list(calibration.statements[1:]),
         "warnings": list(calibration.warnings),
         "sensors": _sensors(calibration),

@@ -10,6 +10,11 @@ from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
+FRAME_STATEMENT = (
+    "The array frame is the one whose attitude was recorded. It was found from the uniform field, "
+    "which stands still in the world while the array turns."
+)
+
 _SMALLEST_SHARE = 1e-3
 
 
@@ -40,12 +45,12 @@ def into_array_frame(errors: SensorErrors, recording: Recording) -> SensorErrors
     field = errors.restore(recording.readings_T).mean(axis=1)
     field = field / np.sqrt(np.mean(np.sum(field**2, axis=1)))
     to_world = Rotation.from_quat(recording.attitude).as_matrix()
-    turn = _find_turn(field, to_world)
+    turn = find_turn(field, to_world)
     return SensorErrors.from_matrix(errors.matrix @ turn.T, errors.bias_T)
 
 
-def _find_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
-    """Return the rotation X (3, 3) with which to_world X field (N, 3) is nearest to one vector w.
+def find_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
+    """Return the rotation X (3, 3) with which to_world X field (N, 3) is nearest to one vector w; field of order one.
 
     The sum of |X b - Qᵀ w|² is quadratic in X and w together; w is eliminated, and the best X of unit norm is an
     eigenvector, the nearest rotation to which is taken.

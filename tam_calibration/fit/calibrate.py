@@ -8,10 +8,15 @@ import numpy as np
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration, Residuals, measure_residuals
+from tam_calibration.fit.artificial_vector import artificial_vector
 from tam_calibration.fit.consistency import find_warnings, require_one_calibration
+from tam_calibration.fit.fast_rotation import fast_rotation
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_accurate, require_determined
+from tam_calibration.fit.integrated import integrated
 from tam_calibration.fit.lossless import lossless
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.fit.simplified_linear import simplified_linear
+from tam_calibration.fit.two_step_linear import two_step_linear
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 
@@ -21,6 +26,11 @@ METHODS: dict[str, Fit] = {
     "maximum_likelihood": maximum_likelihood,
     "robust": partial(maximum_likelihood, robust=True),
     "lossless": lossless,
+    "artificial_vector": artificial_vector,
+    "fast_rotation": fast_rotation,
+    "integrated": integrated,
+    "two_step_linear": two_step_linear,
+    "simplified_linear": simplified_linear,
 }
 DEFAULT_METHOD = "maximum_likelihood"
 

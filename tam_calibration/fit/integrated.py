@@ -9,9 +9,9 @@ from numpy.linalg import LinAlgError, inv
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
-from tam_calibration.fit import ellipsoid
+from tam_calibration.fit import attitude_frame, ellipsoid
 from tam_calibration.fit.alignment import field_products, procrustes
-from tam_calibration.fit.moments import finish, gather
+from tam_calibration.fit.moments import Moments, finish, gather
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
@@ -19,8 +19,8 @@ from tam_calibration.units import FloatArray
 FRAME_STATEMENT = (
     "The array frame is the frame in which the matrix of sensor 1 is upper triangular. With soft iron that is not the "
     "frame of its axes, and it may be turned against the array by tens of degrees: a uniform field looks perfect, but "
-    "the components of the field and of a source's gradient are turned with it. Record the attitude to take the frame "
-    "from it."
+    "the components of the field and of a source's gradient are turned with it. Record the attitude, "
+    "and the frame is taken from it."
 )
 
 _RATIOS = (100.0, 4.0)
@@ -45,7 +45,7 @@ def integrated(recording: Recording, array: Array) -> Calibration:
     -------
     Calibration
         With the covariance of a jackknife over groups of samples. Scale factors and angles are those of D Λ = C, the
-        soft iron in them, in the frame of ``FRAME_STATEMENT``; ``attitude_frame.into_array_frame`` takes it off.
+        soft iron in them: in the frame whose attitude was recorded, or without attitude as ``FRAME_STATEMENT`` says.
 
     Raises
     ------
@@ -57,7 +57,25 @@ def integrated(recording: Recording, array: Array) -> Calibration:
     unmix = ellipsoid.square_root(shape)
     products = field_products(moments.joint, unmix, center)
     matrix = inv(unmix) @ procrustes(products[:, :, 0])
-    return finish("integrated", recording, array, moments.data, matrix, center)
+    if recording.attitude is None:
+        return finish("integrated", recording, array, moments.data, matrix, center, FRAME_STATEMENT)
+    matrix = matrix @ np.swapaxes(_turns(moments, matrix, center), 1, 2)[:, None]
+    return finish("integrated", recording, array, moments.data, matrix, center, attitude_frame.FRAME_STATEMENT)
+
+
+def _turns(moments: Moments, matrix: FloatArray, center: FloatArray) -> FloatArray:
+    """Return the rotations (S, 3, 3) from the frame of sensor 1 to the one whose attitude was recorded."""
+    from scipy.spatial.transform import Rotation
+
+    to_world = Rotation.from_quat(moments.recording.attitude).as_matrix()
+    chosen = np.ones((len(matrix), len(to_world)), dtype=bool)
+    for index, left_out in enumerate(moments.left_out):
+        chosen[index + 1, left_out] = False
+    turns = []
+    for unmix, bias, samples in zip(inv(matrix[:, 0]), center[:, 0], chosen, strict=True):
+        field = (moments.data.points[samples, 0] - bias) @ unmix.T
+        turns.append(attitude_frame.find_turn(field, to_world[samples]))
+    return np.array(turns)
 
 
 def constrained_ellipsoid(moments: FloatArray, mean_square: FloatArray) -> tuple[FloatArray, FloatArray]:

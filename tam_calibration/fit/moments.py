@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tam_calibration.array import Array
-from tam_calibration.calibration import Calibration
+from tam_calibration.calibration import FRAME_STATEMENT, Calibration
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.result import Estimate, make_calibration
@@ -36,11 +36,20 @@ class Moments:
         Of the readings of all sensors, and 1.
     data : Normalized
         The samples, about the origins and in the unit of the moments.
+    recording : Recording
+        The same samples.
     """
 
     quartic: FloatArray
     joint: FloatArray
     data: Normalized
+    recording: Recording
+
+    @property
+    def left_out(self) -> list[slice]:
+        """The samples that each set but the first leaves out."""
+        groups = len(self.joint) - 1
+        return [slice(group, None, groups) for group in range(groups)]
 
     @property
     def mean_square(self) -> FloatArray:
@@ -81,7 +90,7 @@ def gather(recording: Recording, method: str, *, with_platform: bool = False) ->
         )
     data = _append_mean(normalize(known)) if with_platform else normalize(known)
     quartic, joint = _moments_of_groups(data)
-    return Moments(_with_each_left_out(quartic), _with_each_left_out(joint), data)
+    return Moments(_with_each_left_out(quartic), _with_each_left_out(joint), data, known)
 
 
 def _append_mean(data: Normalized) -> Normalized:
@@ -122,7 +131,13 @@ def _with_each_left_out(groups: FloatArray) -> FloatArray:
 
 
 def finish(
-    method: str, recording: Recording, array: Array, data: Normalized, matrix: FloatArray, center: FloatArray
+    method: str,
+    recording: Recording,
+    array: Array,
+    data: Normalized,
+    matrix: FloatArray,
+    center: FloatArray,
+    frame: str = FRAME_STATEMENT,
 ) -> Calibration:
     """Return the calibration of what a method found for each set.
 
@@ -135,28 +150,26 @@ def finish(
     data : Normalized
         Of the moments.
     matrix : (S, K, 3, 3) array
-        D Λ of each sensor in the orthogonal frame of sensor 1.
+        D Λ of each sensor in the common frame.
     center : (S, K, 3) array
         Bias of each sensor about its origin, in units of the radius.
+    frame : str
+        What the common frame is; by default the orthogonal frame of sensor 1.
     """
     factor = np.ones(len(matrix)) if data.has_scalar else free_scale(matrix)
     bias = data.origin_T[: recording.sensor_count] + data.radius_T * center
-    vectors = _parameters(matrix * factor[:, None, None, None], bias)
+    every = SensorErrors.from_matrix((matrix * factor[:, None, None, None]).reshape(-1, 3, 3), bias.reshape(-1, 3))
+    vectors = every.to_vector().reshape(*bias.shape[:2], 12)
+    if frame == FRAME_STATEMENT:
+        vectors[:, 0, 9:] = 0
     estimate = Estimate(
         SensorErrors.from_vector(vectors[0]),
         jackknife(vectors[1:]),
         covariance_from_noise=False,
         intensity_T=float(data.radius_T / factor[0]),
+        frame=frame,
     )
     return make_calibration(method, recording, array, estimate)
-
-
-def _parameters(matrix: FloatArray, bias_T: FloatArray) -> FloatArray:
-    """Return the (S, K, 12) parameters of matrices (S, K, 3, 3) and biases (S, K, 3)."""
-    every = SensorErrors.from_matrix(matrix.reshape(-1, 3, 3), bias_T.reshape(-1, 3))
-    vectors = every.to_vector().reshape(*matrix.shape[:2], 12)
-    vectors[:, 0, 9:] = 0
-    return vectors
 
 
 def jackknife(replicates: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tam_calibration.array import Array
-from tam_calibration.calibration import AmbientGradient, Calibration, measure_residuals, noise_floor
+from tam_calibration.calibration import FRAME_STATEMENT, AmbientGradient, Calibration, measure_residuals, noise_floor
 from tam_calibration.effects.ambient_gradient import without_gradient
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.coverage import field_of, measure_coverage
@@ -31,6 +31,8 @@ class Estimate:
         The constant intensity on the estimate's scale, used where there is no scalar reference.
     ambient_gradient : AmbientGradient, optional
         Fitted beside the errors; its standard errors come from the array's noise.
+    frame : str
+        What the array frame of the errors is.
     """
 
     errors: SensorErrors
@@ -38,6 +40,7 @@ class Estimate:
     covariance_from_noise: bool
     intensity_T: float
     ambient_gradient: AmbientGradient | None = None
+    frame: str = FRAME_STATEMENT
 
 
 def make_calibration(method: str, recording: Recording, array: Array, estimate: Estimate) -> Calibration:
@@ -77,6 +80,7 @@ def make_calibration(method: str, recording: Recording, array: Array, estimate: 
         coverage=measure_coverage(field_of(recording, estimate.errors)).fraction,
         reduced_chi_square=chi_square,
         ambient_gradient=gradient,
+        frame=estimate.frame,
     )
 
 

@@ -53,3 +53,16 @@ def test_hard_and_soft_iron_are_taken_off():
     assert calibration.before.tensor_rmse_T_per_m > 5e-5
     assert calibration.in_sample.tensor_rmse_T_per_m < 1e-16
     assert calibration.in_sample.sensor_intensity_T.max() < 1e-16
+
+
+def test_the_frame_is_stated(noise_free, wu_scenario):
+    """Without attitude the result says that the frame is turned; with it, that it is the array's."""
+    case = chi2017.set_up()
+    blind = integrated(replace(case.recording, attitude=None), case.array)
+    assert "soft iron" in blind.statements[0]
+    assert (blind.errors.misalignment[0] == 0).all() or np.abs(blind.errors.misalignment[0]).max() < 1e-12
+    seeing = integrated(case.recording, case.array)
+    assert "attitude was recorded" in seeing.statements[0]
+    error = (seeing.errors.to_vector() - case.errors.to_vector()) / seeing.standard_errors
+    assert np.sqrt(np.mean(error**2)) < 2
+    assert np.abs(seeing.errors.misalignment[0] - case.errors.misalignment[0]).max() < 1e-4
