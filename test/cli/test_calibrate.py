@@ -1,0 +1,111 @@
+"""`tam calibrate`: tables for people, JSON for programs, files that appear together."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.testing import assert_allclose
+
+from tam_calibration.cli.main import main
+from tam_calibration.files import read_calibration, write_array, write_recording
+from tam_calibration.fit import calibrate
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, recording, cross):
+    """Give a working folder with a recording as CSV and as a bag, and its array file."""
+    monkeypatch.chdir(tmp_path)
+    write_recording("run.csv", recording)
+    write_recording("run", recording)
+    write_array("array.yaml", cross)
+    return tmp_path
+
+
+def run(*arguments):
+    """Run the command and return its result; it must succeed."""
+    result = CliRunner().invoke(main, ["calibrate", *arguments])
+    assert result.exit_code == 0, result.stderr
+    return result
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run"])
+@pytest.mark.parametrize("method", ["maximum_likelihood", "lossless"])
+def test_the_calibration_is_that_of_the_fit(folder, recording, cross, name, method):
+    """The file holds what the fit returns, and which recording it came from."""
+    run(name, "--array", "array.yaml", "-o", "c.yaml", "--method", method)
+    calibration = read_calibration("c.yaml")
+    expected = calibrate(recording, cross, method).errors
+    assert_allclose(calibration.errors.to_vector(), expected.to_vector(), rtol=1e-9, atol=1e-15)
+    assert calibration.method == method
+    assert calibration.source.name == name
+    assert calibration.samples == recording.sample_count
+
+
+def test_people_see_parameters_residuals_coverage_and_the_formula(folder):
+    """Everything that a person judges a calibration by is printed."""
+    out = run("run.csv", "--array", "array.yaml", "-o", "c.yaml").stdout
+    for words in (
+        "scale factor x",
+        "bias z (nT)",
+        "sensor 4",
+        "±",
+        "in sample",
+        "held out",
+        "noise floor",
+        "gxx (nT/m)",
+    ):
+        assert words in out
+    for words in ("Coverage: ", "of the sphere", "frame of sensor 1", "By hand: Field at a sensor", "written: c.yaml"):
+        assert words in out
+
+
+def test_programs_get_json(folder):
+    """JSON goes to a file beside the tables, or alone to stdout; it is the content of the calibration file."""
+    run("run.csv", "--array", "array.yaml", "--json", "c.json")
+    alone = json.loads(run("run.csv", "--array", "array.yaml", "--json", "-").stdout)
+    assert json.loads((folder / "c.json").read_text()) == alone
+    assert [block["sensor"] for block in alone["sensors"]] == [1, 2, 3, 4]
+    assert (
+        alone["residuals"]["in_sample"]["tensor_rmse_nT_per_m"]
+        < 1.2 * alone["residuals"]["noise_floor"]["tensor_rmse_nT_per_m"]
+    )
+
+
+def test_a_report_is_written(folder):
+    """The page is HTML of its own."""
+    run("run.csv", "--array", "array.yaml", "--report", "page.html")
+    assert "<html" in (folder / "page.html").read_text()
+
+
+def test_a_place_gives_the_intensity_of_a_recording_without_scalar(folder, recording):
+    """Without a scalar the scale is unknown; with a place it is that of the geomagnetic model."""
+    write_recording("bare.csv", replace(recording, scalar_T=None))
+    unknown = json.loads(run("bare.csv", "--array", "array.yaml", "--json", "-").stdout)
+    assert not unknown["field"]["has_scalar_reference"]
+    known = json.loads(
+        run("bare.csv", "--array", "array.yaml", "--json", "-", "--place", "40.1,-105.2,2020-01-01").stdout
+    )
+    assert known["field"]["has_scalar_reference"]
+    assert_allclose(known["field"]["intensity_nT"], 51_800, rtol=0.02)
+
+
+def test_sensors_that_stamp_apart_need_a_tolerance(folder, recording):
+    """A bag whose sensors are read one after the other is joined within the tolerance that is given."""
+    from tam_calibration.files.bag_topics import MAGNETIC_FIELD, sensor_topic
+    from tam_calibration.files.bag_writing import TYPESTORE, serialise, write_bag
+
+    stamps_ns = np.arange(recording.sample_count) * 10_000_000
+    with write_bag(folder / "apart", "sqlite3") as writer:
+        for sensor in range(4):
+            connection = writer.add_connection(f"/{sensor_topic(sensor + 1)}", MAGNETIC_FIELD, typestore=TYPESTORE)
+            own_ns = stamps_ns + sensor * 1_000_000
+            for stamp_ns, message in zip(
+                own_ns, serialise(MAGNETIC_FIELD, recording.readings_T[:, sensor], own_ns), strict=True
+            ):
+                writer.write(connection, int(stamp_ns), message)
+    result = CliRunner().invoke(main, ["calibrate", "apart", "--array", "array.yaml"])
+    assert result.exit_code == 2
+    assert "raise the tolerance" in result.stderr
+    assert "600" in run("apart", "--array", "array.yaml", "--tolerance-s", "0.004").stdout

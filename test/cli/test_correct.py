@@ -1,0 +1,77 @@
+"""`tam correct`: CSV and bags in, CSV and bags out, all with the same numbers."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.testing import assert_allclose
+
+from tam_calibration.cli.main import main
+from tam_calibration.files import read_calibration, read_recording, write_array, write_calibration, write_recording
+from tam_calibration.files.bag import open_bag
+from tam_calibration.fit import calibrate
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, recording, cross):
+    """Give a working folder with a recording as CSV and as a bag, its array file and its calibration."""
+    monkeypatch.chdir(tmp_path)
+    write_recording("run.csv", recording)
+    write_recording("run", recording)
+    write_array("array.yaml", cross)
+    write_calibration("c.yaml", calibrate(recording, cross))
+    return tmp_path
+
+
+def run(*arguments):
+    """Run the command and return its result; it must succeed."""
+    result = CliRunner().invoke(main, ["correct", *arguments])
+    assert result.exit_code == 0, result.stderr
+    return result
+
+
+def read_cloud(path):
+    """Return the numbers of the field_gradient messages of a bag."""
+    with open_bag(path) as reader:
+        connection = next(each for each in reader.connections if each.topic == "/field_gradient")
+        return np.array(
+            [np.frombuffer(message, "<f8", 18, len(message) - 145) for _, _, message in reader.messages([connection])]
+        )
+
+
+@pytest.mark.parametrize("source", ["run.csv", "run"])
+def test_every_output_holds_the_same_results(folder, source):
+    """CSV, folder and .mcap hold what `Calibration.correct` returns."""
+    expected = read_calibration("c.yaml").correct(read_recording(source))
+    for output in ("out.csv", "out", "out.mcap"):
+        run(source, "--calibration", "c.yaml", "-o", output)
+    for output in ("out", "out.mcap"):
+        cloud = read_cloud(folder / output)
+        assert cloud[:, :9].tolist() == expected.outputs.tolist()
+        assert cloud[0, 9:].tolist() == expected.standard_errors.tolist()
+    table = np.loadtxt("out.csv", delimiter=",", skiprows=1)
+    assert table[:, 0].tolist() == expected.time_s.tolist()
+    assert_allclose(table[:, 1:] / 1e9, expected.outputs, rtol=3e-16)
+
+
+def test_a_bag_keeps_the_raw_topics(folder):
+    """What was in the bag is in the corrected bag too."""
+    run("run", "--calibration", "c.yaml", "-o", "out")
+    again = read_recording("out")
+    assert again.readings_T.tolist() == read_recording("run").readings_T.tolist()
+
+
+def test_a_summary_is_told(folder, recording):
+    """People get one line, programs JSON."""
+    assert (
+        "out.csv: 600 samples corrected, |B| 50000" in run("run.csv", "--calibration", "c.yaml", "-o", "out.csv").stdout
+    )
+    summary = json.loads(run("run", "--calibration", "c.yaml", "-o", "out.csv", "--json").stdout)
+    assert summary["samples"] == 600
+    assert summary["standard_errors"]["gxy_nT_per_m"] == pytest.approx(2, rel=0.1)
+
+
+def test_the_array_is_compared(folder):
+    """With the right array file the result is the same."""
+    run("run.csv", "--calibration", "c.yaml", "--array", "array.yaml", "-o", "out.csv")
