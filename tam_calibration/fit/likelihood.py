@@ -16,7 +16,7 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.fit.channels import Channels, Turning
-from tam_calibration.fit.reference import SharedNoise
+from tam_calibration.fit.reference import InterpolationNoise
 from tam_calibration.units import FloatArray
 
 BoolArray = NDArray[np.bool_]
@@ -66,8 +66,8 @@ class Likelihood:
         Standard deviation of each sensor's axes.
     scalar_noise : float or (N,) array
         Standard deviation of the intensity's error that is each sample's own.
-    shared_noise : SharedNoise, optional
-        Errors of the intensity that samples have in common.
+    interpolation_noise : InterpolationNoise, optional
+        Errors of the intensity that neighbouring samples have in common.
     turning : Turning, optional
         Attitudes and positions where the field has an ambient gradient.
     """
@@ -76,7 +76,7 @@ class Likelihood:
     intensity: FloatArray
     vector_noise: FloatArray
     scalar_noise: float | FloatArray
-    shared_noise: SharedNoise | None = None
+    interpolation_noise: InterpolationNoise | None = None
     turning: Turning | None = None
 
     @property
@@ -109,7 +109,7 @@ class Likelihood:
 
     def energy(self, matrix: FloatArray, bias: FloatArray, ambient_gradient: FloatArray = UNIFORM) -> FloatArray:
         """Return the (N,) sums of the squares of each sample's whitened channels."""
-        assert self.shared_noise is None, "what samples share is no sample's own"
+        assert self.interpolation_noise is None, "what samples share is no sample's own"
         channels = Channels.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
         energy = np.empty(len(self.points))
         for part in self._pieces():
@@ -148,11 +148,13 @@ class Likelihood:
             columns[:, -1] = misfit
             weighted = columns * precision[:, None]
             total += weighted.T @ columns
-            if self.shared_noise is not None:
-                kept.append((np.arange(len(self.points))[part][known], weighted, precision))
-        if self.shared_noise is None:
+            if self.interpolation_noise is not None:
+                kept.append((weighted, precision))
+        if self.interpolation_noise is None:
             return total
-        return total - self.shared_noise.explained(*(np.concatenate(column) for column in zip(*kept, strict=True)))
+        return total - self.interpolation_noise.explained(
+            *(np.concatenate(column) for column in zip(*kept, strict=True))
+        )
 
     def _common_mode(
         self, part: slice, channels: Channels

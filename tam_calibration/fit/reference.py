@@ -1,19 +1,19 @@
 """The reference intensity between the readings of a scalar magnetometer that is slower than the sensors.
 
-Between two readings the intensity is the straight line, and that it is not straight is told by how far the readings
-themselves lie off the line between their neighbours. All samples between two readings share the errors of both: a
-reading that is counted once for each of them would count hundreds of times.
+Between two readings the intensity is taken as the straight line, off which it wanders as a random walk that is tied to
+both. How far it wanders is told by how far the readings themselves lie off the lines between their neighbours.
+
+All samples between two readings share the errors of both. Taken for their own, one reading would count hundreds of
+times; the likelihood therefore needs the covariance of all samples, C = D + q B + σ² H Hᵀ: D the variances of the
+sensors' field, B the walk's covariance within each interval at unit rate, H the two weights of each sample's line.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import cached_property
 
 import numpy as np
 
 from tam_calibration.units import FloatArray
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 _LONGEST_GAP = 3.0
 """Gaps between readings are bridged up to this multiple of the usual one."""
@@ -21,40 +21,101 @@ _LONGEST_GAP = 3.0
 _LARGEST_SHARE = 0.5
 """Largest part of the samples with a reading of their own at which interpolation is worth its time."""
 
-_BANDWIDTH = 2
-"""Errors further apart in the order of ``SharedNoise`` enter no sample together."""
+_ROUGHNESS = (1 / 8, 2.0)
+"""Bounds of the ratio of the walk's rates at neighbouring octaves of time: smooth curves, and white noise."""
 
 
 @dataclass(frozen=True, eq=False)
-class SharedNoise:
-    """Independent errors of unit variance that samples share.
+class InterpolationNoise:
+    """The errors of the intensities of M samples between and at readings.
 
     Parameters
     ----------
-    loading : (N, L) sparse array
-        Standard deviation with which each error enters each sample: those of reading 1, of the curve between
-        readings 1 and 2, of reading 2, and so on.
+    time_s : (M,) array
+        Time stamps.
+    interval : (M,) array of int
+        Number of the reading before each sample.
+    way : (M,) array
+        Part of the way from there to the next reading, 0 to 1.
+    gap_s : (M,) array
+        Time between the two readings.
+    noise : float
+        Standard deviation of a reading.
+    rate : float
+        Squared wandering per second.
     """
 
-    loading: "csr_array"
+    time_s: FloatArray
+    interval: np.ndarray
+    way: FloatArray
+    gap_s: FloatArray
+    noise: float
+    rate: float
 
-    def explained(self, known: np.ndarray, weighted: FloatArray, precision: FloatArray) -> FloatArray:
-        """Return by how much shared errors lessen the second moments of columns X of the samples that are known.
+    @property
+    def variance(self) -> FloatArray:
+        """(M,) variances of the intensities, each by itself."""
+        of_line = self.noise**2 * ((1 - self.way) ** 2 + self.way**2)
+        of_walk: FloatArray = self.rate * self.gap_s * self.way * (1 - self.way)
+        return of_line + of_walk
 
-        With weighted = D⁻¹ X, precision the diagonal of D⁻¹ and H the loading, (D + H Hᵀ)⁻¹ =
-        D⁻¹ - D⁻¹ H (1 + Hᵀ D⁻¹ H)⁻¹ Hᵀ D⁻¹; what is returned is the second term between Xᵀ and X.
+    def explained(self, weighted: FloatArray, precision: FloatArray) -> FloatArray:
+        """Return Xᵀ D⁻¹ X - Xᵀ C⁻¹ X of columns X, from weighted = D⁻¹ X (M, F) and the diagonal of D⁻¹ (M,).
+
+        First the walk, by the tridiagonal inverse of B, then the readings: (A + U Uᵀ)⁻¹ =
+        A⁻¹ - A⁻¹ U (1 + Uᵀ A⁻¹ U)⁻¹ Uᵀ A⁻¹.
         """
         from scipy.linalg import solveh_banded
 
-        loading = self.loading[known]
-        seen = loading.T @ weighted
-        inner = (loading.T @ loading.multiply(precision[:, None])).tocsr()
-        bands = np.zeros((_BANDWIDTH + 1, inner.shape[0]))
-        for below in range(min(_BANDWIDTH + 1, inner.shape[0])):
-            bands[below, : inner.shape[0] - below] = inner.diagonal(-below)
-        bands[0] += 1
-        explained: FloatArray = seen.T @ solveh_banded(bands, seen, lower=True)
-        return explained
+        line = self.noise * np.stack([1 - self.way, self.way], axis=1)
+        columns = np.hstack([weighted, precision[:, None] * line])
+        wandering = self._wandering(columns, precision)
+        explained: FloatArray = weighted.T @ wandering[:, :-2]
+        rest = columns - precision[:, None] * wandering
+        at_readings = self._gather(line, rest[:, :-2])
+        # The line's own part: 2 × 2 blocks of neighbouring readings, overlapping on the diagonal.
+        size = len(at_readings)
+        bands = np.zeros((2, size))
+        bands[0] = 1
+        for end in range(2):
+            bands[0] += np.bincount(self.interval + end, line[:, end] * rest[:, end - 2], size)
+        bands[1] = np.bincount(self.interval, line[:, 0] * rest[:, -1], size)
+        return explained + at_readings.T @ solveh_banded(bands, at_readings, lower=True)
+
+    def _wandering(self, columns: FloatArray, precision: FloatArray) -> FloatArray:
+        """Return q (B⁻¹ + q D⁻¹)⁻¹ times columns (M, F), zero at the readings."""
+        from scipy.linalg import solveh_banded
+
+        if self.rate == 0:
+            return np.zeros_like(columns)
+        free, bands = self._walk
+        diagonal = np.where(free, bands[0] + self.rate * precision, 1.0)
+        wandering: FloatArray = solveh_banded(
+            np.stack([diagonal, bands[1]]), np.where(free[:, None], self.rate * columns, 0.0), lower=True
+        )
+        return wandering
+
+    @cached_property
+    def _walk(self) -> tuple[np.ndarray, FloatArray]:
+        """Which samples lie between readings, and the (2, M) bands of the inverse of B."""
+        free = (self.way > 0) & (self.way < 1)
+        stiffness = 1 / np.diff(self.time_s)
+        bands = np.zeros((2, len(free)))
+        bands[0, 1:] += stiffness
+        bands[0, :-1] += stiffness
+        bands[1, :-1] = np.where(free[1:] & free[:-1], -stiffness, 0.0)
+        return free, bands
+
+    def _gather(self, line: FloatArray, columns: FloatArray) -> FloatArray:
+        """Return σ Hᵀ times columns (M, F): a row for each reading."""
+        from scipy.sparse import coo_array
+
+        place = np.arange(len(line))
+        rows = np.concatenate([self.interval, self.interval + 1])
+        shape = (int(self.interval.max()) + 2, len(line))
+        transposed = coo_array((line.T.ravel(), (rows, np.concatenate([place, place]))), shape)
+        gathered: FloatArray = transposed.tocsr() @ columns
+        return gathered
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,18 +126,15 @@ class Reference:
     ----------
     intensity : (N,) array
         Read or interpolated; NaN before the first reading, after the last, and in long gaps.
-    noise : SharedNoise
-        Its errors.
+    standard_deviation : (N,) array
+        Of each by itself; NaN likewise.
+    noise : InterpolationNoise
+        The errors of those that are not NaN, and what they share.
     """
 
     intensity: FloatArray
-    noise: SharedNoise
-
-    @property
-    def standard_deviation(self) -> FloatArray:
-        """(N,) standard deviation of each sample's intensity; 0 where there is none."""
-        variance: FloatArray = self.noise.loading.power(2).sum(axis=1)
-        return np.sqrt(variance)
+    standard_deviation: FloatArray
+    noise: InterpolationNoise
 
 
 def is_worth_interpolating(scalar: FloatArray) -> bool:
@@ -96,45 +154,40 @@ def interpolate(time_s: FloatArray, scalar: FloatArray, noise: float) -> Referen
         Readings, at least three; NaN where there is none. Any unit.
     noise : float
         Standard deviation of a reading, in the same unit.
-
-    Returns
-    -------
-    Reference
-        Between readings at a distance Δ the variance is that of the line between two noisy ends, and q Δ λ (1 - λ) at
-        the part λ of the way: that of a random walk tied to both ends, with the rate q of ``_wander``. It is taken as
-        one error for the whole way.
     """
-    from scipy.sparse import coo_array
-
     known = np.flatnonzero(np.isfinite(scalar))
     when, reading = time_s[known], scalar[known]
     gap = np.diff(when)
     is_bridged = gap <= _LONGEST_GAP * np.median(gap)
-    rate = _wander(when, reading, noise, is_bridged)
-    before = np.clip(np.searchsorted(when, time_s, side="right") - 1, 0, len(when) - 2)
-    way = (time_s - when[before]) / gap[before]
-    inside = (way >= 0) & (way <= 1) & (is_bridged[before] | (way == 0) | (way == 1))
-    way = np.where(inside, way, 0.0)
-    intensity = np.where(inside, (1 - way) * reading[before] + way * reading[before + 1], np.nan)
-    loadings = [(1 - way) * noise, np.sqrt(rate * gap[before] * way * (1 - way)), way * noise]
-    rows = np.flatnonzero(inside)
-    values = np.concatenate([loading[inside] for loading in loadings])
-    columns = np.concatenate([2 * before[inside] + place for place in range(3)])
-    shape = (len(time_s), 2 * len(when) - 1)
-    return Reference(intensity, SharedNoise(coo_array((values, (np.tile(rows, 3), columns)), shape).tocsr()))
+    interval = np.clip(np.searchsorted(when, time_s, side="right") - 1, 0, len(gap) - 1)
+    way = (time_s - when[interval]) / gap[interval]
+    inside = np.isfinite(scalar) | (is_bridged[interval] & (way > 0) & (way < 1))
+    interval, way = interval[inside], way[inside]
+    errors = InterpolationNoise(time_s[inside], interval, way, gap[interval], noise, _rate(when, reading, noise))
+    intensity, deviation = np.full((2, len(time_s)), np.nan)
+    intensity[inside] = (1 - way) * reading[interval] + way * reading[interval + 1]
+    deviation[inside] = np.sqrt(errors.variance)
+    return Reference(intensity, deviation, errors)
 
 
-def _wander(when_s: FloatArray, reading: FloatArray, noise: float, is_bridged: np.ndarray) -> float:
-    """Return the rate, in squared units per second, of a random walk that goes through the readings.
+def _rate(when_s: FloatArray, reading: FloatArray, noise: float) -> float:
+    """Return the rate of the walk between readings, squared units per second.
 
-    A reading lies off the line between its neighbours by the noise of the three, and by a walk tied to both.
+    It is known for one and for two steps between readings and extrapolated to less than one: a walk has the same rate
+    at all of them, a smooth curve an eighth of it at half the time.
     """
-    gap = np.diff(when_s)
-    way = gap[:-1] / (gap[:-1] + gap[1:])
-    off_line = reading[1:-1] - (1 - way) * reading[:-2] - way * reading[2:]
+    one = _rate_over(when_s, reading, noise, 1)
+    two = _rate_over(when_s, reading, noise, 2) if len(reading) > 4 else one
+    return one * float(np.clip(one / max(two, np.finfo(float).tiny), *_ROUGHNESS)) if one > 0 else 0.0
+
+
+def _rate_over(when_s: FloatArray, reading: FloatArray, noise: float, steps: int) -> float:
+    """Return the rate of a walk whose readings lie as far off the lines between those some steps before and after.
+
+    Such a reading lies off the line by the noise of the three, and by a walk that is tied to both ends.
+    """
+    before, after = (when_s[steps:-steps] - when_s[: -2 * steps]), (when_s[2 * steps :] - when_s[steps:-steps])
+    way = before / (before + after)
+    off_line = reading[steps:-steps] - (1 - way) * reading[: -2 * steps] - way * reading[2 * steps :]
     by_noise = noise**2 * (1 + (1 - way) ** 2 + way**2)
-    by_walk = gap[:-1] * gap[1:] / (gap[:-1] + gap[1:])
-    tied = is_bridged[:-1] & is_bridged[1:]
-    if not tied.any():
-        return 0.0
-    return float(max(0.0, np.sum((off_line**2 - by_noise)[tied]) / by_walk[tied].sum()))
+    return float(np.sum(off_line**2 - by_noise) / np.sum(way * after))
