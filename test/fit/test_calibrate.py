@@ -8,7 +8,6 @@ from tam_calibration.fit import METHODS, calibrate
 from tam_calibration.problems import InputError, Refused
 from tam_calibration.simulation import simulate
 
-
 EXACT = [method for method in METHODS if method != "simplified_linear"]
 
 
