@@ -10,12 +10,15 @@ from pathlib import Path
 from types import TracebackType
 
 from tam_calibration.nodes import signals
-from tam_calibration.problems import Refused
+from tam_calibration.problems import InputError, Refused
 
 GRACE_S = 5.0
 """Time that a process has to end after SIGINT before it is killed."""
 
 TAIL_LINES = 15
+
+BAD_INPUT = 2
+"""Exit code of a process whose last line says what in its input is not usable."""
 
 
 NODES = ("collector", "calibrator", "corrector")
@@ -89,8 +92,10 @@ class Children:
 
         Raises
         ------
+        InputError
+            When one has ended because of a parameter or file, with its sentence.
         Refused
-            When one has ended, with the end of its output.
+            When one has ended otherwise, with the end of its output.
         """
         for name, process in self._processes.items():
             if (code := process.poll()) is not None:
@@ -134,5 +139,8 @@ class Children:
             )
 
     def _refuse(self, name: str, code: int) -> None:
-        tail = "\n".join(self.log(name).splitlines()[-TAIL_LINES:])
+        lines = self.log(name).splitlines()
+        if code == BAD_INPUT:
+            raise InputError(lines[-1].removeprefix("tam: "))
+        tail = "\n".join(lines[-TAIL_LINES:])
         raise Refused(f"{name} ended with exit code {code} (see {self._logs[name]}):\n{tail}")

@@ -25,12 +25,12 @@ def test_nodes_start_together_and_end_together(bench, recording, tmp_path):
 
 
 def test_node_that_fails_ends_all(ros_domain, tmp_path):
-    """A node that refuses its parameters ends the command with its sentence and exit code 1."""
+    """A node that refuses its parameters ends the command with its sentence and exit code 2."""
     parameters = tmp_path / "parameters.yaml"
     parameters.write_text("collector:\n  ros__parameters:\n    tolerence_s: 0.1\n")
     result = CliRunner().invoke(main, ["nodes", "--params-file", str(parameters)])
-    assert result.exit_code == 1
-    assert "collector has no parameter tolerence_s" in result.output
+    assert result.exit_code == 2
+    assert result.output.startswith("tam: collector has no parameter tolerence_s")
 
 
 def test_monitor_shows_bars():
