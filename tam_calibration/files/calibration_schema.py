@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from tam_calibration.calibration import Calibration, Provenance, Residuals
+from tam_calibration.calibration import AmbientGradient, Calibration, Provenance, Residuals
 from tam_calibration.errors import SensorErrors
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.yaml_document import Document, check
@@ -16,6 +16,7 @@ SCHEMA = "tam_calibration/calibration/1"
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
+Tensor = tuple[Vector, Vector, Vector]
 StandardErrors = tuple[float, float, float]
 
 
@@ -29,7 +30,7 @@ class _Sensor(Document):
     bias_standard_error_nT: StandardErrors
     misalignment_deg: Vector
     misalignment_standard_error_deg: StandardErrors
-    matrix: tuple[Vector, Vector, Vector]
+    matrix: Tensor
 
 
 class _Array(ArrayFile):
@@ -40,6 +41,15 @@ class _Field(Document):
     intensity_nT: Finite
     has_scalar_reference: bool
     coverage_of_sphere: Finite
+    gradient_nT_per_m: Tensor | None = None
+    gradient_standard_error_nT_per_m: Tensor | None = None
+
+    def to_gradient(self) -> AmbientGradient | None:
+        """Return the gradient of the field in SI, where one was fitted."""
+        tensor, errors = self.gradient_nT_per_m, self.gradient_standard_error_nT_per_m
+        if tensor is None or errors is None:
+            return None
+        return AmbientGradient(from_nanotesla(np.array(tensor)), from_nanotesla(np.array(errors)))
 
 
 class _Residuals(Document):
@@ -132,6 +142,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         held_out=None if residuals.held_out is None else residuals.held_out.to_residuals(),
         source=stored.recording.to_provenance(),
         warnings=tuple(stored.warnings),
+        ambient_gradient=stored.field.to_gradient(),
         frame=stored.frame,
     )
 

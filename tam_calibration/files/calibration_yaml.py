@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from tam_calibration import __version__
-from tam_calibration.calibration import Calibration, Residuals
+from tam_calibration.calibration import AmbientGradient, Calibration, Residuals
 from tam_calibration.files.array_yaml import array_to_mapping
 from tam_calibration.files.calibration_schema import SCHEMA, calibration_of
 from tam_calibration.files.exact import degrees_to_write, nanotesla_to_write
@@ -84,6 +84,7 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
             "intensity_nT": _exact_nanotesla(calibration.intensity_T),
             "has_scalar_reference": calibration.has_scalar_reference,
             "coverage_of_sphere": _rounded(calibration.coverage),
+            **_gradient(calibration.ambient_gradient),
         },
         "residuals": {
             name: None if residuals is None else _residuals(residuals)
@@ -104,6 +105,15 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
         },
         "covariance_order": COVARIANCE_ORDER,
         "covariance_SI": None if calibration.covariance is None else calibration.covariance.tolist(),
+    }
+
+
+def _gradient(gradient: AmbientGradient | None) -> dict[str, Any]:
+    if gradient is None:
+        return {}
+    return {
+        "gradient_nT_per_m": nanotesla_to_write(gradient.tensor_T_per_m).tolist(),
+        "gradient_standard_error_nT_per_m": nanotesla_to_write(gradient.standard_errors_T_per_m).tolist(),
     }
 
 

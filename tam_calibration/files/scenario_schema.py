@@ -9,7 +9,7 @@ from pydantic import Field
 
 from tam_calibration.errors import SensorErrors
 from tam_calibration.files.array_yaml import ArrayFile
-from tam_calibration.files.calibration_schema import Finite, Vector
+from tam_calibration.files.calibration_schema import Finite, Tensor, Vector
 from tam_calibration.files.iaga2002 import read_iaga2002
 from tam_calibration.files.yaml_document import Document, check
 from tam_calibration.geomagnetic import site_field_T
@@ -177,6 +177,7 @@ class ScenarioFile(Document):
     seed: Annotated[int, Field(ge=0)] = 0
     drift: Annotated[_Drift, Field(discriminator="kind")] | None = None
     dipole: _Dipole | None = None
+    site_gradient_nT_per_m: Tensor | None = None
     scalar: _Scalar | None = None
     temperature: _Temperature | None = None
     current: _Current | None = None
@@ -195,11 +196,16 @@ class ScenarioFile(Document):
             seed=self.seed,
             drift=None if self.drift is None else self.drift.build(folder),
             dipole=None if self.dipole is None else self.dipole.build(),
+            site_gradient_T_per_m=self._site_gradient_T_per_m(),
             scalar=None if self.scalar is None else channels.ScalarReference(**self.scalar.model_dump()),
             temperature=None if self.temperature is None else channels.Temperature(**self.temperature.model_dump()),
             current=None if self.current is None else channels.Current(**self.current.model_dump()),
             attitude=None if self.attitude is None else self.attitude.build(),
         )
+
+    def _site_gradient_T_per_m(self) -> FloatArray | None:
+        gradient = self.site_gradient_nT_per_m
+        return None if gradient is None else from_nanotesla(np.array(gradient))
 
     def _site_field_T(self) -> FloatArray:
         if self.site is not None and self.place is None:

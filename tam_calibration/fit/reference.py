@@ -70,7 +70,7 @@ class InterpolationNoise:
         line = self.noise * np.stack([1 - self.way, self.way], axis=1)
         columns = np.hstack([weighted, precision[:, None] * line])
         wandering = self._wandering(columns, precision)
-        explained: FloatArray = weighted.T @ wandering[:, :-2]
+        by_walk = weighted.T @ wandering[:, :-2]
         rest = columns - precision[:, None] * wandering
         at_readings = self._gather(line, rest[:, :-2])
         # The line's own part: 2 × 2 blocks of neighbouring readings, overlapping on the diagonal.
@@ -80,7 +80,8 @@ class InterpolationNoise:
         for end in range(2):
             bands[0] += np.bincount(self.interval + end, line[:, end] * rest[:, end - 2], size)
         bands[1] = np.bincount(self.interval, line[:, 0] * rest[:, -1], size)
-        return explained + at_readings.T @ solveh_banded(bands, at_readings, lower=True)
+        by_readings: FloatArray = at_readings.T @ solveh_banded(bands, at_readings, lower=True)
+        return by_walk + by_readings
 
     def _wandering(self, columns: FloatArray, precision: FloatArray) -> FloatArray:
         """Return q (B⁻¹ + q D⁻¹)⁻¹ times columns (M, F), zero at the readings."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.effects.ambient_gradient import gradient_field, turned
 from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import Recording
 from tam_calibration.simulation.scenario import Scenario
@@ -55,13 +56,13 @@ def simulate(scenario: Scenario) -> Simulation:
     time_s = scenario.time_s
     attitude = scenario.motion.attitudes(time_s, _generator(scenario, "motion"))
     rotation = Rotation.from_quat(attitude)
-    uniform = _uniform_field(scenario, rotation)
-    at_sensors = uniform[:, None] + _dipole_field(scenario, rotation, scenario.array.positions_m)
-    center = uniform + _dipole_field(scenario, rotation, np.zeros((1, 3)))[:, 0]
+    at_scalar = np.zeros(3) if scenario.array.scalar_position_m is None else scenario.array.scalar_position_m
+    fields = _field(scenario, rotation, np.vstack([np.zeros(3), at_scalar, scenario.array.positions_m]))
+    center, at_sensors = fields[:, 0], fields[:, 2:]
     recording = Recording(
         time_s,
         scenario.errors.distort(at_sensors) + _vector_noise(scenario),
-        _scalar(scenario, center),
+        _scalar(scenario, fields[:, 1]),
         None
         if scenario.temperature is None
         else scenario.temperature.readings(time_s, _generator(scenario, "temperature")),
@@ -74,6 +75,15 @@ def simulate(scenario: Scenario) -> Simulation:
 def _generator(scenario: Scenario, part: str, number: int = 0) -> np.random.Generator:
     key = (RANDOM_PARTS.index(part), number)
     return np.random.default_rng(np.random.SeedSequence(scenario.seed, spawn_key=key))
+
+
+def _field(scenario: Scenario, rotation: Rotation, positions_m: FloatArray) -> FloatArray:
+    """Return the (N, P, 3) field in the array frame at positions (P, 3) of that frame."""
+    field: FloatArray = np.repeat(_uniform_field(scenario, rotation)[:, None], len(positions_m), axis=1)
+    field += _dipole_field(scenario, rotation, positions_m)
+    if scenario.site_gradient_T_per_m is not None:
+        field += gradient_field(scenario.site_gradient_T_per_m, rotation.as_quat(), positions_m)
+    return field
 
 
 def _uniform_field(scenario: Scenario, rotation: Rotation) -> FloatArray:
@@ -97,11 +107,10 @@ def _dipole_field(scenario: Scenario, rotation: Rotation, positions_m: FloatArra
 
 def _gradient(scenario: Scenario, rotation: Rotation) -> FloatArray:
     """Return the (N, 3, 3) gradient tensor at the centre in the array frame."""
-    if scenario.dipole is None:
-        return np.zeros((scenario.sample_count, 3, 3))
-    matrix = rotation.as_matrix()
-    gradient: FloatArray = np.swapaxes(matrix, 1, 2) @ scenario.dipole.gradient_T_per_m(np.zeros(3)) @ matrix
-    return gradient
+    world = np.zeros((3, 3)) if scenario.site_gradient_T_per_m is None else scenario.site_gradient_T_per_m
+    if scenario.dipole is not None:
+        world = world + scenario.dipole.gradient_T_per_m(np.zeros(3))
+    return turned(world[None], rotation.as_quat())[:, 0]
 
 
 def _vector_noise(scenario: Scenario) -> FloatArray:
@@ -114,9 +123,9 @@ def _vector_noise(scenario: Scenario) -> FloatArray:
     return np.stack(drawn, axis=1)
 
 
-def _scalar(scenario: Scenario, center_T: FloatArray) -> FloatArray | None:
+def _scalar(scenario: Scenario, field_T: FloatArray) -> FloatArray | None:
     if scenario.scalar is None:
         return None
-    intensity = np.linalg.norm(center_T, axis=1)
+    intensity = np.linalg.norm(field_T, axis=1)
     noise = scenario.array.scalar_noise_T or 0.0
     return scenario.scalar.readings(scenario.time_s, intensity, noise, _generator(scenario, "scalar"))

@@ -35,10 +35,12 @@ class Scenario:
         Of all random numbers.
     drift : Drift, optional
         Of the uniform field.
+    site_gradient_T_per_m : (3, 3) array, optional
+        Gradient of the site's field, symmetric and trace-free, east, north, up, T/m.
     dipole : Dipole, optional
         A magnetic object near the array.
     scalar : ScalarReference, optional
-        The scalar magnetometer at the array's centre; None when there is none.
+        The scalar magnetometer, where the array has it; None when there is none.
     temperature, current, attitude : optional
         Channels that are recorded beside the sensors.
 
@@ -61,6 +63,7 @@ class Scenario:
     temperature: Temperature | None = None
     current: Current | None = None
     attitude: AttitudeChannel | None = None
+    site_gradient_T_per_m: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check counts and values."""
@@ -71,6 +74,11 @@ class Scenario:
             raise InputError(f"a scenario needs at least one sample, not {self.sample_count}")
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
             raise InputError(f"the rate must be a positive number of samples per second, not {self.rate_hz}")
+        gradient = self.site_gradient_T_per_m
+        if gradient is not None:
+            tolerance = 1e-9 * float(np.abs(gradient).max())
+            if np.abs(gradient - gradient.T).max() > tolerance or abs(np.trace(gradient)) > tolerance:
+                raise InputError("the gradient of the site's field must be symmetric, and its diagonal add up to zero")
 
     @property
     def time_s(self) -> FloatArray:
