@@ -7,7 +7,6 @@ import numpy as np
 from numpy.linalg import inv, norm
 
 from tam_calibration.array import TENSOR_OUTPUTS, Array
-from tam_calibration.effects.ambient_gradient import without_gradient
 from tam_calibration.errors import SensorErrors
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
@@ -239,18 +238,6 @@ class Calibration:
             )
         recording.check_units()
         return Corrected(recording.time_s, self.apply(recording.readings_T), self.output_standard_errors)
-
-    def without_ambient_gradient(self, recording: Recording) -> Recording:
-        """Return the recording as it would be in a uniform field; itself where no gradient was fitted.
-
-        Raises
-        ------
-        InputError
-            When a gradient was fitted and the recording has no attitude.
-        """
-        if self.ambient_gradient is None:
-            return recording
-        return without_gradient(recording, self.errors, self.array, self.ambient_gradient.tensor_T_per_m)
 
     def apply(self, readings_T: FloatArray) -> FloatArray:
         """Return the (N, 9) outputs of (N, K, 3) readings; a sample's result does not depend on its neighbours."""

@@ -1,25 +1,91 @@
 """The gradient of the ambient field as a nuisance of the joint fit: what attitudes tell of it, and how well."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import AmbientGradient
-from tam_calibration.effects.ambient_gradient import BASIS
+from tam_calibration.effects.ambient_gradient import BASIS, require_attitude, without_gradient
+from tam_calibration.errors import SensorErrors
+from tam_calibration.fit.attitude_frame import find_turn
 from tam_calibration.fit.channels import Turning
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
-from tam_calibration.units import FloatArray
+from tam_calibration.units import FloatArray, from_degrees, to_degrees
 
 _OPEN = 1e-12
 
+_LARGEST_ANGLE = from_degrees(10.0)
+"""Of the field in the world of the attitude; more is not noise of the attitude."""
 
-def turning_of(recording: Recording, array: Array) -> Turning:
-    """Return how a recording with attitude turned the array."""
+
+def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
+    """Return attitudes that agree with the field, which all but stands still in the world.
+
+    Parameters
+    ----------
+    attitude : (N, 4) array
+        As recorded: turned against the array by a fixed angle, and in error from sample to sample.
+    field : (N, 3) array
+        At the centre in the array frame, in any unit.
+
+    Returns
+    -------
+    (N, 4) array
+        Without the fixed turn, and with what is left of each error about the field alone, which cannot be seen.
+
+    Raises
+    ------
+    InputError
+        When the array was not turned about two axes, or the attitudes are not those of the readings.
+    """
+    from scipy.spatial.transform import Rotation
+
+    recorded = Rotation.from_quat(attitude)
+    field = field / norm(field, axis=1, keepdims=True)
+    to_world = recorded * Rotation.from_matrix(find_turn(field, recorded.as_matrix()))
+    seen = to_world.apply(field)
+    mean = seen.mean(axis=0) / norm(seen.mean(axis=0))
+    axis = np.cross(seen, mean)
+    sine = norm(axis, axis=1)
+    angle = np.arctan2(sine, seen @ mean)
+    if np.median(angle) > _LARGEST_ANGLE:
+        degrees = to_degrees(float(np.median(angle)))
+        raise InputError(
+            f"the field of the readings does not stand still in the world of the attitude but turns by {degrees:.0f}°: "
+            "attitude must be the turn from the array to the world, x y z w, at the time of the sample"
+        )
+    back = axis * (angle / np.maximum(sine, np.finfo(float).tiny))[:, None]
+    quaternions: FloatArray = (Rotation.from_rotvec(back) * to_world).as_quat()
+    return quaternions
+
+
+def turning_of(recording: Recording, array: Array, field: FloatArray) -> Turning:
+    """Return how a recording with attitude turned the array, its fields (N, 3) at the centre known in any unit."""
     assert recording.attitude is not None
     at_center = np.zeros(3)
     scalar_position = at_center if array.scalar_position_m is None else array.scalar_position_m
-    return Turning(recording.attitude, array.positions_m, scalar_position)
+    return Turning(aligned(recording.attitude, field), array.positions_m, scalar_position)
+
+
+def as_if_uniform(
+    recording: Recording, errors: SensorErrors, array: Array, gradient: AmbientGradient | None
+) -> Recording:
+    """Return the recording as it would be in a uniform field, its attitudes aligned; itself without a gradient.
+
+    Raises
+    ------
+    InputError
+        When there is a gradient and the recording has no attitude that belongs to it.
+    """
+    if gradient is None:
+        return recording
+    known = require_attitude(recording)
+    assert known.attitude is not None
+    attitude = aligned(known.attitude, errors.restore(known.readings_T).mean(axis=1))
+    return without_gradient(replace(known, attitude=attitude), errors, array, gradient.tensor_T_per_m)
 
 
 def marginal_information(information: FloatArray, free: np.ndarray) -> tuple[FloatArray, FloatArray]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration, Residuals, measure_residuals
+from tam_calibration.fit.ambient_gradient import as_if_uniform
 from tam_calibration.fit.artificial_vector import artificial_vector
 from tam_calibration.fit.consistency import find_warnings, require_one_calibration
 from tam_calibration.fit.fast_rotation import fast_rotation
@@ -85,7 +86,7 @@ def calibrate(
     recording.check_plausible()
     require_determined(recording, array)
     calibration = fit(recording, array)
-    uniform = calibration.without_ambient_gradient(recording)
+    uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     require_one_calibration(uniform, calibration)
     require_accurate(calibration)
     warnings = find_warnings(uniform, calibration)
@@ -105,7 +106,7 @@ def _held_out(recording: Recording, array: Array, fit: Fit) -> Residuals | None:
             fitted = fit(recording.take(~test), array)
         except InputError:
             return None
-        seen = fitted.without_ambient_gradient(recording.take(test))
+        seen = as_if_uniform(recording.take(test), fitted.errors, array, fitted.ambient_gradient)
         parts.append(measure_residuals(fitted.errors, array, seen, fitted.intensity_T))
         sizes.append(test.sum())
     return _pool(parts, np.array(sizes))

@@ -5,6 +5,9 @@ determines. The start is nearly the solution: the three principal components of 
 to an affine map, and one ellipsoid fit of their scores against the scalar reference fixes that map up to a rotation.
 """
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 from numpy.linalg import LinAlgError, inv
 
@@ -20,7 +23,7 @@ from tam_calibration.fit.ambient_gradient import (
     turning_of,
 )
 from tam_calibration.fit.bound import parameter_covariance
-from tam_calibration.fit.likelihood import Likelihood
+from tam_calibration.fit.likelihood import UNIFORM, Likelihood
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.fit.reference import interpolate, is_worth_interpolating
 from tam_calibration.fit.result import Estimate, make_calibration
@@ -31,6 +34,14 @@ from tam_calibration.units import FloatArray
 
 _MOST_STEPS = 100
 _SMALLEST_SPREAD = 1e-12  # of readings that are not all in a plane, over the largest
+
+
+class _Point(NamedTuple):
+    """Matrices D Λ (K, 3, 3), biases (K, 3), and components of an ambient gradient: five, or none."""
+
+    matrix: FloatArray
+    bias: FloatArray
+    gradient: FloatArray = UNIFORM
 
 
 def maximum_likelihood(
@@ -71,22 +82,22 @@ def maximum_likelihood(
         recording = require_attitude(recording)
     noisy, _ = complete_noise(array, recording)
     data = normalize(recording)
-    likelihood = _likelihood(recording, noisy, data, robust, ambient_gradient)
-    start = _closed_form(data, likelihood.vector_noise)
-    free = _free_rows(recording.sensor_count)
+    # In a gradient the intensity away from the centre changes as the array is turned, not along a line.
+    is_steady = not ambient_gradient or array.scalar_position_m is None
+    likelihood = _likelihood(recording, noisy, data, may_interpolate=is_steady and not robust)
+    point = _Point(*_closed_form(data, likelihood.vector_noise))
     if ambient_gradient:
-        at_start = likelihood.linearize(*start, ambient_gradient=np.zeros(5)).information
-        require_gradient_determined(marginal_information(at_start, free)[1], likelihood.vector_noise, noisy)
-    matrix, bias, components = _gauss_newton(likelihood, *start, robust)
-    information = likelihood.linearize(matrix, bias, ambient_gradient=components).information
+        likelihood, point = _aligned_start(recording, noisy, likelihood, point, robust)
+    matrix, bias, components = point = _gauss_newton(likelihood, point, robust)
+    information = likelihood.linearize(matrix, bias, None, components).information
     if robust:
-        energy, channels = likelihood.energy(matrix, bias, components), likelihood.channel_count
+        energy, channels = likelihood.energy(*point), likelihood.channel_count
         information = information / student.variance_factor(energy, channels, student.scale_square(energy, channels))
     factor = 1.0 if data.has_scalar else float(free_scale(matrix))
     intensity_T = data.radius_T / factor
     gradient = None
     if ambient_gradient:
-        information, of_gradient = marginal_information(information, free)
+        information, of_gradient = marginal_information(information, _free_rows(recording.sensor_count))
         gradient = gradient_of(components, of_gradient, intensity_T)
     errors = SensorErrors.from_matrix(factor * matrix, data.origin_T + data.radius_T * bias)
     errors.misalignment[0] = 0
@@ -96,20 +107,34 @@ def maximum_likelihood(
     return make_calibration("robust" if robust else "maximum_likelihood", recording, array, estimate)
 
 
-def _likelihood(
-    recording: Recording, array: Array, data: Normalized, robust: bool, ambient_gradient: bool
-) -> Likelihood:
+def _likelihood(recording: Recording, array: Array, data: Normalized, may_interpolate: bool) -> Likelihood:
     assert array.vector_noise_T is not None
     assert array.scalar_noise_T is not None
     vector_noise = array.vector_noise_T / data.radius_T
     scalar_noise = array.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
-    turning = turning_of(recording, array) if ambient_gradient else None
-    # In a gradient the intensity away from the centre changes as the array is turned, not along a line.
-    is_steady = turning is None or array.scalar_position_m is None
-    if robust or not is_steady or not is_worth_interpolating(data.intensity):
-        return Likelihood(data.points, data.intensity, vector_noise, scalar_noise, turning=turning)
+    if not may_interpolate or not is_worth_interpolating(data.intensity):
+        return Likelihood(data.points, data.intensity, vector_noise, scalar_noise)
     reference = interpolate(recording.time_s, data.intensity, scalar_noise)
-    return Likelihood(data.points, reference.intensity, vector_noise, 0.0, reference.noise, turning)
+    return Likelihood(data.points, reference.intensity, vector_noise, 0.0, reference.noise)
+
+
+def _aligned_start(
+    recording: Recording, array: Array, likelihood: Likelihood, point: _Point, robust: bool
+) -> tuple[Likelihood, _Point]:
+    """Return the likelihood in an ambient gradient, and a point where its attitudes agree with the field.
+
+    The field at the centre is known well enough for that only when the gradient is known.
+    """
+    for start in (True, False):
+        field = np.linalg.solve(point.matrix, (likelihood.points - point.bias)[..., None])[..., 0].mean(axis=1)
+        likelihood = replace(likelihood, turning=turning_of(recording, array, field))
+        if start:
+            point = point._replace(gradient=np.zeros(5))
+            information = likelihood.linearize(point.matrix, point.bias, None, point.gradient).information
+            _, covariance = marginal_information(information, _free_rows(recording.sensor_count))
+            require_gradient_determined(covariance, likelihood.vector_noise, array)
+            point = _gauss_newton(likelihood, point, robust)
+    return likelihood, point
 
 
 def _closed_form(data: Normalized, vector_noise: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -151,27 +176,23 @@ def _free_rows(count: int) -> np.ndarray:
     return free
 
 
-def _gauss_newton(
-    likelihood: Likelihood, matrix: FloatArray, bias: FloatArray, robust: bool
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    ambient_gradient = np.zeros(0 if likelihood.turning is None else 5)
-    rows = 12 * len(matrix)
-    free = np.append(_free_rows(len(matrix)), np.ones(len(ambient_gradient), dtype=bool))
+def _gauss_newton(likelihood: Likelihood, point: _Point, robust: bool) -> _Point:
+    rows = 12 * len(point.matrix)
+    free = np.append(_free_rows(len(point.matrix)), np.ones(len(point.gradient), dtype=bool))
     previous = np.inf
     for _ in range(_MOST_STEPS):
-        weights = _student_weights(likelihood, matrix, bias, ambient_gradient) if robust else None
-        point = likelihood.linearize(matrix, bias, weights, ambient_gradient)
+        weights = _student_weights(likelihood, point) if robust else None
+        here = likelihood.linearize(point.matrix, point.bias, weights, point.gradient)
         step = np.zeros(free.size)
-        step[free] = _solve(point.information[np.ix_(free, free)], point.gradient[free])
+        step[free] = _solve(here.information[np.ix_(free, free)], here.gradient[free])
         # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.
-        decrement = float(step @ point.gradient)
+        decrement = float(step @ here.gradient)
         update = step[:rows].reshape(-1, 3, 4)
-        matrix, bias = matrix + update[..., :3], bias + update[..., 3]
-        ambient_gradient = ambient_gradient + step[rows:]
+        point = _Point(point.matrix + update[..., :3], point.bias + update[..., 3], point.gradient + step[rows:])
         # Newton's steps fall quadratically until rounding stops them, those with new weights by a constant factor.
         is_rounding = not robust and decrement < 1e-2 and decrement > previous / 4
         if is_rounding or decrement < (1e-8 if robust else 1e-12):
-            return matrix, bias, ambient_gradient
+            return point
         previous = decrement
     raise Refused(
         f"the fit did not settle in {_MOST_STEPS} steps: the readings do not fit one calibration, "
@@ -179,10 +200,8 @@ def _gauss_newton(
     )
 
 
-def _student_weights(
-    likelihood: Likelihood, matrix: FloatArray, bias: FloatArray, ambient_gradient: FloatArray
-) -> FloatArray:
-    energy, channels = likelihood.energy(matrix, bias, ambient_gradient), likelihood.channel_count
+def _student_weights(likelihood: Likelihood, point: _Point) -> FloatArray:
+    energy, channels = likelihood.energy(*point), likelihood.channel_count
     square = student.scale_square(energy, channels)
     return student.weights(energy, channels, square) / square
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import FRAME_STATEMENT, AmbientGradient, Calibration, measure_residuals, noise_floor
-from tam_calibration.effects.ambient_gradient import without_gradient
 from tam_calibration.errors import SensorErrors
+from tam_calibration.fit.ambient_gradient import as_if_uniform
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.noise import complete_noise
@@ -52,9 +52,7 @@ def make_calibration(method: str, recording: Recording, array: Array, estimate: 
     scalar = recording.scalar_T
     intensity = estimate.intensity_T if scalar is None else float(np.nanmean(scalar))
     covariance, gradient = estimate.covariance, estimate.ambient_gradient
-    uniform = recording
-    if gradient is not None:
-        uniform = without_gradient(recording, estimate.errors, array, gradient.tensor_T_per_m)
+    uniform = as_if_uniform(recording, estimate.errors, array, gradient)
     chi_square = _reduced_chi_square(uniform, noisy, estimate)
     if array.vector_noise_T is None and noisy.vector_noise_T is not None and chi_square:
         factor = float(np.sqrt(chi_square.get("differential", chi_square.get("common_mode", 1.0))))
