@@ -148,11 +148,11 @@ class Bench:
         """Return a list to which the messages of a topic are appended, once a publisher has been matched."""
         from rclpy.qos import DurabilityPolicy, QoSProfile
 
-        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        quality = QoSProfile(depth=1000)
+        if latched:
+            quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
         received = []
-        self.node.create_subscription(
-            message_type, topic, received.append, QoSProfile(depth=1000, durability=durability)
-        )
+        self.node.create_subscription(message_type, topic, received.append, quality)
         self.spin_until(lambda: self.node.count_publishers(topic), f"{topic} is published")
         return received
 
@@ -168,10 +168,7 @@ class Bench:
         return future.result()
 
     def health(self, name, condition, what):
-        """Spin until a node's status in /diagnostics, from now on, fulfils a condition, and return it.
-
-        Condition and result are of the status and its figures.
-        """
+        """Spin until a node's next status and figures in /diagnostics fulfil a condition, and return both."""
         from diagnostic_msgs.msg import DiagnosticArray
 
         if self._health is None:
@@ -188,23 +185,19 @@ class Bench:
         return found[-1]
 
     def connect(self, **subscribers):
-        """Wait until nodes have matched so many subscribers of their topics, and the collector all sensors.
-
-        None of them then misses what comes next.
-        """
-        wanted = {
-            name: {(f"subscribers./{topic}", str(count)) for topic, count in topics.items()}
+        """Wait until nodes have matched so many subscribers of their topics, and the collector all sensors."""
+        missing = {
+            name: {(f"subscribers./{topic}", str(number)) for topic, number in topics.items()}
             for name, topics in subscribers.items()
         }
-        wanted["collector"] |= {(f"publishers./{topic}", "1") for topic in self._sensor_topics}
-        missing = dict(wanted)
+        missing["collector"] |= {(f"publishers./{topic}", "1") for topic in self._sensor_topics}
 
         def is_connected(status, figures):
             if missing.get(status.name, set()) <= figures.items():
                 missing.pop(status.name, None)
             return not missing
 
-        self.health("", is_connected, f"{wanted} are connected")
+        self.health("", is_connected, f"{subscribers} are connected")
 
     def publish_sensors(self, sensors=(1, 2, 3, 4), scalar=True):
         """Return a function that publishes samples of a recording on the sensors' topics."""

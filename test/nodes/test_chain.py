@@ -194,22 +194,6 @@ def test_losses_are_counted(bench, recording):
     assert "tam_4" in figures["losses"]
 
 
-def test_reset_starts_over(bench, recording):
-    """collector/reset empties coverage, losses and the calibrator's store."""
-    bench.start_nodes(collector={}, calibrator={})
-    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
-    publish = bench.publish_sensors()
-    bench.connect(collector={"samples": 2})
-    bench.play(recording, publish, samples, last=200)
-    _, figures = bench.health("collector", lambda status, _: True, "coverage is told")
-    assert float(figures["fraction"]) > 0.3
-    assert bench.call("collector/reset").success
-    bench.play(recording, publish, samples, first=200, last=220)
-    _, figures = bench.health("collector", lambda status, _: True, "coverage is told")
-    assert float(figures["fraction"]) < 0.15 and figures["samples"] == "20"
-    bench.health("calibrator", lambda status, _: "20 samples" in status.message, "20 samples are stored")
-
-
 def test_other_scalar_type_is_told(bench, recording):
     """A scalar of the other message type is not silently missed."""
     bench.start_nodes(collector={})
@@ -233,38 +217,3 @@ def test_unstamped_scalar_joins_the_samples(bench, recording):
     bench.spin_until(lambda: samples, "the first sample")
     bench.play(recording, publish, samples, first=1, last=20)
     assert set(rows_of(samples)[1:, 13]) == {4.9e-5}
-
-
-def test_save_writes_what_was_calibrated(bench, recording, tmp_path):
-    """calibrator/save writes the file that it was given, which the next calibrator hands on from its start."""
-    path = tmp_path / "calibration.yaml"
-    first = bench.start_nodes(collector={}, calibrator={"calibration_file": path})
-    answer = bench.call("calibrator/save")
-    assert not answer.success and "calibrator/calibrate" in answer.message and not path.exists()
-    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
-    publish = bench.publish_sensors()
-    bench.connect(collector={"samples": 2})
-    bench.play(recording, publish, samples)
-    assert bench.call("calibrator/calibrate").success
-    answer = bench.call("calibrator/save")
-    assert answer.success and str(path) in answer.message
-    assert first.end_one("calibrator") == 0
-
-    bench.start_nodes(calibrator={"calibration_file": path})
-    latched = bench.listen(std_msgs.String, "calibration", latched=True)
-    bench.spin_until(lambda: latched, "the loaded calibration is handed on")
-    assert_allclose(
-        calibration_from_yaml(latched[0].data, "topic").errors.to_vector(),
-        read_calibration(path).errors.to_vector(),
-        rtol=0,
-        atol=1e-15,
-    )
-
-
-def test_services_answer_with_the_reason_when_there_is_nothing(bench):
-    """Without samples, calibration or path the services say what is missing."""
-    bench.start_nodes(calibrator={})
-    answer = bench.call("calibrator/calibrate")
-    assert not answer.success and "no samples" in answer.message
-    answer = bench.call("calibrator/save")
-    assert not answer.success and "no calibration" in answer.message
