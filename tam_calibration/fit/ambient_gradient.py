@@ -147,7 +147,7 @@ def require_gradient_determined(covariance: FloatArray, vector_noise: FloatArray
     """
     variance = np.append(np.diag(covariance), covariance[0, 0] + 2 * covariance[0, 3] + covariance[3, 3])
     lever_m = norm(array.positions_m, axis=1).max()
-    if not lever_m * np.sqrt(variance.max()) <= vector_noise.max():
+    if not (np.isfinite(variance).all() and lever_m * np.sqrt(variance.max()) <= vector_noise.max()):
         raise InputError(
             "the attitudes do not tell an ambient gradient from the errors of the sensors: turn the array about "
             "several axes and in as many attitudes as it takes, or calibrate where the field is uniform"

@@ -87,7 +87,7 @@ def maximum_likelihood(
     likelihood = _likelihood(recording, noisy, data, may_interpolate=is_steady and not robust)
     point = _Point(*_closed_form(data, likelihood.vector_noise))
     if ambient_gradient:
-        likelihood, point = _aligned_start(recording, noisy, likelihood, point, robust)
+        likelihood, point = _aligned_start(recording, noisy, likelihood, point)
     matrix, bias, components = point = _gauss_newton(likelihood, point, robust)
     information = likelihood.linearize(matrix, bias, None, components).information
     if robust:
@@ -119,7 +119,7 @@ def _likelihood(recording: Recording, array: Array, data: Normalized, may_interp
 
 
 def _aligned_start(
-    recording: Recording, array: Array, likelihood: Likelihood, point: _Point, robust: bool
+    recording: Recording, array: Array, likelihood: Likelihood, point: _Point
 ) -> tuple[Likelihood, _Point]:
     """Return the likelihood in an ambient gradient, and a point where its attitudes agree with the field.
 
@@ -133,7 +133,7 @@ def _aligned_start(
             information = likelihood.linearize(point.matrix, point.bias, None, point.gradient).information
             _, covariance = marginal_information(information, _free_rows(recording.sensor_count))
             require_gradient_determined(covariance, likelihood.vector_noise, array)
-            point = _gauss_newton(likelihood, point, robust)
+            point = _gauss_newton(likelihood, point, robust=False)
     return likelihood, point
 
 

@@ -40,12 +40,13 @@ def test_positions_make_any_array(read):
 
 def test_an_array_reads_back(tmp_path):
     """What is written reads back to the bit."""
-    array = Array([[0.1, 0.2, 0.3], [0, 0, -1 / 3]], [1.7e-9, 3e-9], 1e-10)
+    array = Array([[0.1, 0.2, 0.3], [0, 0, -1 / 3]], [1.7e-9, 3e-9], 1e-10, [0.1, -1 / 3, 2])
     write_array(tmp_path / "a.yaml", array)
     again = read_array(tmp_path / "a.yaml")
     assert_array_equal(again.positions_m, array.positions_m)
     assert_array_equal(again.vector_noise_T, array.vector_noise_T)
     assert again.scalar_noise_T == array.scalar_noise_T
+    assert_array_equal(again.scalar_position_m, array.scalar_position_m)
 
 
 @pytest.mark.parametrize(
@@ -65,6 +66,11 @@ def test_an_array_reads_back(tmp_path):
         ("baseline_m: 0.5\nvector_noise_nT: [1, 1]", "vector noise needs one value for each of 4 sensors"),
         ("baseline_m: 0.5\nvector_noise_nT: 0", "every vector noise must be a positive number"),
         ("baseline_m: 0.5\nscalar_noise_nT: -1", "the scalar noise must be zero or a positive number"),
+        (
+            "baseline_m: 0.5\nscalar_position_m: [0, .inf, 0]",
+            "position of the scalar magnetometer must be three finite",
+        ),
+        ("baseline_m: 0.5\nscalar_position_m: [0, 1]", "the key 'scalar_position_m.3' is missing"),
     ],
 )
 def test_a_fault_is_one_sentence(read, text, sentence):

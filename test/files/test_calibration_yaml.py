@@ -9,7 +9,7 @@ import yaml
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.array import Array
-from tam_calibration.calibration import Provenance
+from tam_calibration.calibration import AmbientGradient, Provenance
 from tam_calibration.files import calibration_from_yaml, calibration_to_yaml, read_calibration, write_calibration
 from tam_calibration.fit import calibrate
 from tam_calibration.problems import InputError
@@ -87,6 +87,18 @@ def test_one_sensor_without_scalar_reads_back(recording):
     assert again.held_out is None and again.source is None and again.covariance is None
     assert np.isnan(again.in_sample.tensor_T_per_m).all()
     assert_array_equal(again.array.vector_noise_T, calibration.array.vector_noise_T)
+
+
+def test_a_gradient_that_was_fitted_reads_back(calibration):
+    """The ambient gradient and its standard errors come back, in nT/m in the file, and the statement with them."""
+    tensor = 1e-9 * np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80 / 3]])
+    fitted = replace(calibration, ambient_gradient=AmbientGradient(tensor, np.abs(tensor) / 1000))
+    text = calibration_to_yaml(fitted)
+    again = calibration_from_yaml(text, "text")
+    assert_array_equal(again.ambient_gradient.tensor_T_per_m, tensor)
+    assert_array_equal(again.ambient_gradient.standard_errors_T_per_m, np.abs(tensor) / 1000)
+    assert again.statements == fitted.statements
+    assert yaml.safe_load(text)["field"]["gradient_nT_per_m"][0] == pytest.approx([120.0, -80.0, 60.0], rel=1e-15)
 
 
 def damage(text, pattern, replacement):

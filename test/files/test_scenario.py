@@ -120,6 +120,18 @@ def test_every_motion_can_be_asked_for(read, motion):
     assert simulate(read(PLAIN.replace("{kind: random}", motion))).recording.sample_count == 20
 
 
+def test_a_site_may_have_a_gradient(read):
+    """The gradient is read in nT/m, and a scalar magnetometer away from the centre feels it."""
+    rows = "[[120, -80, 60], [-80, -200, 90], [60, 90, 80]]"
+    text = PLAIN.replace("baseline_m: 0.5", "baseline_m: 0.5, scalar_position_m: [0, 0, 1]")
+    scenario = read(f"{text}site_gradient_nT_per_m: {rows}\nscalar: {{}}\n")
+    assert_allclose(scenario.site_gradient_T_per_m * 1e9, yaml.safe_load(rows))
+    made = simulate(scenario)
+    assert np.ptp(made.recording.scalar_T) > 50e-9
+    with pytest.raises(InputError, match="must be symmetric"):
+        read(f"{PLAIN}site_gradient_nT_per_m: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n")
+
+
 def test_a_dipole_can_be_asked_for(read):
     """With a dipole the true gradient is not zero."""
     made = simulate(read(f"{PLAIN}dipole: {{position_m: [5, 0, -1], moment_Am2: [0, 0, 100]}}\n"))

@@ -58,6 +58,28 @@ def test_attitude_turns_the_centre_field_into_the_world():
     assert_allclose(turned.magnitude(), 0, atol=1e-7)
 
 
+def test_a_site_gradient_reaches_sensors_scalar_and_truth():
+    """Perfect sensors read the uniform field and G times their place in the world; so does the scalar magnetometer."""
+    gradient = 1e-9 * np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]])
+    array = replace(Array.cross(0.5), scalar_position_m=np.array([0.3, -0.2, 0.9]))
+    made = simulate(scenario(array=array, errors=SensorErrors.none(4), site_gradient_T_per_m=gradient))
+    rotation = Rotation.from_quat(made.attitude)
+    for sensor, position in enumerate(array.positions_m):
+        world = rotation.apply(made.recording.readings_T[:, sensor])
+        assert_allclose(world, SITE + rotation.apply(position) @ gradient, atol=1e-18)
+    at_scalar = SITE + rotation.apply(array.scalar_position_m) @ gradient
+    assert_allclose(made.recording.scalar_T, norm(at_scalar, axis=1), rtol=1e-13)
+    outputs = made.recording.readings_T.reshape(200, -1) @ array.operator.T
+    assert_allclose(outputs[:, 3:], made.gradient_T_per_m[:, *np.triu_indices(3)], atol=1e-18)
+
+
+def test_a_gradient_must_be_one_of_a_field_without_sources():
+    """A tensor with a trace, or that is not symmetric, is refused."""
+    for wrong in (np.diag([1e-7, 0, 0]), 1e-7 * np.eye(3)[[1, 2, 0]]):
+        with pytest.raises(InputError, match="must be symmetric, and its diagonal add up to zero"):
+            scenario(site_gradient_T_per_m=wrong)
+
+
 def test_scalar_follows_the_drift():
     """The intensity read by the scalar magnetometer has the drift's standard deviation."""
     made = simulate(scenario(drift=SinusoidDrift(8.26e-9, 7.0)))

@@ -1,0 +1,105 @@
+"""The normal equations against the energies that they are to describe."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.fit.channels import Turning
+from tam_calibration.fit.likelihood import UNIFORM, Likelihood
+from tam_calibration.fit.reference import interpolate
+from tam_calibration.simulation import simulate
+from tam_calibration.simulation.channels import AttitudeChannel
+
+UNIT_T = 5e-5
+SHAPE = np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]]) * 1e-9
+COMPONENTS = SHAPE[(0, 0, 0, 1, 1), (0, 1, 2, 1, 2)] / UNIT_T
+AWAY_M = np.array([0.3, -0.2, 0.9])
+
+
+@pytest.fixture(scope="module")
+def scenario(wu_scenario):
+    """Return 40 samples of Wu's run without noise in a gradient, the scalar magnetometer away from the centre."""
+    array = replace(wu_scenario.array, vector_noise_T=None, scalar_noise_T=None, scalar_position_m=AWAY_M)
+    return replace(wu_scenario, array=array, sample_count=40, attitude=AttitudeChannel(), site_gradient_T_per_m=SHAPE)
+
+
+def likelihood_of(run, scalar_noise=2e-6, turning=None):
+    """Return the likelihood of a run in units of order one; 1 nT of vector noise."""
+    recording = run.recording
+    noise = np.array([1.0, 2.0, 1.0, 0.5]) * 1e-9 / UNIT_T
+    return Likelihood(recording.readings_T / UNIT_T, recording.scalar_T / UNIT_T, noise, scalar_noise, turning=turning)
+
+
+@pytest.fixture(scope="module", params=["uniform", "gradient"])
+def at_truth(request, scenario):
+    """Return a likelihood and the true matrices, biases and gradient."""
+    if request.param == "uniform":
+        run = simulate(replace(scenario, site_gradient_T_per_m=None))
+        return likelihood_of(run), run.errors.matrix, run.errors.bias_T / UNIT_T, UNIFORM
+    run = simulate(scenario)
+    turning = Turning(run.attitude, scenario.array.positions_m, AWAY_M)
+    return likelihood_of(run, turning=turning), run.errors.matrix, run.errors.bias_T / UNIT_T, COMPONENTS
+
+
+def test_the_truth_has_no_energy(at_truth):
+    """Without noise every whitened channel is zero at the truth, to rounding of readings 5e4 times the noise."""
+    likelihood, matrix, bias, gradient = at_truth
+    point = likelihood.linearize(matrix, bias, None, gradient)
+    assert abs(point.differential) < 1e-3 and point.common_mode < 1e-12
+    assert_allclose(likelihood.energy(matrix, bias, gradient), 0, atol=1e-5)
+
+
+def test_information_is_the_curvature_of_the_energy(at_truth):
+    """A small step from the truth in any direction costs step · information · step, and leads back by Gauss-Newton."""
+    likelihood, matrix, bias, gradient = at_truth
+    generator = np.random.default_rng(5)
+    information = likelihood.linearize(matrix, bias, None, gradient).information
+    for _ in range(5):
+        step = 1e-6 * generator.normal(size=len(information))
+        rows = step[:48].reshape(4, 3, 4)
+        there = matrix + rows[..., :3], bias + rows[..., 3], None, gradient + step[48:]
+        point = likelihood.linearize(*there)
+        expected = step @ information @ step
+        assert likelihood.energy(there[0], there[1], there[3]).sum() == pytest.approx(expected, rel=1e-3)
+        assert point.differential + point.common_mode == pytest.approx(expected, rel=1e-3)
+        assert_allclose(point.gradient, -information @ step, atol=2e-3 * np.abs(information @ step).max())
+
+
+def test_each_sample_may_have_its_own_scalar_noise(scenario):
+    """Equal noises are one noise, and unequal ones add up from samples of each."""
+    run = simulate(replace(scenario, site_gradient_T_per_m=None))
+    matrix, bias = run.errors.matrix + 1e-6, run.errors.bias_T / UNIT_T
+    one = likelihood_of(run).linearize(matrix, bias)
+    same = likelihood_of(run, np.full(40, 2e-6)).linearize(matrix, bias)
+    assert_allclose(same.information, one.information, rtol=1e-12)
+    noise = np.where(np.arange(40) < 15, 2e-6, 7e-6)
+    mixed = likelihood_of(run, noise).linearize(matrix, bias)
+    whole = likelihood_of(run)
+    parts = [
+        replace(
+            whole, points=whole.points[chosen], intensity=whole.intensity[chosen], scalar_noise=noise[chosen][0]
+        ).linearize(matrix, bias)
+        for chosen in (slice(15), slice(15, None))
+    ]
+    assert_allclose(mixed.information, sum(part.information for part in parts), rtol=1e-9)
+    assert_allclose(mixed.gradient, sum(part.gradient for part in parts), rtol=1e-9, atol=1e-3)
+    assert mixed.common_mode == pytest.approx(sum(part.common_mode for part in parts))
+
+
+def test_interpolation_noise_reaches_the_common_mode_across_pieces(scenario, monkeypatch):
+    """What samples share is taken over the whole run, however it is cut into pieces."""
+    run = simulate(replace(scenario, site_gradient_T_per_m=None))
+    scalar = np.where(np.arange(40) % 5 == 0, run.recording.scalar_T, np.nan) / UNIT_T
+    reference = interpolate(run.recording.time_s, scalar, 2e-6)
+    likelihood = replace(likelihood_of(run, 0.0), intensity=reference.intensity, interpolation_noise=reference.noise)
+    matrix, bias = run.errors.matrix + 1e-6, run.errors.bias_T / UNIT_T
+    whole = likelihood.linearize(matrix, bias)
+    monkeypatch.setattr("tam_calibration.fit.likelihood._PIECE", 7)
+    pieces = likelihood.linearize(matrix, bias)
+    assert_allclose(pieces.information, whole.information, rtol=1e-9)
+    assert_allclose(pieces.gradient, whole.gradient, rtol=1e-9)
+    alone = replace(likelihood, interpolation_noise=None).linearize(matrix, bias)
+    assert whole.common_mode < alone.common_mode
+    assert whole.reference_count == 36
