@@ -1,13 +1,13 @@
 """`tam calibrate`: from a recording to a calibration."""
 
 from dataclasses import replace
-from datetime import date
 from pathlib import Path
 
 import click
 import numpy as np
 
 from tam_calibration.calibration import Calibration
+from tam_calibration.cli.place import field_at
 from tam_calibration.cli.terminal import (
     PATH,
     reading,
@@ -25,7 +25,6 @@ from tam_calibration.files import (
     read_samples,
 )
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
-from tam_calibration.geomagnetic import site_field_T
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 
@@ -84,21 +83,17 @@ def _calibrate(
 def _with_intensity(recording: Recording, place: str) -> Recording:
     if recording.scalar_T is not None:
         raise InputError("--place is for recordings without a scalar reference; this one has its own")
-    try:
-        latitude, longitude, day = place.split(",")
-        where = float(latitude), float(longitude)
-        when = date.fromisoformat(day.strip())
-    except ValueError:
-        raise InputError(f"--place must be LAT,LON,DATE such as 47.37,8.54,2025-06-30, not {place!r}") from None
-    intensity = np.linalg.norm(site_field_T(*where, 0.0, when))
+    intensity = np.linalg.norm(field_at(place))
     return replace(recording, scalar_T=np.full(recording.sample_count, intensity))
 
 
 def _print(recording: Recording, calibration: Calibration, written: list[Path]) -> None:
     from tam_calibration.cli.calibration_table import print_calibration
     from tam_calibration.fit.coverage import field_of, measure_coverage
+    from tam_calibration.fit.weakness import find_weakness
 
     console = stdout()
-    print_calibration(console, calibration, measure_coverage(field_of(recording, calibration.errors)))
+    coverage = measure_coverage(field_of(recording, calibration.errors))
+    print_calibration(console, calibration, coverage, find_weakness(recording, calibration))
     for path in written:
         click.echo(f"written: {path}")

@@ -9,6 +9,7 @@ from tam_calibration.calibration import Calibration, Residuals
 from tam_calibration.errors import PARAMETER_NAMES
 from tam_calibration.files import FORMULA
 from tam_calibration.fit.coverage import Coverage
+from tam_calibration.fit.weakness import Weakness
 from tam_calibration.report.formatting import number, sentence, with_error
 from tam_calibration.units import to_degrees, to_nanotesla
 
@@ -16,7 +17,7 @@ _KINDS = (("", 1.0, 6), (" (°)", to_degrees(1.0), 5), (" (nT)", to_nanotesla(1.
 """Unit, factor from SI and decimals of scale factor, non-orthogonality, bias and misalignment."""
 
 
-def print_calibration(console: Console, calibration: Calibration, coverage: Coverage) -> None:
+def print_calibration(console: Console, calibration: Calibration, coverage: Coverage, weakness: Weakness) -> None:
     """Print parameters, residuals, coverage, what to know, and how to apply the calibration by hand."""
     console.print(_parameters(calibration))
     console.print(_residuals(calibration))
@@ -24,6 +25,8 @@ def print_calibration(console: Console, calibration: Calibration, coverage: Cove
     reference = "from the scalar reference" if calibration.has_scalar_reference else "fitted, on an unknown scale"
     console.print(f"Field: {intensity} nT, {reference}. Samples: {calibration.samples}.")
     console.print(f"Coverage: {calibration.coverage:.0%} of the sphere. {sentence(coverage.advice)}")
+    if weakness.parameters:
+        console.print(str(weakness))
     if calibration.noise_is_estimated:
         console.print("Noise: not stated in the array file, estimated from the recording's fast differences.")
     for warning in calibration.warnings:

@@ -139,9 +139,9 @@ def _judge(counts: IntArray, sums: FloatArray) -> Coverage:
     directions = cell_directions()
     visited = counts > 0
     mean = sums[visited] / np.maximum(norm(sums[visited], axis=1, keepdims=True), np.finfo(float).tiny)
-    rows = _ellipsoid_rows(mean) * np.sqrt(counts[visited, None])
+    rows = ellipsoid_rows(mean) * np.sqrt(counts[visited, None])
     information = rows.T @ rows
-    full = _ellipsoid_rows(directions)
+    full = ellipsoid_rows(directions)
     values, vectors = np.linalg.eigh(information)
     total = int(counts.sum())
     best = np.sqrt(np.diag(np.linalg.inv(full.T @ full / CELLS)))
@@ -162,7 +162,7 @@ def _judge(counts: IntArray, sums: FloatArray) -> Coverage:
     return Coverage(directions, counts, fraction, relative, enough, missing, advice)
 
 
-def _ellipsoid_rows(direction: FloatArray) -> FloatArray:
+def ellipsoid_rows(direction: FloatArray) -> FloatArray:
     """Return the (N, 9) derivatives of the intensity by symmetric matrix and bias of one sensor."""
     x, y, z = direction.T
     return np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, x, y, z], axis=1)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from tam_calibration.fit.coverage import Coverage
+from tam_calibration.fit.weakness import find_weakness
 from tam_calibration.report.coverage_map import plot_coverage
 from tam_calibration.report.evidence import Evidence
 from tam_calibration.report.formatting import number, sentence
@@ -16,7 +17,9 @@ def build(evidence: Evidence) -> Section:
         "Map of the directions of the field",
         "Direction of the field in the array frame, equal-area (Hammer) map: forward is +x, left +y, up +z.",
     )
-    return Section("Coverage of the sphere", [Text(_summary(evidence.coverage)), picture])
+    weakness = find_weakness(evidence.recording, evidence.calibration)
+    doubts = [Text(str(weakness))] if weakness.parameters else []
+    return Section("Coverage of the sphere", [Text(_summary(evidence.coverage)), *doubts, picture])
 
 
 def _summary(coverage: Coverage) -> str:
