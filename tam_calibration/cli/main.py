@@ -11,6 +11,7 @@ from tam_calibration.problems import InputError, Refused
 SUBCOMMANDS = {
     "simulate": "Make a recording of a known array and field, with the truth beside it.",
     "calibrate": "Estimate the errors of an array's sensors from a recording.",
+    "plan": "Propose the attitudes to record next, and what the standard errors will then be.",
     "correct": "Turn raw readings into the centre vector and the gradient tensor.",
     "nodes": "Start the collector, calibrator and corrector nodes together.",
     "play": "Play a bag onto its topics, to feed the nodes.",
