@@ -15,6 +15,7 @@ SUBCOMMANDS = {
     "correct": "Turn raw readings into the centre vector and the gradient tensor.",
     "nodes": "Start the collector, calibrator and corrector nodes together.",
     "play": "Play a bag onto its topics, to feed the nodes.",
+    "call": "Call a service of the nodes, such as calibrator/calibrate.",
     "demo": "Run the whole chain over ROS 2 and show what it gained.",
 }
 

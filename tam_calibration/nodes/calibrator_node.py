@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from traceback import format_exc
 
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import PointCloud2
@@ -89,6 +90,9 @@ class Calibrator(TamNode):
             except (InputError, Refused, OSError) as problem:
                 response.message, response.success = " ".join(str(problem).split()), False
                 self.get_logger().warning(response.message)
+            except Exception as defect:  # a defect of a fit must not cost the mission its samples
+                response.message, response.success = f"a defect of this software: {defect!r}", False
+                self.get_logger().error(f"{response.message}\n{format_exc()}")
             return response
 
         return answer

@@ -1,0 +1,59 @@
+"""`tam call`: services of the nodes from the command line."""
+
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip("rclpy", reason="rclpy is not installed: pip install 'tam_calibration[ros]'")
+
+
+def call(service):
+    """Run the command in a process of its own."""
+    command = [sys.executable, "-m", "tam_calibration", "call", service]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+
+
+def test_an_answer_of_yes_is_printed(bench):
+    """The collector's reset answers yes: its message, exit code 0."""
+    bench.start_nodes(collector={})
+    done = call("collector/reset")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+
+
+def test_an_answer_of_no_is_exit_code_1_with_the_reason(bench):
+    """A calibrator without samples answers no, and says why."""
+    bench.start_nodes(calibrator={})
+    done = call("calibrator/calibrate")
+    assert done.returncode == 1
+    assert done.stderr.startswith("tam: calibrator/calibrate: no samples are stored")
+
+
+def test_a_service_that_nobody_offers_is_told(ros_domain):
+    """Without nodes the answer names the service and what to start."""
+    done = call("calibrator/save")
+    assert done.returncode == 1
+    assert done.stderr.startswith("tam: nobody offers the service calibrator/save: are the nodes running")
+
+
+def test_a_node_that_ends_before_it_answers_is_told(bench, ros_domain):
+    """A service whose node is gone in the middle of a call is not waited for."""
+    import signal
+
+    offers = """
+import os, rclpy
+from std_srvs.srv import Trigger
+rclpy.init()
+node = rclpy.create_node("short_lived")
+node.create_service(Trigger, "ask", lambda request, response: os._exit(0))
+rclpy.spin(node)
+"""
+    server = subprocess.Popen([sys.executable, "-c", offers])
+    try:
+        done = call("ask")
+    finally:
+        server.send_signal(signal.SIGKILL)
+        server.wait()
+    assert done.returncode == 1
+    assert done.stderr.startswith("tam: the node of ask ended before it answered")
