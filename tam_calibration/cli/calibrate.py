@@ -25,6 +25,7 @@ from tam_calibration.files import (
     read_samples,
 )
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
+from tam_calibration.fit.ambient_gradient import as_if_uniform
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 
@@ -35,6 +36,11 @@ from tam_calibration.recording import Recording
 @click.option("-o", "--output", type=PATH, help="Calibration YAML to write.")
 @click.option("--method", default=DEFAULT_METHOD, show_default=True, help=f"One of {', '.join(METHODS)}.")
 @click.option("--place", help="LAT,LON,DATE of a recording without scalar: its intensity is that of IGRF there.")
+@click.option(
+    "--ambient-gradient",
+    is_flag=True,
+    help="Fit a gradient of the site's field too, from the recorded attitude: for a site that is not perfect.",
+)
 @tolerance_option
 @click.option("--json", "json_path", type=PATH, help="Write the result as JSON; - is stdout, instead of the tables.")
 @click.option("--report", type=PATH, help="Write an HTML page with residuals, coverage and parameters.")
@@ -44,6 +50,7 @@ def command(
     output: Path | None,
     method: str,
     place: str | None,
+    ambient_gradient: bool,
     tolerance_s: float,
     json_path: Path | None,
     report: Path | None,
@@ -52,7 +59,7 @@ def command(
     to_stdout = json_path == Path("-")
     outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
     with write_together(outputs, [recording, array]) as beside:
-        data, calibration = _calibrate(recording, array, method, place, tolerance_s)
+        data, calibration = _calibrate(recording, array, method, place, ambient_gradient, tolerance_s)
         if "yaml" in beside:
             beside["yaml"].write_text(calibration_to_yaml(calibration), encoding="utf-8")
         if "json" in beside:
@@ -68,16 +75,18 @@ def command(
 
 
 def _calibrate(
-    path: Path, array_path: Path, method: str, place: str | None, tolerance_s: float
+    path: Path, array_path: Path, method: str, place: str | None, ambient_gradient: bool, tolerance_s: float
 ) -> tuple[Recording, Calibration]:
+    """Return the calibration, and the recording as it would be without the gradient that was fitted."""
     array = read_array(array_path)
     with showing_progress() as progress:
         recording = read_samples(path, array.sensor_count, tolerance_s, reading(progress)).recording
         if place is not None:
             recording = _with_intensity(recording, place)
         progress.add_task(f"fitting {recording.sample_count} samples", total=None)
-        calibration = calibrate(recording, array, method)
-    return recording, replace(calibration, source=provenance(path))
+        calibration = calibrate(recording, array, method, ambient_gradient=ambient_gradient)
+    uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
+    return uniform, replace(calibration, source=provenance(path))
 
 
 def _with_intensity(recording: Recording, place: str) -> Recording:

@@ -5,7 +5,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tam_calibration.array import OUTPUT_NAMES, TENSOR_OUTPUTS
-from tam_calibration.calibration import Calibration, Residuals
+from tam_calibration.calibration import AmbientGradient, Calibration, Residuals
 from tam_calibration.errors import PARAMETER_NAMES
 from tam_calibration.files import FORMULA
 from tam_calibration.fit.coverage import Coverage
@@ -24,6 +24,8 @@ def print_calibration(console: Console, calibration: Calibration, coverage: Cove
     intensity = number(to_nanotesla(calibration.intensity_T), 6)
     reference = "from the scalar reference" if calibration.has_scalar_reference else "fitted, on an unknown scale"
     console.print(f"Field: {intensity} nT, {reference}. Samples: {calibration.samples}.")
+    if calibration.ambient_gradient is not None:
+        console.print(_gradient(calibration.ambient_gradient))
     console.print(f"Coverage: {calibration.coverage:.0%} of the sphere. {sentence(coverage.advice)}")
     if weakness.parameters:
         console.print(str(weakness))
@@ -46,6 +48,15 @@ def _parameters(calibration: Calibration) -> Table:
         pairs = zip(values[:, index] * factor, standard_errors[:, index] * factor, strict=True)
         table.add_row(name + unit, *(with_error(float(value), float(error), decimals) for value, error in pairs))
     return table
+
+
+def _gradient(gradient: AmbientGradient) -> str:
+    values, errors = to_nanotesla(gradient.tensor_T_per_m), to_nanotesla(gradient.standard_errors_T_per_m)
+    parts = (
+        f"{name} {with_error(float(values[place]), float(errors[place]), 2)}"
+        for name, place in zip(OUTPUT_NAMES[3:], zip(*np.triu_indices(3), strict=True), strict=True)
+    )
+    return f"Gradient of the field in the world of the attitude (nT/m): {', '.join(parts)}."
 
 
 def _residuals(calibration: Calibration) -> Table:

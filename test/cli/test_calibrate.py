@@ -10,7 +10,10 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.cli.main import main
 from tam_calibration.files import read_calibration, write_array, write_recording
+from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
+from tam_calibration.simulation import simulate
+from tam_calibration.simulation.channels import AttitudeChannel
 
 
 @pytest.fixture
@@ -89,6 +92,23 @@ def test_a_place_gives_the_intensity_of_a_recording_without_scalar(folder, recor
     )
     assert known["field"]["has_scalar_reference"]
     assert_allclose(known["field"]["intensity_nT"], 51_800, rtol=0.02)
+
+
+def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder):
+    """With attitude the flag gives gradient and errors at the floor, in table, file and report; without, a reason."""
+    gradient = 1e-9 * np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]])
+    scenario = replace(read_scenario("wu_table_1"), site_gradient_T_per_m=gradient, attitude=AttitudeChannel(0.01))
+    write_recording("site.csv", simulate(scenario).recording)
+    write_array("wu.yaml", scenario.array)
+    arguments = ("site.csv", "--array", "wu.yaml", "-o", "c.yaml", "--report", "page.html", "--ambient-gradient")
+    assert "Gradient of the field in the world of the attitude (nT/m): gxx 1" in run(*arguments).stdout
+    calibration = read_calibration("c.yaml")
+    assert_allclose(calibration.ambient_gradient.tensor_T_per_m, gradient, atol=1e-9)
+    assert calibration.in_sample.tensor_rmse_T_per_m < 1.1 * calibration.floor.tensor_rmse_T_per_m
+    assert "taken to have a gradient" in (folder / "page.html").read_text()
+    refused = CliRunner().invoke(main, ["calibrate", "run.csv", "--array", "array.yaml", "--ambient-gradient"])
+    assert refused.exit_code == 2
+    assert "the recording has no attitude: record it" in refused.stderr
 
 
 def test_sensors_that_stamp_apart_need_a_tolerance(folder, recording):
