@@ -1,5 +1,6 @@
 """`tam demo`: the whole chain over ROS 2, judged by the truth that was simulated."""
 
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -51,6 +52,7 @@ def command(output_dir: Path) -> None:
     output_dir.mkdir(parents=True, exist_ok=True)
     with console.status("simulating"):
         turned, check = _simulate(output_dir)
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")  # other robots shall not meet these nodes
     with ros_session(exit_code=STOPPED):
         live = _run_nodes(console, output_dir, turned, check)
         _conclude(console, output_dir, turned, check, live)

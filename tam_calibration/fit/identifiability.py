@@ -46,7 +46,7 @@ def require_determined(recording: Recording, array: Array) -> None:
     field = data.radius_T * data.points[known, 0]
     some = field[:: -(-len(field) // _SAMPLES)]
     covariance = bound(some, SensorErrors.none(recording.sensor_count), noisy, data.has_scalar)
-    _refuse_open(np.sqrt(np.diag(covariance)) * _noise_excess(data, noisy), data.radius_T)
+    refuse_open(np.sqrt(np.diag(covariance)) * _noise_excess(data, noisy), data.radius_T)
 
 
 def require_accurate(calibration: Calibration) -> None:
@@ -60,7 +60,7 @@ def require_accurate(calibration: Calibration) -> None:
         It names the parameters.
     """
     excess = np.sqrt(max(1.0, *calibration.reduced_chi_square.values()))
-    _refuse_open(excess * calibration.standard_errors.ravel(), calibration.intensity_T)
+    refuse_open(excess * calibration.standard_errors.ravel(), calibration.intensity_T)
 
 
 def _noise_excess(data: Normalized, array: Array) -> float:
@@ -74,18 +74,26 @@ def _noise_excess(data: Normalized, array: Array) -> float:
     return float(np.sqrt(max(1.0, differing.mean()))) if differing.size else 1.0
 
 
-def _refuse_open(standard_errors: FloatArray, intensity_T: float) -> None:
+def refuse_open(standard_errors: FloatArray, intensity_T: float) -> None:
+    """Refuse standard errors (12 K,) that are too large to be of use, or unknown.
+
+    Raises
+    ------
+    InputError
+        It names the parameters.
+    """
     relative, angle = _LARGEST_RELATIVE_ERROR, _LARGEST_ANGLE_ERROR
     limits = np.array([relative] * 3 + [angle] * 3 + [relative * intensity_T] * 3 + [angle] * 3)
     open_ = ~(standard_errors.reshape(-1, 12) <= limits)
     if open_.any():
         raise InputError(
-            f"the readings do not determine {_name(open_)}: "
+            f"the readings do not determine {name_open(open_)}: "
             "turn the array through directions outside one plane or cone, up and down as well as around"
         )
 
 
-def _name(open_: np.ndarray) -> str:
+def name_open(open_: np.ndarray) -> str:
+    """Return the names of the parameters, by sensor, that a mask (K, 12) selects."""
     groups: dict[tuple[int, ...], list[str]] = {}
     for parameter, name in enumerate(PARAMETER_NAMES):
         sensors = tuple(int(sensor) + 1 for sensor in np.flatnonzero(open_[:, parameter]))

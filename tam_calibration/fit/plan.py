@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from tam_calibration.fit.design import Information, Model, Rows
-from tam_calibration.fit.identifiability import _refuse_open
+from tam_calibration.fit.identifiability import refuse_open
 from tam_calibration.fit.start import Start
 from tam_calibration.problems import InputError, Refused
 from tam_calibration.units import FloatArray
@@ -76,7 +76,7 @@ def make_plan(
     variances = [start.model.variances(search.with_poses(poses[: count + 1])) for count in range(pose_count)]
     standard_errors = np.sqrt(variances[-1])
     try:
-        _refuse_open(standard_errors, start.model.intensity_T)
+        refuse_open(standard_errors, start.model.intensity_T)
     except InputError as problem:
         words = f"even with the best {pose_count} poses within reach {problem}"
         raise Refused(f"{words}; allow more pitch and roll, or plan more poses") from None

@@ -8,7 +8,7 @@ from tam_calibration.calibration import Calibration
 from tam_calibration.errors import PARAMETER_NAMES
 from tam_calibration.fit.coverage import CELLS, cell_directions, field_of, measure_coverage
 from tam_calibration.fit.design import Model
-from tam_calibration.fit.identifiability import _name
+from tam_calibration.fit.identifiability import name_open
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray, to_nanotesla
 
@@ -70,7 +70,7 @@ def _worst(ratio: FloatArray) -> tuple[str, ...]:
     largest = np.where(weak, ratio, 0).max(axis=0)
     ordered = np.argsort(-largest)[: min(_MOST_NAMES, int(weak.any(axis=0).sum()))]
     only = np.arange(len(PARAMETER_NAMES)) == ordered[:, None]
-    return tuple(f"{_name(weak & own)} {_times(largest[index])}" for index, own in zip(ordered, only, strict=True))
+    return tuple(f"{name_open(weak & own)} {_times(largest[index])}" for index, own in zip(ordered, only, strict=True))
 
 
 def _times(ratio: float) -> str:
