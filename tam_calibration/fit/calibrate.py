@@ -84,7 +84,7 @@ def calibrate(
             "use the array file of this recording"
         )
     recording.check_plausible()
-    require_determined(recording, array)
+    require_determined(recording, array, is_uniform=not ambient_gradient)
     calibration = fit(recording, array)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     require_one_calibration(uniform, calibration)

@@ -20,10 +20,11 @@ _LARGEST_RELATIVE_ERROR = 0.005
 _SAMPLES = 5000
 
 
-def require_determined(recording: Recording, array: Array) -> None:
+def require_determined(recording: Recording, array: Array, is_uniform: bool = True) -> None:
     """Check, before a fit, that a recording determines all parameters.
 
-    The bound is taken at error-free sensors whose fields are the readings about the centre of their sphere.
+    The bound is taken at error-free sensors whose fields are the readings about the centre of their sphere. In a field
+    that is not uniform what the sensors differ in is not taken for noise.
 
     Raises
     ------
@@ -46,7 +47,8 @@ def require_determined(recording: Recording, array: Array) -> None:
     field = data.radius_T * data.points[known, 0]
     some = field[:: -(-len(field) // _SAMPLES)]
     covariance = bound(some, SensorErrors.none(recording.sensor_count), noisy, data.has_scalar)
-    refuse_open(np.sqrt(np.diag(covariance)) * _noise_excess(data, noisy), data.radius_T)
+    excess = _noise_excess(data, noisy) if is_uniform else 1.0
+    refuse_open(excess * np.sqrt(np.diag(covariance)), data.radius_T)
 
 
 def require_accurate(calibration: Calibration) -> None:

@@ -49,10 +49,10 @@ def make_calibration(method: str, recording: Recording, array: Array, estimate: 
     An estimated vector noise is scaled so that the whitened channels have unit variance, and the covariance with it.
     """
     noisy, noise_is_estimated = complete_noise(array, recording)
-    scalar = recording.scalar_T
-    intensity = estimate.intensity_T if scalar is None else float(np.nanmean(scalar))
     covariance, gradient = estimate.covariance, estimate.ambient_gradient
     uniform = as_if_uniform(recording, estimate.errors, array, gradient)
+    scalar = uniform.scalar_T
+    intensity = estimate.intensity_T if scalar is None else float(np.nanmean(scalar))
     chi_square = _reduced_chi_square(uniform, noisy, estimate)
     if array.vector_noise_T is None and noisy.vector_noise_T is not None and chi_square:
         factor = float(np.sqrt(chi_square.get("differential", chi_square.get("common_mode", 1.0))))

@@ -113,6 +113,18 @@ def test_one_call_judges_without_the_gradient(scenario):
     assert any("times the stated noise" in warning for warning in calibrate(recording, scenario.array).warnings)
 
 
+def test_a_large_gradient_is_not_taken_for_noise(scenario):
+    """With ±15° and 1 µT/m what the sensors differ in does not make a recording that suffices look too noisy."""
+    narrow = replace(
+        scenario, motion=Manoeuvre(from_degrees(15), from_degrees(15), 60.0), site_gradient_T_per_m=10 * GRADIENT
+    )
+    run = simulate(narrow)
+    calibration = calibrate(run.recording, narrow.array, ambient_gradient=True)
+    error = calibration.errors.to_vector()[1:] - run.errors.to_vector()[1:]
+    assert np.sqrt(np.mean((error / calibration.standard_errors[1:]) ** 2)) < 1.5
+    assert calibration.intensity_T == pytest.approx(np.linalg.norm(narrow.site_field_T), abs=1e-10)
+
+
 def test_an_unstated_noise_scales_the_gradients_standard_errors(scenario):
     """Estimated noise gives the standard errors that stated noise gives, to its sampling error."""
     slow = replace(scenario, motion=Tumble(np.pi / 30))
