@@ -10,14 +10,13 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.array import Array
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.channels import AttitudeChannel
 
 BENCHMARK = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "gradient_truth.py"))
 SOURCES, METHODS = BENCHMARK["SOURCES"], BENCHMARK["methods"]()
-EXACT = ("maximum_likelihood", "robust", "lossless", BENCHMARK["TURNED_BY_ATTITUDE"])
-"""Methods that give the errors back where there is no noise."""
+FIRST_ORDER = ("simplified_linear",)
+"""Methods that leave out squares of the errors: a few per cent near a source, whatever the data."""
 
 
 @pytest.fixture(scope="module")
@@ -43,15 +42,12 @@ def run(scenario):
 @pytest.mark.parametrize("source", SOURCES)
 @pytest.mark.parametrize("method", METHODS)
 def test_calibrated_array_reads_what_an_error_free_one_reads(run, array, method, source):
-    """Centre vector, every component of the tensor and both invariants agree to 1e-9; others than these may refuse."""
-    try:
-        calibration = METHODS[method](run.recording, array)
-    except (InputError, Refused):
-        assert method not in EXACT
-        return
+    """Centre vector, every component of the tensor and both invariants agree to 1e-9, for all that is not first order."""
+    calibration = METHODS[method](run.recording, array)
     errors = BENCHMARK["judge"](calibration, run.errors, run.scenario.site_field_T, source)
-    assert np.isfinite(errors).all()
-    if method in EXACT:
+    if method in FIRST_ORDER:
+        assert 1e-3 < errors[:, :9].max() < 0.1
+    else:
         assert errors.max() < 1e-9
 
 
