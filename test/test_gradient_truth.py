@@ -42,7 +42,7 @@ def run(scenario):
 @pytest.mark.parametrize("source", SOURCES)
 @pytest.mark.parametrize("method", METHODS)
 def test_calibrated_array_reads_what_an_error_free_one_reads(run, array, method, source):
-    """Centre vector, every component of the tensor and both invariants agree to 1e-9, for all that is not first order."""
+    """Centre vector, every component of the tensor and both invariants agree to 1e-9, except of first-order fits."""
     calibration = METHODS[method](run.recording, array)
     errors = BENCHMARK["judge"](calibration, run.errors, run.scenario.site_field_T, source)
     if method in FIRST_ORDER:
