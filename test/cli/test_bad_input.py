@@ -264,7 +264,7 @@ def test_a_refusal_is_exit_1(folder, recording, monkeypatch):
     """Sound input whose answer is no ends with exit 1 and the reason."""
     from tam_calibration.problems import Refused
 
-    def refused(*arguments):
+    def refused(*arguments, **options):
         raise Refused("the sensor was disturbed")
 
     monkeypatch.setattr("tam_calibration.cli.calibrate.calibrate", refused)
