@@ -151,8 +151,8 @@ class SensorErrors:
 
     def restore(self, readings_T: FloatArray) -> FloatArray:
         """Return the (N, K, 3) fields in the array frame from raw readings (N, K, 3)."""
-        field: FloatArray = np.einsum("kij,nkj->nki", inv(self.matrix), readings_T - self.bias_T)
-        return field
+        unbiased = np.swapaxes(readings_T - self.bias_T, 0, 1)
+        return np.swapaxes(unbiased @ np.swapaxes(inv(self.matrix), 1, 2), 0, 1)
 
     def jacobian(self) -> FloatArray:
         """Return the (K, 3, 4, 12) derivatives of [D Λ | o] by the parameters in the order of ``PARAMETER_NAMES``."""

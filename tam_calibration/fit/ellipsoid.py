@@ -17,11 +17,16 @@ NO_ELLIPSOID = (
 )
 
 
-def monomials(points: FloatArray, intensity: FloatArray) -> FloatArray:
-    """Return the (N, 11) monomials of points (N, 3) and intensities (N,)."""
-    x, y, z = points.T
-    columns = [x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, x, y, z, np.ones_like(x), intensity**2]
-    return np.stack(columns, axis=1)
+def monomial_columns(points: FloatArray, intensity: FloatArray) -> FloatArray:
+    """Return the (11, N) monomials of points (3, N) and intensities (N,)."""
+    columns = np.empty((11, points.shape[1]))
+    x, y, z = columns[6:9] = points
+    np.multiply(points, points, out=columns[:3])
+    np.multiply(2 * x, points[1:], out=columns[3:5])
+    np.multiply(2 * y, z, out=columns[5])
+    columns[9] = 1
+    np.multiply(intensity, intensity, out=columns[10])
+    return columns
 
 
 def move_origin(moments: FloatArray, origin: FloatArray) -> FloatArray:
@@ -77,13 +82,14 @@ def center_of(moments: FloatArray) -> FloatArray:
         When the points do not determine an ellipsoid.
     """
     mean_square = moments[..., 9, 10] / moments[..., 9, 9]
-    center = np.zeros((*moments.shape[:-2], 3))
+    center, moved = np.zeros((*moments.shape[:-2], 3)), moments
     for _ in range(20):
-        moved = move_origin(moments, center)
         step = linear_center(moved, moved[..., :9, 10] / mean_square[..., None])
         center = center + step
-        if np.abs(step).max() < 1e-14:
+        # What is neglected is quadratic in the step.
+        if np.abs(step).max() < 1e-8:
             break
+        moved = move_origin(moments, center)
     return center
 
 

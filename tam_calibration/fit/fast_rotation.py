@@ -98,7 +98,7 @@ def count_determined(recording: Recording, array: Array) -> tuple[int, int]:
     points = centered / radius
     least = max(_NOISE_MARGIN * float(noisy.vector_noise_T[0]) / radius, _ROUNDING) * np.sqrt(len(points))
     linear = _rank(np.column_stack([points, np.ones(len(points))]), least)
-    quadratic = min(_rank(ellipsoid.monomials(points, np.ones(len(points)))[:, :10], least), 9)
+    quadratic = min(_rank(ellipsoid.monomial_columns(points.T, np.ones(len(points)))[:10].T, least), 9)
     scale = 1 if recording.scalar_T is None else 0
     others = recording.sensor_count - 1
     return 3 * others * linear + quadratic - scale, 12 * others + 9 - scale

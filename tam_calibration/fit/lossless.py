@@ -9,6 +9,7 @@ from numpy.linalg import inv
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
+from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import field_products, procrustes
 from tam_calibration.fit.moments import Moments, finish, gather
@@ -42,9 +43,34 @@ def lossless(recording: Recording, array: Array, *, as_published: bool = False) 
     method = "lossless (as published)" if as_published else "lossless"
     moments = gather(recording, method)
     center = _published_center(moments) if as_published else ellipsoid.center_of(moments.quartic)
+    return finish(method, recording, array, moments.data, _matrix_about(moments, center), center)
+
+
+def estimate(recording: Recording) -> SensorErrors:
+    """Return the errors alone, without covariance and quality: the same numbers in a tenth of the time.
+
+    Parameters
+    ----------
+    recording : Recording
+        Samples in a uniform field, with a scalar reference.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid, or a sensor is left-handed.
+    """
+    moments = gather(recording, "lossless", groups=1)
+    center = ellipsoid.center_of(moments.quartic)
+    bias_T = moments.data.origin_T + moments.data.radius_T * center[0]
+    return SensorErrors.from_matrix(_matrix_about(moments, center)[0], bias_T)
+
+
+def _matrix_about(moments: Moments, center: FloatArray) -> FloatArray:
+    """Return the matrices D Λ (S, K, 3, 3) of steps 2 and 3, about the centres (S, K, 3) of step 1."""
     unmix = ellipsoid.square_root(ellipsoid.shape_about(moments.quartic, center))
     rotation = procrustes(field_products(moments.joint, unmix, center)[:, :, 0])
-    return finish(method, recording, array, moments.data, inv(unmix) @ rotation, center)
+    matrix: FloatArray = inv(unmix) @ rotation
+    return matrix
 
 
 def _published_center(moments: Moments) -> FloatArray:

@@ -85,7 +85,7 @@ def maximum_likelihood(
     # In a gradient the intensity away from the centre changes as the array is turned, not along a line.
     is_steady = not ambient_gradient or array.scalar_position_m is None
     likelihood = _likelihood(recording, noisy, data, may_interpolate=is_steady and not robust)
-    point = _Point(*_closed_form(data, likelihood.vector_noise))
+    point = _Point(*closed_form(data, likelihood.vector_noise))
     if ambient_gradient:
         likelihood, point = _aligned_start(recording, noisy, likelihood, point)
     matrix, bias, components = point = _gauss_newton(likelihood, point, robust)
@@ -137,8 +137,26 @@ def _aligned_start(
     return likelihood, point
 
 
-def _closed_form(data: Normalized, vector_noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return matrices (K, 3, 3) and biases (K, 3) from principal components and one ellipsoid."""
+def closed_form(data: Normalized, vector_noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what principal components and one ellipsoid tell of the sensors: the start of ``maximum_likelihood``.
+
+    Parameters
+    ----------
+    data : Normalized
+        Samples in a uniform field.
+    vector_noise : (K,) array
+        Standard deviation of each sensor's axes, in the unit of the data.
+
+    Returns
+    -------
+    (K, 3, 3) array, (K, 3) array
+        Matrices D Λ and biases, about the origins and in the unit of the data.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid.
+    """
     points = data.points.reshape(len(data.points), -1)
     weight = 1 / np.repeat(vector_noise, 3)
     weight /= weight.mean()
@@ -150,8 +168,8 @@ def _closed_form(data: Normalized, vector_noise: FloatArray) -> tuple[FloatArray
     components = vectors[:, -3:]
     scores = (points - mean) @ (weight[:, None] * components)
     known = np.isfinite(data.intensity)
-    rows = ellipsoid.monomials(scores[known], data.intensity[known])
-    moments = rows.T @ rows
+    columns = ellipsoid.monomial_columns(scores[known].T, data.intensity[known])
+    moments = columns @ columns.T
     center = ellipsoid.center_of(moments)
     shape = ellipsoid.square_root(ellipsoid.shape_about(moments, center))
     matrix = (components @ inv(shape) / weight[:, None]).reshape(-1, 3, 3)
@@ -191,7 +209,7 @@ def _gauss_newton(likelihood: Likelihood, point: _Point, robust: bool) -> _Point
         point = _Point(point.matrix + update[..., :3], point.bias + update[..., 3], point.gradient + step[rows:])
         # Newton's steps fall quadratically until rounding stops them, those with new weights by a constant factor.
         is_rounding = not robust and decrement < 1e-2 and decrement > previous / 4
-        if is_rounding or decrement < (1e-8 if robust else 1e-12):
+        if is_rounding or decrement < (1e-8 if robust else 1e-6):
             return point
         previous = decrement
     raise Refused(

@@ -4,8 +4,10 @@ A method that needs no more than these is worked out for all sets at once, and i
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import FRAME_STATEMENT, Calibration
@@ -16,6 +18,8 @@ from tam_calibration.fit.scale import Normalized, free_scale, normalize
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
+
+IntArray = NDArray[np.integer[Any]]
 
 JACKKNIFE_GROUPS = 64
 FEWEST_SAMPLES = 10
@@ -46,10 +50,12 @@ class Moments:
     recording: Recording
 
     @property
-    def left_out(self) -> list[slice]:
+    def left_out(self) -> list[IntArray]:
         """The samples that each set but the first leaves out."""
-        groups = len(self.joint) - 1
-        return [slice(group, None, groups) for group in range(groups)]
+        groups, count = len(self.joint) - 1, len(self.data.points)
+        parts = [np.arange(start, min(start + _PIECE, count)) for start in range(0, count, _PIECE)]
+        number = np.concatenate([np.arange(len(part)) // _length_of_run(len(part), groups) for part in parts])
+        return [np.flatnonzero(number == group) for group in range(groups)]
 
     @property
     def mean_square(self) -> FloatArray:
@@ -65,7 +71,9 @@ class Moments:
         return replace(self, quartic=quartic)
 
 
-def gather(recording: Recording, method: str, *, with_platform: bool = False) -> Moments:
+def gather(
+    recording: Recording, method: str, *, with_platform: bool = False, groups: int = JACKKNIFE_GROUPS
+) -> Moments:
     """Return the moments of the samples that have a scalar reading, or of all where none has.
 
     Parameters
@@ -76,6 +84,8 @@ def gather(recording: Recording, method: str, *, with_platform: bool = False) ->
         What needs them, for people.
     with_platform : bool
         Whether the mean reading of the sensors follows them as one sensor more (Li 2018a eq. 2).
+    groups : int
+        Number of groups to leave out in turn; 1 for none.
 
     Raises
     ------
@@ -89,7 +99,7 @@ def gather(recording: Recording, method: str, *, with_platform: bool = False) ->
             f"{known.sample_count} samples are too few for the {method} calibration: it needs {FEWEST_SAMPLES}"
         )
     data = _append_mean(normalize(known)) if with_platform else normalize(known)
-    quartic, joint = _moments_of_groups(data)
+    quartic, joint = _moments_of_groups(data, groups)
     return Moments(_with_each_left_out(quartic), _with_each_left_out(joint), data, known)
 
 
@@ -99,35 +109,41 @@ def _append_mean(data: Normalized) -> Normalized:
     return replace(data, points=points, origin_T=origin)
 
 
-def _moments_of_groups(data: Normalized) -> tuple[FloatArray, FloatArray]:
-    """Return the (G, K, 11, 11) and (G, 3K+1, 3K+1) moments of the samples that are g, g + G, g + 2G … in time."""
-    groups = min(JACKKNIFE_GROUPS, len(data.points))
-    sensors = data.points.shape[1]
+def _moments_of_groups(data: Normalized, most: int) -> tuple[FloatArray, FloatArray]:
+    """Return the (G, K, 11, 11) and (G, 3K+1, 3K+1) moments of groups of samples, dealt in short runs in turn."""
+    count, sensors = data.points.shape[:2]
+    groups = -(-count // _length_of_run(count, min(most, count))) if count < _PIECE else most
     quartic, joint = np.zeros((groups, sensors, 11, 11)), np.zeros((groups, 3 * sensors + 1, 3 * sensors + 1))
-    piece = _PIECE // groups * groups
-    for start in range(0, len(data.points), piece):
-        points, intensity = data.points[start : start + piece], data.intensity[start : start + piece]
-        rows = np.stack([ellipsoid.monomials(points[:, sensor], intensity) for sensor in range(sensors)])
-        dealt = _deal(rows, groups)
-        quartic += np.moveaxis(np.swapaxes(dealt, -1, -2) @ dealt, 1, 0)
-        everything = np.column_stack([points.reshape(len(points), -1), np.ones(len(points))])
-        dealt = _deal(everything, groups)
-        joint += np.swapaxes(dealt, -1, -2) @ dealt
+    for start in range(0, count, _PIECE):
+        columns = np.ascontiguousarray(data.points[start : start + _PIECE].reshape(-1, 3 * sensors).T)
+        intensity = data.intensity[start : start + _PIECE]
+        for sensor in range(sensors):
+            own = ellipsoid.monomial_columns(columns[3 * sensor : 3 * sensor + 3], intensity)
+            quartic[:, sensor] += _products_of_runs(own, groups)
+        joint += _products_of_runs(np.vstack([columns, np.ones((1, columns.shape[1]))]), groups)
     return quartic, joint
 
 
-def _deal(rows: FloatArray, groups: int) -> FloatArray:
-    """Deal rows (..., N, M) to groups in turn: (..., G, N/G, M), the last turn filled up with zeros."""
-    count, width = rows.shape[-2:]
-    turns = -(-count // groups)
-    full = np.zeros((*rows.shape[:-2], turns * groups, width))
-    full[..., :count, :] = rows
-    return np.swapaxes(full.reshape(*rows.shape[:-2], turns, groups, width), -3, -2)
+def _products_of_runs(columns: FloatArray, groups: int) -> FloatArray:
+    """Return the (G, M, M) sums of the outer products of columns (M, N), of G runs of equal length."""
+    width, count = columns.shape
+    if groups == 1:
+        return (columns @ columns.T)[None]
+    run = _length_of_run(count, groups)
+    if run * groups != count:
+        columns = np.pad(columns, ((0, 0), (0, run * groups - count)))
+    dealt = np.swapaxes(columns.reshape(width, groups, run), 0, 1)
+    products: FloatArray = dealt @ np.swapaxes(dealt, 1, 2)
+    return products
+
+
+def _length_of_run(count: int, groups: int) -> int:
+    return -(-count // groups)
 
 
 def _with_each_left_out(groups: FloatArray) -> FloatArray:
     total = groups.sum(axis=0)
-    return np.concatenate([total[None], total - groups])
+    return total[None] if len(groups) == 1 else np.concatenate([total[None], total - groups])
 
 
 def finish(

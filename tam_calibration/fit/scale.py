@@ -9,7 +9,7 @@ from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
-_SAMPLES_FOR_SPHERE = 10_000
+_SAMPLES_FOR_SPHERE = 2_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,24 +38,27 @@ class Normalized:
 
 
 def sphere_center(points: FloatArray) -> FloatArray:
-    """Return the centre (3,) of the least-squares sphere |p|² = 2 p·c + constant through points (N, 3).
+    """Return the centres (..., 3) of the least-squares spheres |p|² = 2 p·c + constant through points (..., N, 3).
 
     Where the points do not determine it, as in a plane, the one nearest to their mean is returned.
     """
-    mean = points.mean(axis=0)
+    mean = points.mean(axis=-2, keepdims=True)
     centered = points - mean
-    size = max(float(norm(centered, axis=1).mean()), np.finfo(float).tiny)
-    design = np.column_stack([2 * centered / size, np.ones(len(points))])
-    solution = np.linalg.lstsq(design, ((centered / size) ** 2).sum(axis=1), rcond=1e-6)[0]
-    center: FloatArray = mean + size * solution[:3]
-    return center
+    square = np.sum(centered**2, axis=-1)
+    size = np.maximum(np.sqrt(square.mean(axis=-1))[..., None, None], np.finfo(float).tiny)
+    # The mean takes the constant out of the normal equations of the centre.
+    half = centered / size
+    normal = np.swapaxes(half, -1, -2) @ half
+    right = np.sum(half * (square / size[..., 0] ** 2)[..., None], axis=-2)[..., None] / 2
+    center: FloatArray = mean + size * np.swapaxes(np.linalg.pinv(normal, 1e-12, hermitian=True) @ right, -1, -2)
+    return center[..., 0, :]
 
 
 def normalize(recording: Recording) -> Normalized:
     """Return the recording's readings and intensity in units of order one."""
     stride = -(-recording.sample_count // _SAMPLES_FOR_SPHERE)
     some = recording.readings_T[::stride]
-    origin = np.stack([sphere_center(some[:, sensor]) for sensor in range(recording.sensor_count)])
+    origin = sphere_center(np.swapaxes(some, 0, 1))
     radius = float(norm(some - origin, axis=2).mean())
     scalar = recording.scalar_T
     intensity = np.ones(recording.sample_count) if scalar is None else scalar / radius

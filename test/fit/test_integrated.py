@@ -17,7 +17,7 @@ def ellipsoid_moments(axes, center, noise=0.0, part=1.0):
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     direction = direction[direction[:, 2] > 1 - 2 * part]
     points = direction * axes + center + noise * generator.normal(size=direction.shape)
-    rows = ellipsoid.monomials(points, np.ones(len(points)))
+    rows = ellipsoid.monomial_columns(points.T, np.ones(len(points))).T
     return rows.T @ rows
 
 
