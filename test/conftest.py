@@ -59,6 +59,24 @@ def recording(true_errors):
     return Recording(1.7e9 + np.arange(600) / 100, readings, intensity + 1e-10 * rng.normal(size=600))
 
 
+@pytest.fixture(scope="session")
+def wu2025_sweeps():
+    """Return the sweeps of Wu 2025 with two runs a point; few groups in the jackknife make the fits quick."""
+    from functools import partial
+    from importlib import import_module
+
+    from tam_calibration.files.scenario import read_scenario
+    from tam_calibration.reproduce.sweep import sweeps_of, tasks_of
+    from tam_calibration.reproduce.wu2025_sweeps import plans, score
+
+    planned = plans(read_scenario("wu_table_1"))
+    with pytest.MonkeyPatch.context() as patch:
+        lossless = import_module("tam_calibration.fit.lossless")
+        patch.setattr(lossless, "gather", partial(lossless.gather, groups=2))
+        results = [score(*task) for task in tasks_of(list(planned.values()), 2)]
+    return dict(zip(planned, sweeps_of(list(planned.values()), results), strict=True))
+
+
 @pytest.fixture
 def ros_domain(monkeypatch, tmp_path_factory):
     """Give the test a ROS domain that no other test of this machine uses, and a place for logs; return that place."""

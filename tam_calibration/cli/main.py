@@ -17,6 +17,7 @@ SUBCOMMANDS = {
     "play": "Play a bag onto its topics, to feed the nodes.",
     "call": "Call a service of the nodes, such as calibrator/calibrate.",
     "demo": "Run the whole chain over ROS 2 and show what it gained.",
+    "reproduce": "Run the simulations of the papers again, number by number.",
 }
 
 

@@ -1,7 +1,7 @@
 """One number that a paper prints, beside ours."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from tam_calibration.units import FloatArray
@@ -25,6 +25,8 @@ class Row:
         ``reproduced``, ``not reproduced`` or ``paper in error``.
     reason : str
         Why, in one sentence; empty where nothing is to be said.
+    recorded : str
+        The status that was found when the paper was examined; another one is a regression.
     """
 
     name: str
@@ -33,6 +35,12 @@ class Row:
     unit: str
     status: Status
     reason: str = ""
+    recorded: Status = "reproduced"
+
+    @property
+    def is_as_recorded(self) -> bool:
+        """Whether the status is still the one that was found."""
+        return self.status == self.recorded
 
     @property
     def ratio(self) -> float:
@@ -49,6 +57,7 @@ def compare(
     relative: float = 0.0,
     absolute: float = 0.0,
     reason: str = "",
+    recorded: Status = "reproduced",
 ) -> list[Row]:
     """Return the rows of numbers that are reproduced where they agree to a relative or an absolute tolerance.
 
@@ -56,17 +65,50 @@ def compare(
     """
     rows = []
     for name, printed, value in zip(names, paper, ours, strict=True):
-        agrees = abs(float(value) - printed) <= max(absolute, relative * abs(printed))
+        agrees = _agrees(float(value), printed, relative, absolute)
         status: Status = "reproduced" if agrees else "not reproduced"
-        rows.append(Row(name, printed, float(value), unit, status, "" if agrees else reason))
+        rows.append(Row(name, printed, float(value), unit, status, "" if agrees else reason, recorded))
     return rows
 
 
-def correct_paper(
-    names: Iterable[str], paper: Sequence[float], ours: Sequence[float] | FloatArray, unit: str, reason: str
+def compare_together(
+    names: Iterable[str],
+    paper: Sequence[float],
+    ours: Sequence[float] | FloatArray,
+    unit: str,
+    *,
+    relative: float,
+    reason: str,
+    recorded: Status,
 ) -> list[Row]:
-    """Return the rows of numbers in which the paper is wrong, with the reason."""
-    return [
-        Row(name, printed, float(value), unit, "paper in error", reason)
-        for name, printed, value in zip(names, paper, ours, strict=True)
-    ]
+    """Return the rows of numbers that are one finding: reproduced where all of them agree, and otherwise none."""
+    rows = compare(names, paper, ours, unit, relative=relative, reason=reason, recorded=recorded)
+    if all(row.status == "reproduced" for row in rows):
+        return rows
+    return [replace(row, status="not reproduced", reason=reason) for row in rows]
+
+
+def correct_paper(
+    names: Iterable[str],
+    paper: Sequence[float],
+    ours: Sequence[float] | FloatArray,
+    unit: str,
+    reason: str,
+    *,
+    right: Sequence[float] | FloatArray,
+    relative: float = 0.0,
+    absolute: float = 0.0,
+) -> list[Row]:
+    """Return the rows of numbers in which the paper is wrong, for a reason that makes ours the right ones.
+
+    Where ours does not agree to what is right, the reason does not hold and the row is not reproduced.
+    """
+    rows = []
+    for name, printed, value, true in zip(names, paper, ours, right, strict=True):
+        status: Status = "paper in error" if _agrees(float(value), true, relative, absolute) else "not reproduced"
+        rows.append(Row(name, printed, float(value), unit, status, reason, recorded="paper in error"))
+    return rows
+
+
+def _agrees(value: float, to: float, relative: float, absolute: float) -> bool:
+    return abs(value - to) <= max(absolute, relative * abs(to))

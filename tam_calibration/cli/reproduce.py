@@ -1,0 +1,96 @@
+"""`tam reproduce`: the papers' simulations run again, number by number."""
+
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.progress import Progress
+
+from tam_calibration.cli.terminal import PATH, showing_progress, stdout, write_together
+from tam_calibration.problems import Refused
+from tam_calibration.reproduce import PAPERS
+
+if TYPE_CHECKING:
+    from tam_calibration.reproduce.row import Row
+    from tam_calibration.reproduce.sweep import Sweep
+
+RESULTS = Path("benchmarks/results")
+SWEPT = "wu2025"
+"""The paper whose figures are sweeps."""
+
+
+@click.command()
+@click.argument("paper", type=click.Choice([*PAPERS, "all"]))
+@click.option("--runs", type=click.IntRange(min=2), default=50, show_default=True, help="Of each point of wu2025.")
+@click.option("--report", type=PATH, help="Write an HTML page with all numbers and the figures redrawn.")
+@click.option("--output-dir", type=PATH, help=f"Of the CSV files.  [default: {RESULTS} if there is one, else here]")
+def command(paper: str, runs: int, report: Path | None, output_dir: Path | None) -> None:
+    """Run the simulations of PAPER again and print each of its numbers beside ours.
+
+    Each is marked as reproduced, not reproduced, or an error of the paper, with the reason. Exits 1 where a status is
+    another than the one on record. Writes reproduce_PAPER.csv, and for wu2025 the curves of its figures as
+    reproduce_wu2025_figures.csv.
+    """
+    from tam_calibration.cli.reproduction_csv import rows_to_csv, sweeps_to_csv
+    from tam_calibration.cli.reproduction_table import print_rows, summary
+
+    papers = list(PAPERS) if paper == "all" else [paper]
+    folder = output_dir or (RESULTS if RESULTS.is_dir() else Path())
+    files = {name: folder / f"reproduce_{name}.csv" for name in papers}
+    outputs: dict[str, Path | None] = {**files, "report": report}
+    if SWEPT in papers:
+        outputs["figures"] = folder / f"reproduce_{SWEPT}_figures.csv"
+    with write_together(outputs, []) as beside:
+        rows, sweeps = _reproduce(papers, runs)
+        for name in papers:
+            beside[name].write_text(rows_to_csv(rows[name], _command(name, runs)), encoding="utf-8")
+        if "figures" in beside:
+            beside["figures"].write_text(sweeps_to_csv(sweeps, _command(SWEPT, runs)), encoding="utf-8")
+        if "report" in beside:
+            from tam_calibration.report.reproduction_report import write_reproduction_report
+
+            write_reproduction_report(beside["report"], rows, sweeps)
+    for name in papers:
+        print_rows(stdout(), PAPERS[name], rows[name])
+    for path in filter(None, outputs.values()):
+        click.echo(f"written: {path}")
+    for name in papers:
+        click.echo(summary(name, rows[name]))
+    _require_record([row for name in papers for row in rows[name]])
+
+
+def _reproduce(papers: list[str], runs: int) -> tuple[dict[str, list["Row"]], dict[str, "Sweep"]]:
+    rows: dict[str, list[Row]] = {}
+    sweeps: dict[str, Sweep] = {}
+    with showing_progress() as progress:
+        for name in papers:
+            if name == SWEPT:
+                rows[name], sweeps = _sweep(runs, progress)
+            else:
+                progress.add_task(name, total=None)
+                rows[name] = import_module(f"tam_calibration.reproduce.{name}").results()
+    return rows, sweeps
+
+
+def _sweep(runs: int, progress: Progress) -> tuple[list["Row"], dict[str, "Sweep"]]:
+    from tam_calibration.files.scenario import read_scenario
+    from tam_calibration.reproduce import wu2025
+
+    task = progress.add_task(SWEPT, total=None)
+
+    def show(done: int, total: int) -> None:
+        progress.update(task, completed=done, total=total, description=f"{SWEPT}: {done} of {total} runs")
+
+    return wu2025.results(read_scenario("wu_table_1"), read_scenario("wu_turntable"), runs, show)
+
+
+def _command(paper: str, runs: int) -> str:
+    return f"tam reproduce {paper} --runs {runs}" if paper == SWEPT else f"tam reproduce {paper}"
+
+
+def _require_record(rows: list["Row"]) -> None:
+    other = [row.name for row in rows if not row.is_as_recorded]
+    if other:
+        numbers = "1 number" if len(other) == 1 else f"{len(other)} numbers"
+        raise Refused(f"{numbers} came out with another status than is on record: {'; '.join(other)}")
