@@ -1,15 +1,14 @@
 """The joint maximum-likelihood fit of all sensors.
 
 Each sample's field is eliminated exactly and Gauss-Newton solves for the 12 K - 3 parameters that a uniform field
-determines. The start is nearly the solution: the three principal components of the whitened channels give the field up
-to an affine map, and one ellipsoid fit of their scores against the scalar reference fixes that map up to a rotation.
+determines, from a start that is nearly the solution: see ``closed_form``.
 """
 
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.linalg import LinAlgError, inv
+from numpy.linalg import LinAlgError
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
@@ -23,6 +22,7 @@ from tam_calibration.fit.ambient_gradient import (
     turning_of,
 )
 from tam_calibration.fit.bound import parameter_covariance
+from tam_calibration.fit.closed_form import closed_form
 from tam_calibration.fit.likelihood import UNIFORM, Likelihood
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.fit.reference import interpolate, is_worth_interpolating
@@ -33,7 +33,6 @@ from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 _MOST_STEPS = 100
-_SMALLEST_SPREAD = 1e-12  # of readings that are not all in a plane, over the largest
 
 
 class _Point(NamedTuple):
@@ -58,7 +57,7 @@ def maximum_likelihood(
     array : Array
         Geometry and noise; a noise that is not stated is estimated.
     robust : bool
-        Whether the noise is taken for Student-t with four degrees of freedom and a scale that is estimated, so that
+        Whether the noise is taken for Student-t with six degrees of freedom and a scale that is estimated, so that
         outliers count little. Without outliers this costs a few per cent of the standard errors. The intensity is not
         interpolated: what samples share cannot be weighed sample by sample.
     ambient_gradient : bool
@@ -85,7 +84,7 @@ def maximum_likelihood(
     # In a gradient the intensity away from the centre changes as the array is turned, not along a line.
     is_steady = not ambient_gradient or array.scalar_position_m is None
     likelihood = _likelihood(recording, noisy, data, may_interpolate=is_steady and not robust)
-    point = _Point(*closed_form(data, likelihood.vector_noise))
+    point = _Point(*closed_form(data, likelihood.vector_noise, _scalar_noise(noisy, data)))
     if ambient_gradient:
         likelihood, point = _aligned_start(recording, noisy, likelihood, point)
     matrix, bias, components = point = _gauss_newton(likelihood, point, robust)
@@ -109,13 +108,16 @@ def maximum_likelihood(
 
 def _likelihood(recording: Recording, array: Array, data: Normalized, may_interpolate: bool) -> Likelihood:
     assert array.vector_noise_T is not None
-    assert array.scalar_noise_T is not None
-    vector_noise = array.vector_noise_T / data.radius_T
-    scalar_noise = array.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
+    vector_noise, scalar_noise = array.vector_noise_T / data.radius_T, _scalar_noise(array, data)
     if not may_interpolate or not is_worth_interpolating(data.intensity):
         return Likelihood(data.points, data.intensity, vector_noise, scalar_noise)
     reference = interpolate(recording.time_s, data.intensity, scalar_noise)
     return Likelihood(data.points, reference.intensity, vector_noise, 0.0, reference.noise)
+
+
+def _scalar_noise(array: Array, data: Normalized) -> float:
+    assert array.scalar_noise_T is not None
+    return array.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
 
 
 def _aligned_start(
@@ -135,56 +137,6 @@ def _aligned_start(
             require_gradient_determined(covariance, likelihood.vector_noise, array)
             point = _gauss_newton(likelihood, point, robust=False)
     return likelihood, point
-
-
-def closed_form(data: Normalized, vector_noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what principal components and one ellipsoid tell of the sensors: the start of ``maximum_likelihood``.
-
-    Parameters
-    ----------
-    data : Normalized
-        Samples in a uniform field.
-    vector_noise : (K,) array
-        Standard deviation of each sensor's axes, in the unit of the data.
-
-    Returns
-    -------
-    (K, 3, 3) array, (K, 3) array
-        Matrices D Λ and biases, about the origins and in the unit of the data.
-
-    Raises
-    ------
-    InputError
-        When the readings determine no ellipsoid.
-    """
-    points = data.points.reshape(len(data.points), -1)
-    weight = 1 / np.repeat(vector_noise, 3)
-    weight /= weight.mean()
-    mean = points.mean(axis=0)
-    spread = weight[:, None] * (points.T @ points / len(points) - np.outer(mean, mean)) * weight
-    values, vectors = np.linalg.eigh(spread)
-    if values[-3] < _SMALLEST_SPREAD * values[-1]:
-        raise InputError(ellipsoid.NO_ELLIPSOID)
-    components = vectors[:, -3:]
-    scores = (points - mean) @ (weight[:, None] * components)
-    known = np.isfinite(data.intensity)
-    columns = ellipsoid.monomial_columns(scores[known].T, data.intensity[known])
-    moments = columns @ columns.T
-    center = ellipsoid.center_of(moments)
-    shape = ellipsoid.square_root(ellipsoid.shape_about(moments, center))
-    matrix = (components @ inv(shape) / weight[:, None]).reshape(-1, 3, 3)
-    bias = mean + components @ center / weight
-    if np.linalg.det(matrix[0]) < 0:
-        matrix = -matrix
-    return _into_frame_of_first(matrix), bias.reshape(-1, 3)
-
-
-def _into_frame_of_first(matrix: FloatArray) -> FloatArray:
-    """Turn the common frame so that the first matrix is upper triangular."""
-    rotation = SensorErrors.from_matrix(matrix, np.zeros(matrix.shape[:2])).rotation[0]
-    turned: FloatArray = matrix @ rotation.T
-    turned[0][np.tril_indices(3, -1)] = 0
-    return turned
 
 
 def _free_rows(count: int) -> np.ndarray:
@@ -209,7 +161,7 @@ def _gauss_newton(likelihood: Likelihood, point: _Point, robust: bool) -> _Point
         point = _Point(point.matrix + update[..., :3], point.bias + update[..., 3], point.gradient + step[rows:])
         # Newton's steps fall quadratically until rounding stops them, those with new weights by a constant factor.
         is_rounding = not robust and decrement < 1e-2 and decrement > previous / 4
-        if is_rounding or decrement < (1e-8 if robust else 1e-6):
+        if is_rounding or decrement < (1e-5 if robust else 1e-6):
             return point
         previous = decrement
     raise Refused(

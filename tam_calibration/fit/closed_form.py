@@ -1,0 +1,94 @@
+"""The closed form of the joint fit: nearly the maximum of the likelihood.
+
+The three principal components of the whitened channels give the field up to an affine map, and an ellipsoid fit of
+their scores against the scalar reference fixes that map up to a rotation.
+"""
+
+import numpy as np
+from numpy.linalg import inv
+
+from tam_calibration.errors import SensorErrors
+from tam_calibration.fit import ellipsoid
+from tam_calibration.fit.scale import Normalized
+from tam_calibration.problems import InputError
+from tam_calibration.units import FloatArray
+
+_PIECE = 8192
+_SMALLEST_SPREAD = 1e-12  # of readings that are not all in a plane, over the largest
+
+
+def closed_form(data: Normalized, vector_noise: FloatArray, scalar_noise: float) -> tuple[FloatArray, FloatArray]:
+    """Return what principal components and an ellipsoid tell of the sensors: the start of ``maximum_likelihood``.
+
+    The ellipsoid is fitted twice, the second time with the variance that the sensors' scale factors give each
+    direction. In a uniform field of steady intensity what is left to the iteration is far below the standard errors.
+
+    Parameters
+    ----------
+    data : Normalized
+        Samples in a uniform field.
+    vector_noise : (K,) array
+        Standard deviation of each sensor's axes, in the unit of the data.
+    scalar_noise : float
+        Standard deviation of the intensity; zero for an unknown constant.
+
+    Returns
+    -------
+    (K, 3, 3) array, (K, 3) array
+        Matrices D Λ and biases, about the origins and in the unit of the data.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid.
+    """
+    points = data.points.reshape(len(data.points), -1)
+    precision = 1 / np.repeat(vector_noise, 3)
+    weight = precision / precision.mean()
+    mean = points.mean(axis=0)
+    spread = weight[:, None] * (points.T @ points / len(points) - np.outer(mean, mean)) * weight
+    values, vectors = np.linalg.eigh(spread)
+    if values[-3] < _SMALLEST_SPREAD * values[-1]:
+        raise InputError(ellipsoid.NO_ELLIPSOID)
+    components = vectors[:, -3:]
+    known = np.isfinite(data.intensity)
+    scores, intensity = (points[known] - mean) @ (weight[:, None] * components), data.intensity[known]
+    center, shape = _weighted_ellipsoid(scores, intensity, 1 / precision.mean(), scalar_noise)
+    matrix = (components @ inv(shape) / weight[:, None]).reshape(-1, 3, 3)
+    bias = mean + components @ center / weight
+    if np.linalg.det(matrix[0]) < 0:
+        matrix = -matrix
+    return _into_frame_of_first(matrix), bias.reshape(-1, 3)
+
+
+def _weighted_ellipsoid(
+    scores: FloatArray, intensity: FloatArray, noise: float, scalar_noise: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the centre o and the square root Ω of the ellipsoid |Ω (p - o)| = s of scores with equal noise."""
+    center, shape = _ellipsoid(scores, intensity, np.ones(len(scores)))
+    field = (scores - center) @ shape.T
+    of_length = noise**2 * np.sum((field @ shape) ** 2, axis=1) / np.sum(field**2, axis=1)
+    try:
+        return _ellipsoid(scores, intensity, of_length + scalar_noise**2)
+    except InputError:
+        # Readings that hardly determine an ellipsoid do not tell the weights either.
+        return center, shape
+
+
+def _ellipsoid(scores: FloatArray, intensity: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the centre o and the square root Ω of the ellipsoid |Ω (p - o)| = s of samples of given variances."""
+    moments = np.zeros((11, 11))
+    for start in range(0, len(scores), _PIECE):
+        part = slice(start, start + _PIECE)
+        columns = ellipsoid.monomial_columns(scores[part].T, intensity[part])
+        moments += columns / variance[part] @ columns.T
+    center = ellipsoid.center_of(moments)
+    return center, ellipsoid.square_root(ellipsoid.shape_about(moments, center))
+
+
+def _into_frame_of_first(matrix: FloatArray) -> FloatArray:
+    """Turn the common frame so that the first matrix is upper triangular."""
+    rotation = SensorErrors.from_matrix(matrix, np.zeros(matrix.shape[:2])).rotation[0]
+    turned: FloatArray = matrix @ rotation.T
+    turned[0][np.tril_indices(3, -1)] = 0
+    return turned
