@@ -9,7 +9,7 @@ from numpy.linalg import inv, norm
 from tam_calibration.array import TENSOR_OUTPUTS, Array
 from tam_calibration.errors import SensorErrors
 from tam_calibration.problems import InputError
-from tam_calibration.recording import Recording
+from tam_calibration.recording import Recording, pieces
 from tam_calibration.units import FloatArray
 
 FRAME_STATEMENT = (
@@ -246,13 +246,15 @@ class Calibration:
         return outputs
 
 
-def residual_series(errors: SensorErrors, array: Array, recording: Recording, intensity_T: float) -> ResidualSeries:
-    """Return the residuals of each sample of a recording in a uniform field, corrected with given errors.
+def residual_series(
+    errors: SensorErrors, array: Array, recording: Recording, intensity_T: float, part: slice = slice(None)
+) -> ResidualSeries:
+    """Return the residuals of samples of a recording in a uniform field, corrected with given errors.
 
-    ``intensity_T`` stands in where the recording has no scalar channel.
+    ``intensity_T`` stands in where the recording has no scalar channel; ``part`` selects samples, by default all.
     """
-    corrected = errors.restore(recording.readings_T)
-    scalar = np.full(recording.sample_count, intensity_T) if recording.scalar_T is None else recording.scalar_T
+    corrected = errors.restore(recording.readings_T[part])
+    scalar = np.full(len(corrected), intensity_T) if recording.scalar_T is None else recording.scalar_T[part]
     outputs = corrected.reshape(len(corrected), -1) @ array.operator.T
     return ResidualSeries(
         norm(corrected, axis=2) - scalar[:, None],
@@ -263,12 +265,18 @@ def residual_series(errors: SensorErrors, array: Array, recording: Recording, in
 
 def measure_residuals(errors: SensorErrors, array: Array, recording: Recording, intensity_T: float) -> Residuals:
     """Return the root mean square residuals of a recording, as in ``residual_series``."""
-    series = residual_series(errors, array, recording, intensity_T)
-    known = np.isfinite(series.center_intensity_T)
+    sensors, center, tensor, known_count = np.zeros(errors.sensor_count), 0.0, np.zeros(len(TENSOR_OUTPUTS)), 0
+    for part in pieces(recording.sample_count):
+        series = residual_series(errors, array, recording, intensity_T, part)
+        known = np.isfinite(series.center_intensity_T)
+        sensors += np.sum(series.sensor_intensity_T[known] ** 2, axis=0)
+        center += float(np.sum(series.center_intensity_T[known] ** 2))
+        tensor += np.sum(series.tensor_T_per_m**2, axis=0)
+        known_count += int(known.sum())
     return Residuals(
-        _root_mean_square(series.sensor_intensity_T[known]),
-        float(_root_mean_square(series.center_intensity_T[known])),
-        _root_mean_square(series.tensor_T_per_m),
+        np.sqrt(sensors / known_count),
+        float(np.sqrt(center / known_count)),
+        np.sqrt(tensor / recording.sample_count),
     )
 
 
@@ -287,8 +295,3 @@ def noise_floor(errors: SensorErrors, array: Array, scalar_noise_T: float) -> Re
         float(np.sqrt(output_variance[:3].mean() + scalar_noise_T**2)),
         np.sqrt(output_variance[list(TENSOR_OUTPUTS)]),
     )
-
-
-def _root_mean_square(values: FloatArray) -> FloatArray:
-    root: FloatArray = np.sqrt(np.mean(values**2, axis=0))
-    return root

@@ -1,5 +1,6 @@
 """The data of one run, checked."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -12,6 +13,14 @@ EARTH_FIELD_T = (15e-6, 100e-6)
 
 CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude")
 """What may be recorded beside the sensors; a channel that holds nothing but NaN is absent."""
+
+_PIECE = 32_768
+
+
+def pieces(sample_count: int) -> Iterator[slice]:
+    """Yield the slices that cut so many samples into pieces, so that what is worked out of a piece stays small."""
+    for start in range(0, sample_count, _PIECE):
+        yield slice(start, min(start + _PIECE, sample_count))
 
 
 @dataclass(frozen=True, eq=False)

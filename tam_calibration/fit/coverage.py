@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.scale import sphere_center
-from tam_calibration.recording import Recording
+from tam_calibration.recording import Recording, pieces
 from tam_calibration.units import FloatArray
 
 IntArray = NDArray[np.integer[Any]]
@@ -89,8 +89,8 @@ def measure_coverage(field_T: FloatArray) -> Coverage:
 
 def field_of(recording: Recording, errors: SensorErrors) -> FloatArray:
     """Return the (N, 3) field of a recording: the mean of its restored sensors."""
-    mean: FloatArray = errors.restore(recording.readings_T).mean(axis=1)
-    return mean
+    parts = pieces(recording.sample_count)
+    return np.concatenate([errors.restore(recording.readings_T[part]).mean(axis=1) for part in parts])
 
 
 class LiveCoverage:
