@@ -22,7 +22,7 @@ _SWEEP_HEADER = (
 def rows_to_csv(rows: Sequence[Row], command: str) -> str:
     """Return every number of a paper."""
     lines = [
-        (row.name, row.unit, *_numbers(row.paper, row.ours, row.ratio), row.status, row.recorded, row.reason)
+        (row.name, row.unit, f"{row.paper:.9g}", *_numbers(row.ours, row.ratio), row.status, row.recorded, row.reason)
         for row in rows
     ]
     return _to_csv(command, _ROW_HEADER, lines)
@@ -55,7 +55,7 @@ def _residuals(point: Mapping[str, FloatArray]) -> list[str]:
 
 
 def _numbers(*values: float) -> list[str]:
-    return [f"{value:.6g}" for value in values]
+    return [f"{value:.7g}" for value in values]
 
 
 def _to_csv(command: str, header: Sequence[str], lines: Iterable[Sequence[str]]) -> str:

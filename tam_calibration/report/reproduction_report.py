@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tam_calibration.files import write_whole
 from tam_calibration.report.formatting import count, fixed, join
-from tam_calibration.report.page import Block, Gallery, Points, Section, Table, Text, embed, render
+from tam_calibration.report.page import Block, Gallery, Section, Table, Text, embed, render
 from tam_calibration.report.reproduction_cells import HEADER, STATUSES, cells, notes, tally
 from tam_calibration.report.sweep_plots import plot_relative_errors, plot_residuals
 from tam_calibration.reproduce import PAPERS
@@ -132,5 +132,6 @@ def _numbers(paper: str, rows: Sequence[Row]) -> Section:
     blocks += [Table(HEADER, cells(rows))]
     remarks = notes(rows)
     if remarks:
-        blocks += [Text("Notes"), Points([f"{index}: {note}" for index, note in enumerate(remarks, start=1)])]
+        table = [[str(index), note] for index, note in enumerate(remarks, start=1)]
+        blocks.append(Table(["note", "reason"], table, numeric=False))
     return Section(PAPERS[paper], blocks)

@@ -1,6 +1,6 @@
 """The figures of Wu 2025 redrawn: relative errors of the parameters, and residuals, over what is swept."""
 
-from typing import Any, Literal
+from typing import Literal
 
 import matplotlib
 import numpy as np
@@ -75,17 +75,10 @@ def _draw_after(axes: Axes, sweep: Sweep, quantity: str) -> None:
     for method, color in COLORS.items():
         if method == CORRECTED and _is_published(sweep):
             continue
-        for data, marker, line in ((IN_SAMPLE, ".", "-"), (HELD_OUT, "o", ":")):
+        for data, shape, face in ((IN_SAMPLE, ".-", color), (HELD_OUT, "o:", "white")):
             curve = _curve(sweep, method, f"{quantity} {data}")
-            face = "white" if data == HELD_OUT else color
-            style: dict[str, Any] = {
-                "color": color,
-                "marker": marker,
-                "markersize": 4,
-                "markerfacecolor": face,
-                "linewidth": 1.2,
-            }
-            axes.plot(sweep.points, curve, line, label=f"{method}, {data}", **style)
+            label = f"{method}, {data}"
+            axes.plot(sweep.points, curve, shape, color=color, ms=4, mfc=face, lw=1.2, label=label)
             drawn.append(curve)
     floor = _curve(sweep, FLOOR, f"{quantity} {IN_SAMPLE}")
     axes.plot(sweep.points, floor, "--", color=FLOOR_COLOR, linewidth=0.8, label=FLOOR)

@@ -45,6 +45,7 @@ _KINDS = (
     (("α", "β", "γ"), slice(9, 12), "°", to_degrees(1.0)),
 )
 """Names, columns of ``SensorErrors.to_vector``, unit and its factor from SI."""
+_SUFFIX = {"1": "", "nT": " nT", "°": "°"}
 _MOUNTINGS = 4000
 _ELLIPSOID = 9
 
@@ -125,7 +126,7 @@ def _parameter_rows(run: Simulation) -> list[Row]:
         free = factor * deviation[:, columns][deviation[:, columns] > 0]
         reason = (
             "measured, and the recording is not published; if its residuals are noise of the sensors, the standard "
-            f"errors are at least {free.min():.2g} to {free.max():.2g}{'' if unit == '1' else f' {unit}'}"
+            f"errors are at least {free.min():.2g} to {free.max():.2g}{_SUFFIX[unit]}"
         )
         for name in names:
             sensors = SENSORS[-len(TABLE_2[name]) :]
