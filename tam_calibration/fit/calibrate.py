@@ -10,7 +10,7 @@ from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration, Residuals, measure_residuals
 from tam_calibration.fit.ambient_gradient import as_if_uniform
 from tam_calibration.fit.artificial_vector import artificial_vector
-from tam_calibration.fit.consistency import find_warnings, require_one_calibration
+from tam_calibration.fit.consistency import find_warnings, require_one_calibration, require_one_sphere
 from tam_calibration.fit.fast_rotation import fast_rotation
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_accurate, require_determined
 from tam_calibration.fit.integrated import integrated
@@ -85,7 +85,11 @@ def calibrate(
         )
     recording.check_plausible()
     require_determined(recording, array, is_uniform=not ambient_gradient)
-    calibration = fit(recording, array)
+    try:
+        calibration = fit(recording, array)
+    except InputError:
+        require_one_sphere(recording)
+        raise
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     require_one_calibration(uniform, calibration)
     require_accurate(calibration)

@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.linalg import norm
 
 from tam_calibration.calibration import Calibration, residual_series
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES
+from tam_calibration.fit.scale import normalize, sphere_of_most
 from tam_calibration.problems import Refused
 from tam_calibration.recording import EARTH_FIELD_T, Recording
 from tam_calibration.units import FloatArray, to_nanotesla
@@ -15,6 +17,7 @@ _FEWEST_IN_PART = 10
 _STEADY_RATIO = 4.0
 _LARGEST_STEADY_RESIDUAL = 1e-5
 _LARGEST_RESIDUAL = 0.01
+_LARGEST_DISTANCE = 0.05
 _LARGEST_CHI_SQUARE = 2.0
 
 
@@ -62,6 +65,24 @@ def require_one_calibration(recording: Recording, calibration: Calibration) -> N
         )
 
 
+def require_one_sphere(recording: Recording) -> None:
+    """Check, where a fit has failed, that the readings do not leave the sphere of most of them for a part of the time.
+
+    Raises
+    ------
+    Refused
+        With the times at which the distance from the sphere is smallest and largest.
+    """
+    data = normalize(recording)
+    distance = np.zeros(recording.sample_count)
+    for sensor in range(recording.sensor_count):
+        center, radius = sphere_of_most(data.points[:, sensor])
+        distance = np.maximum(distance, np.abs(norm(data.points[:, sensor] - center, axis=1) - radius))
+    parts = _in_parts(data.radius_T * distance, recording.time_s)
+    if parts is not None and parts.exceeds(_LARGEST_DISTANCE * data.radius_T):
+        raise Refused(f"the recording is not one calibration: {parts.sentence()}; calibrate the parts apart")
+
+
 def find_warnings(recording: Recording, calibration: Calibration) -> tuple[str, ...]:
     """Return what speaks against trusting a calibration, one sentence each."""
     warnings = []
@@ -82,7 +103,10 @@ def find_warnings(recording: Recording, calibration: Calibration) -> tuple[str, 
 def _residual_in_parts(recording: Recording, calibration: Calibration) -> _Parts | None:
     series = residual_series(calibration.errors, calibration.array, recording, calibration.intensity_T)
     known = np.isfinite(series.center_intensity_T)
-    residual, time = np.abs(series.sensor_intensity_T[known]).max(axis=1), recording.time_s[known]
+    return _in_parts(np.abs(series.sensor_intensity_T[known]).max(axis=1), recording.time_s[known])
+
+
+def _in_parts(residual: FloatArray, time: FloatArray) -> _Parts | None:
     if len(residual) < PARTS * _FEWEST_IN_PART:
         return None
     chunks = np.array_split(np.arange(len(residual)), PARTS)

@@ -10,6 +10,8 @@ from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 _SAMPLES_FOR_SPHERE = 2_000
+_REWEIGHTINGS = 40
+_SMALLEST_DISTANCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,23 @@ def sphere_center(points: FloatArray) -> FloatArray:
     right = np.sum(half * (square / size[..., 0] ** 2)[..., None], axis=-2)[..., None] / 2
     center: FloatArray = mean + size * np.swapaxes(np.linalg.pinv(normal, 1e-12, hermitian=True) @ right, -1, -2)
     return center[..., 0, :]
+
+
+def sphere_of_most(points: FloatArray) -> tuple[FloatArray, float]:
+    """Return centre (3,) and radius of the sphere with the least sum of absolute distances to points (N, 3).
+
+    Up to a third of the points may lie elsewhere without moving it much. By iteratively reweighted least squares.
+    """
+    design = np.column_stack([2 * points, np.ones(len(points))])
+    square = np.sum(points**2, axis=1)
+    weight = np.ones(len(points))
+    for _ in range(_REWEIGHTINGS):
+        solution = np.linalg.lstsq(design * weight[:, None], square * weight, rcond=None)[0]
+        center = solution[:3]
+        radius = float(np.sqrt(max(solution[3] + center @ center, 0.0)))
+        distance = np.abs(norm(points - center, axis=1) - radius)
+        weight = 1 / np.sqrt(np.maximum(distance, _SMALLEST_DISTANCE * norm(points, axis=1).mean()))
+    return center, radius
 
 
 def normalize(recording: Recording) -> Normalized:

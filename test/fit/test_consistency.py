@@ -1,0 +1,33 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.fit.consistency import require_one_sphere
+from tam_calibration.fit.scale import sphere_of_most
+from tam_calibration.problems import Refused
+
+
+def test_sphere_of_most_ignores_the_others():
+    """With three tenths of the points on another sphere the first one is found."""
+    generator = np.random.default_rng(3)
+    directions = generator.standard_normal((1000, 3))
+    points = np.array([0.1, -0.2, 0.05]) + directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    points[300:600] += [0.0, 0.5, 0.4]
+    center, radius = sphere_of_most(points)
+    assert_allclose(center, [0.1, -0.2, 0.05], atol=1e-3)
+    assert radius == pytest.approx(1.0, abs=1e-3)
+
+
+def test_readings_that_leave_their_sphere_for_a_time_are_refused(wu_run):
+    """A bias of 20 µT in the middle of the run is told with its times, without any fit."""
+    readings = wu_run.recording.readings_T.copy()
+    readings[144:216] += 20e-6
+    with pytest.raises(Refused, match=r"between (144|180)\.0 and (179|215)\.0 s: something magnetic"):
+        require_one_sphere(replace(wu_run.recording, readings_T=readings))
+
+
+def test_steady_readings_pass(wu_run):
+    """Scale errors of some per cent, the same throughout, are no change."""
+    require_one_sphere(wu_run.recording)
