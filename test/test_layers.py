@@ -16,6 +16,7 @@ LAYERS = (
     ("files",),
     ("fit", "simulation"),
     ("calibration",),
+    ("residuals",),
     ("effects", "localization"),
     (
         "errors",

@@ -5,16 +5,14 @@ from rich.console import Console
 from rich.table import Table
 
 from tam_calibration.array import OUTPUT_NAMES, TENSOR_OUTPUTS
-from tam_calibration.calibration import AmbientGradient, Calibration, Residuals
-from tam_calibration.errors import PARAMETER_NAMES
+from tam_calibration.calibration import AmbientGradient, Calibration
 from tam_calibration.files import FORMULA
 from tam_calibration.fit.coverage import Coverage
 from tam_calibration.fit.weakness import Weakness
 from tam_calibration.report.formatting import number, sentence, with_error
-from tam_calibration.units import to_degrees, to_nanotesla
-
-_KINDS = (("", 1.0, 6), (" (°)", to_degrees(1.0), 5), (" (nT)", to_nanotesla(1.0), 2), (" (°)", to_degrees(1.0), 5))
-"""Unit, factor from SI and decimals of scale factor, non-orthogonality, bias and misalignment."""
+from tam_calibration.report.parameter_rows import parameter_rows
+from tam_calibration.residuals import Residuals
+from tam_calibration.units import to_nanotesla
 
 
 def print_calibration(console: Console, calibration: Calibration, coverage: Coverage, weakness: Weakness) -> None:
@@ -39,14 +37,11 @@ def print_calibration(console: Console, calibration: Calibration, coverage: Cove
 
 
 def _parameters(calibration: Calibration) -> Table:
-    values, standard_errors = calibration.errors.to_vector(), calibration.standard_errors
     table = Table("parameter", title=f"Errors of the sensors ± standard errors ({calibration.method})")
     for sensor in range(calibration.errors.sensor_count):
         table.add_column(f"sensor {sensor + 1}", justify="right")
-    for index, name in enumerate(PARAMETER_NAMES):
-        unit, factor, decimals = _KINDS[index // 3]
-        pairs = zip(values[:, index] * factor, standard_errors[:, index] * factor, strict=True)
-        table.add_row(name + unit, *(with_error(float(value), float(error), decimals) for value, error in pairs))
+    for row in parameter_rows(calibration):
+        table.add_row(*row)
     return table
 
 

@@ -5,11 +5,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from tam_calibration.calibration import AmbientGradient, Calibration, Provenance, Residuals
+from tam_calibration.calibration import AmbientGradient, Calibration, Provenance
 from tam_calibration.errors import SensorErrors
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.yaml_document import Document, check
 from tam_calibration.problems import InputError
+from tam_calibration.residuals import Residuals
 from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
 
 SCHEMA = "tam_calibration/calibration/1"

@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 
 from tam_calibration import __version__
-from tam_calibration.calibration import AmbientGradient, Calibration, Residuals
+from tam_calibration.calibration import AmbientGradient, Calibration
 from tam_calibration.files.array_yaml import array_to_mapping
 from tam_calibration.files.calibration_schema import SCHEMA, calibration_of
 from tam_calibration.files.exact import degrees_to_write, nanotesla_to_write
 from tam_calibration.files.location import in_file, read_text
 from tam_calibration.files.whole import write_whole
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
+from tam_calibration.residuals import Residuals
 from tam_calibration.units import FloatArray, to_degrees, to_nanotesla
 
 FORMULA = (

@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tam_calibration.array import Array
-from tam_calibration.calibration import FRAME_STATEMENT, AmbientGradient, Calibration, measure_residuals, noise_floor
+from tam_calibration.calibration import FRAME_STATEMENT, AmbientGradient, Calibration
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.ambient_gradient import as_if_uniform
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.recording import Recording
+from tam_calibration.residuals import measure_residuals, noise_floor
 from tam_calibration.units import FloatArray
 
 

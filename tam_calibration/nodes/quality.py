@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.calibration import Calibration, Residuals
+from tam_calibration.calibration import Calibration
+from tam_calibration.residuals import Residuals
 from tam_calibration.units import to_nanotesla
 
 _OLDEST_S = 20 * 365 * 86_400.0

@@ -1,8 +1,8 @@
 """Residuals as the panels of figures, in nT and nT/m, each with its noise floor."""
 
 from tam_calibration.array import OUTPUT_NAMES, TENSOR_OUTPUTS
-from tam_calibration.calibration import Residuals, ResidualSeries
 from tam_calibration.report.residual_plots import Panel
+from tam_calibration.residuals import Residuals, ResidualSeries
 from tam_calibration.units import to_nanotesla
 
 COMPONENT_NAMES = tuple(OUTPUT_NAMES[output][1:] for output in TENSOR_OUTPUTS)

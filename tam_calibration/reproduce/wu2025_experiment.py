@@ -9,13 +9,13 @@ from functools import partial
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.calibration import measure_residuals
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.bound import bound
 from tam_calibration.fit.fast_rotation import count_determined
 from tam_calibration.fit.lossless import lossless
 from tam_calibration.reproduce.cross import SENSORS
 from tam_calibration.reproduce.row import Row, compare, compare_together
+from tam_calibration.residuals import measure_residuals
 from tam_calibration.simulation import Scenario, Simulation, simulate
 from tam_calibration.simulation.attitude import RandomAttitudes
 from tam_calibration.units import FloatArray, to_degrees, to_nanotesla

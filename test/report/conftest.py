@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from tam_calibration.array import Array
-from tam_calibration.calibration import Calibration, Provenance, measure_residuals, noise_floor
+from tam_calibration.calibration import Calibration, Provenance
 from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import Recording
+from tam_calibration.residuals import measure_residuals, noise_floor
 
 INTENSITY_T = 50e-6
 

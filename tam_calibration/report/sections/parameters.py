@@ -4,14 +4,11 @@ from numpy.linalg import inv
 
 from tam_calibration.array import OUTPUT_NAMES
 from tam_calibration.calibration import Calibration
-from tam_calibration.errors import PARAMETER_NAMES
 from tam_calibration.report.evidence import NO_GRADIENT, Evidence
-from tam_calibration.report.formatting import fixed, with_error
+from tam_calibration.report.formatting import fixed
 from tam_calibration.report.page import Block, Formula, Section, Table, Text
-from tam_calibration.units import to_degrees, to_nanotesla
-
-_KINDS = (("", 1.0, 6), (" (°)", to_degrees(1.0), 5), (" (nT)", to_nanotesla(1.0), 2), (" (°)", to_degrees(1.0), 5))
-"""Unit, factor from SI and decimals of scale factor, non-orthogonality, bias and misalignment."""
+from tam_calibration.report.parameter_rows import parameter_rows
+from tam_calibration.units import to_nanotesla
 
 _MODEL = (
     "Value ± standard error. The model is yᵢ = Dᵢ Λᵢ bᵢ + oᵢ: D holds scale factors and non-orthogonality, "
@@ -35,14 +32,8 @@ def build(evidence: Evidence) -> Section:
 
 
 def _parameters(calibration: Calibration) -> Table:
-    values, standard_errors = calibration.errors.to_vector(), calibration.standard_errors
-    rows = []
-    for index, name in enumerate(PARAMETER_NAMES):
-        unit, factor, decimals = _KINDS[index // 3]
-        pairs = zip(values[:, index] * factor, standard_errors[:, index] * factor, strict=True)
-        rows.append([name + unit, *(with_error(float(value), float(error), decimals) for value, error in pairs)])
     sensors = [f"sensor {sensor + 1}" for sensor in range(calibration.errors.sensor_count)]
-    return Table(["parameter", *sensors], rows, _MODEL)
+    return Table(["parameter", *sensors], parameter_rows(calibration), _MODEL)
 
 
 def _matrices(calibration: Calibration) -> Table:

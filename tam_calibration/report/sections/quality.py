@@ -1,10 +1,11 @@
 """Residuals in and out of sample against the noise floor, and the noise behind it."""
 
-from tam_calibration.calibration import Calibration, Residuals
+from tam_calibration.calibration import Calibration
 from tam_calibration.report.evidence import Evidence
 from tam_calibration.report.formatting import join, number, ratio
 from tam_calibration.report.page import Section, Table, Text
 from tam_calibration.report.panels import COMPONENT_NAMES
+from tam_calibration.residuals import Residuals
 from tam_calibration.units import to_nanotesla
 
 _CHANNELS = {"differential": "between the sensors", "common_mode": "against the reference intensity"}

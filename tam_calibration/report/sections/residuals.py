@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 
-from tam_calibration.calibration import Residuals, ResidualSeries
 from tam_calibration.report.evidence import NO_GRADIENT, Evidence
 from tam_calibration.report.page import Block, Gallery, Section, Text, embed
 from tam_calibration.report.panels import intensity_panels, tensor_panels
 from tam_calibration.report.residual_plots import Panel, plot_over_time, thinning_note
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR
+from tam_calibration.residuals import Residuals, ResidualSeries
 
 
 def build(evidence: Evidence) -> Section:
