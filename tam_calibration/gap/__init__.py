@@ -1,0 +1,1 @@
+"""The gap between a recording and its simulation: where it lies, which effect causes it, how far it shrinks."""

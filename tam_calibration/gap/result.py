@@ -1,0 +1,175 @@
+"""The result of a diagnosis: is there a gap, where, which effect causes it, and how far it shrinks."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from tam_calibration.effects.effect import FittedEffect
+from tam_calibration.units import FloatArray
+
+Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained", "not_identifiable"]
+Status = Literal["supported", "not_supported", "not_identifiable", "channel_missing"]
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large the gap is, out of sample: before and after the causes are added.
+
+    Parameters
+    ----------
+    before, after : float
+        √(χ²/n - 1) of the whitened redundant channels: in noise floors.
+    before_T, after_T : float
+        The same as a field at one axis of a sensor, tesla.
+    before_T_per_m, after_T_per_m : float
+        The same in the components of the gradient tensor, root of the summed squares; NaN without a gradient.
+    floor_T : float
+        White noise of one axis, as the recording has it.
+    closed : float
+        1 - (after / before)², 0 to 1.
+    closed_interval : (float, float)
+        95 % confidence interval of it.
+    """
+
+    before: float
+    after: float
+    before_T: float
+    after_T: float
+    before_T_per_m: float
+    after_T_per_m: float
+    floor_T: float
+    closed: float
+    closed_interval: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Where:
+    """Where the gap lies, found without assuming a cause.
+
+    Parameters
+    ----------
+    sensors : tuple
+        Numbers 1…K, or "scalar"; all of them when they are alike, none when there is no gap.
+    axes : tuple of str
+        "x", "y", "z".
+    time_s : (float, float), optional
+        Span that holds it, where it is not in the whole recording.
+    frequency_hz : (float, float), optional
+        Band that holds it, where it is not white.
+    evidence : mapping
+        Figures behind it, by name.
+    """
+
+    sensors: tuple[int | str, ...]
+    axes: tuple[str, ...]
+    time_s: tuple[float, float] | None
+    frequency_hz: tuple[float, float] | None
+    evidence: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """An effect that the data support.
+
+    Parameters
+    ----------
+    fitted : FittedEffect
+        Sensors, axes and parameters with standard errors.
+    units : mapping
+        SI unit of each coefficient and parameter of the shape, by name.
+    sensors, axes : tuple
+        As in ``Where``.
+    probability : float
+        That it is a cause, calibrated on simulated recordings.
+    share : float
+        Its part of the closed gap, independent of the order.
+    delta_bic : float
+        Evidence for it: the model with it against the model without, positive is for.
+    r2_cv : float
+        Part of the gap's energy that it explains out of sample.
+    indistinguishable_from : tuple of str
+        Effects that explain these data as well.
+    """
+
+    fitted: FittedEffect
+    units: Mapping[str, str]
+    sensors: tuple[int | str, ...]
+    axes: tuple[str, ...]
+    probability: float
+    share: float
+    delta_bic: float
+    r2_cv: float
+    indistinguishable_from: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Considered:
+    """What became of one hypothesis, and why, in one clause; with its evidence where it was tried."""
+
+    effect: str
+    status: Status
+    why: str
+    delta_bic: float | None = None
+    r2_cv: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Residue:
+    """What is drawn: residuals of every sample, of the data and of the simulated twin.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Time stamps.
+    direction : (N, 3) array
+        Of the field in the array frame.
+    before, after, twin : (N, 3K + 1) array
+        Shift of each row alone that explains a sample best, tesla, in front of the causes, with them, and of a
+        simulation with the same attitudes, fitted parameters and noise; the last row is the scalar, NaN without one.
+    floor_T : (3K + 1,) array
+        Standard deviation of each row from noise alone.
+    """
+
+    time_s: FloatArray
+    direction: FloatArray
+    before: FloatArray
+    after: FloatArray
+    twin: FloatArray
+    floor_T: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Gap:
+    """The gap between a recording and its simulation.
+
+    Parameters
+    ----------
+    verdict : str
+        One of ``Verdict``.
+    size : Size
+        How large, and how far it shrinks.
+    where : Where
+        Where it lies.
+    causes : tuple of Cause
+        Ranked, the largest share first.
+    considered : tuple of Considered
+        Every hypothesis.
+    probabilities : mapping
+        Over "no_gap", each effect and "none_of_these"; sums to one.
+    next_recording : str
+        What to record next.
+    statement : str
+        The verdict in one sentence.
+    residue : Residue
+        For plots.
+    """
+
+    verdict: Verdict
+    size: Size
+    where: Where
+    causes: tuple[Cause, ...]
+    considered: tuple[Considered, ...]
+    probabilities: Mapping[str, float]
+    next_recording: str
+    statement: str
+    residue: Residue = field(repr=False)
