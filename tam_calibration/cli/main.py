@@ -11,12 +11,14 @@ from tam_calibration.problems import InputError, Refused
 SUBCOMMANDS = {
     "simulate": "Make a recording of a known array and field, with the truth beside it.",
     "calibrate": "Estimate the errors of an array's sensors from a recording.",
+    "diagnose": "Say where a recording and its simulation part, and which effect causes it.",
     "plan": "Propose the attitudes to record next, and what the standard errors will then be.",
     "correct": "Turn raw readings into the centre vector and the gradient tensor.",
     "nodes": "Start the collector, calibrator and corrector nodes together.",
     "play": "Play a bag onto its topics, to feed the nodes.",
     "call": "Call a service of the nodes, such as calibrator/calibrate.",
     "demo": "Run the whole chain over ROS 2 and show what it gained.",
+    "blind": "Check the diagnosis on recordings whose cause is withheld: make, answer, score.",
     "reproduce": "Run the simulations of the papers again, number by number.",
 }
 

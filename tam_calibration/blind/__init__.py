@@ -1,0 +1,4 @@
+"""The check on withheld effects: recordings with known causes from a physics of their own, sealed keys, the score.
+
+Nothing here is shared with the diagnosis that it checks: no model, no basis, no noise, no fit.
+"""

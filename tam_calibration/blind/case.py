@@ -1,0 +1,257 @@
+"""One recording with a known cause: drawn, made, and its key."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.linalg import norm
+from numpy.random import Generator
+
+from tam_calibration.blind.catalogue import CATALOGUE, CHANNELS
+from tam_calibration.blind.disturbance import Disturbance, Signal
+from tam_calibration.blind.motion import MOTIONS
+from tam_calibration.blind.outside import OUTSIDE
+from tam_calibration.blind.scaling import Scaled, scale_to
+from tam_calibration.blind.scene import Scene, Wish, draw_scene
+from tam_calibration.blind.visible import NominalModel
+from tam_calibration.units import FloatArray, from_degrees, to_nanotesla
+
+KINDS = ("single", "pair", "outside", "clean", "withheld", "short")
+GAPS = (0.3, 1.0, 3.0)
+
+WELL_CONDITIONED = 1e-3
+HIDDEN = 0.03
+"""A recording in which the nominal fit takes up all but this share of a signal is no recording to see it in."""
+
+FEW_CLIPPED = 4
+"""Fewer clipped samples are outliers to anyone who does not know."""
+
+LEAST_SPIKE = 4.0
+"""Spikes smaller than this many noise floors are noise, not outliers."""
+
+ALIKE = 0.6
+"""Two causes whose visible signals have a larger cosine than this are one cause to any diagnosis."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a case shall be: its kind, its causes' names and the gap of each."""
+
+    kind: str
+    effects: tuple[str, ...]
+    gaps: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A case as it goes to files: the table of the recording, the array file's content, the key."""
+
+    columns: dict[str, FloatArray]
+    array: dict[str, Any]
+    key: dict[str, Any]
+
+
+def plan_cases(kinds: tuple[str, ...], count: int, seed: int) -> list[Plan]:
+    """Return the plans of a set in an order that tells nothing: over half single causes, each at each gap."""
+    rng = np.random.default_rng([seed, 0])
+    shares = {"single": 0.52, "pair": 0.10, "outside": 0.13, "clean": 0.11, "withheld": 0.07, "short": 0.07}
+    total = sum(shares[kind] for kind in kinds)
+    plans: list[Plan] = []
+    for kind in kinds:
+        plans += _plan_kind(rng, kind, round(count * shares[kind] / total))
+    plans = (plans + _plan_kind(rng, kinds[0], count))[:count]
+    return [plans[i] for i in rng.permutation(count)]
+
+
+def _plan_kind(rng: Generator, kind: str, count: int) -> list[Plan]:
+    names, others = list(CATALOGUE), list(OUTSIDE)
+    deciding = [name for name, entry in CATALOGUE.items() if entry.channel]
+    plans = []
+    for number in range(count):
+        gap = GAPS[number // len(names) % 3] if kind == "single" else GAPS[number % 3]
+        if kind == "clean":
+            plans.append(Plan(kind, (), ()))
+        elif kind == "pair":
+            first, second = rng.choice(names, 2, replace=False)
+            plans.append(Plan(kind, (str(first), str(second)), (float(rng.uniform(1, 3)), float(rng.uniform(1, 3)))))
+        elif kind == "outside":
+            plans.append(Plan(kind, (others[number // 3 % len(others)],), (gap,)))
+        elif kind == "withheld":
+            plans.append(Plan(kind, (deciding[number % len(deciding)],), (GAPS[1 + number % 2],)))
+        elif kind == "short":
+            plans.append(Plan(kind, (str(rng.choice(names)),), (GAPS[1 + number % 2],)))
+        else:
+            plans.append(Plan(kind, (names[number % len(names)],), (gap,)))
+    return plans
+
+
+def make_case(plan: Plan, seed: int, number: int) -> Case:
+    """Make one case, the same for the same seed and number."""
+    rng = np.random.default_rng([seed, number])
+    while True:
+        made = _try(rng, plan)
+        if made is not None:
+            return made
+
+
+def _try(rng: Generator, plan: Plan) -> Case | None:
+    """Draw a recording and its causes; None when the causes cannot be seen or told apart in it."""
+    scene = draw_scene(rng, _draw_wish(rng, plan))
+    model = NominalModel(scene)
+    if model.conditioning < WELL_CONDITIONED:
+        return None
+    noise = _draw_noise(rng, scene)
+    seen = (scene.readings_T + noise[0], scene.intensity_T + noise[1])
+    causes: list[Scaled] = []
+    for effect, gap in zip(plan.effects, plan.gaps, strict=True):
+        disturbance = (CATALOGUE[effect].draw if effect in CATALOGUE else OUTSIDE[effect])(rng, scene)
+        scaled = scale_to(model, disturbance, gap, seen)
+        if scaled is None or not _can_be_seen(model, scaled):
+            return None
+        causes.append(scaled)
+    if len(causes) == 2 and not _differ(model, causes):
+        return None
+    recorded = _record(seen, causes)
+    signal = (recorded[0] - seen[0], recorded[1] - seen[1])
+    sheet = _sheet(rng)
+    return Case(
+        _columns(rng, scene, plan, recorded),
+        _array(scene, sheet),
+        _key(plan, scene, causes, model.visible_gap(signal), sheet),
+    )
+
+
+def _draw_wish(rng: Generator, plan: Plan) -> Wish:
+    """Draw a recording that can show the causes."""
+    entries = [CATALOGUE[effect] for effect in plan.effects if effect in CATALOGUE]
+    counts = [count for count in (1, 2, 3, 6) if all(count in entry.sensor_counts for entry in entries)]
+    if plan.kind in ("pair", "outside"):
+        counts = [count for count in counts if count >= 3]
+    other_array = rng.random() < 0.15
+    sensor_count = int(rng.choice(counts)) if other_array and counts else 4
+    without = rng.random() < 0.12 and sensor_count >= 3
+    motions = [motion for motion in MOTIONS if all(motion in entry.motions for entry in entries)]
+    few = plan.kind == "short"
+    recorded = {channel for channel in CHANNELS if rng.random() < 0.5} | {entry.channel for entry in entries} - {""}
+    return Wish(
+        samples=int(rng.integers(60, 201)) if few else int(360 * (4000 / 360) ** rng.random()),
+        sensor_count=sensor_count,
+        motions=tuple(motions),
+        with_scalar=not without or any(entry.scalar_needed for entry in entries),
+        with_holes=bool(rng.random() < 0.15),
+        channels=tuple(sorted(recorded)),
+    )
+
+
+def _draw_noise(rng: Generator, scene: Scene) -> Signal:
+    vectors = rng.normal(size=scene.readings_T.shape) * scene.vector_noise_T
+    return vectors, rng.normal(size=scene.sample_count) * scene.scalar_noise_T
+
+
+def _can_be_seen(model: NominalModel, scaled: Scaled) -> bool:
+    """Say whether the nominal fit leaves more than a trace of a signal."""
+    vectors, scalar = scaled.signal
+    whole = np.concatenate([vectors.reshape(len(vectors), -1), scalar[:, None]], axis=1) * model.weights
+    struck = np.abs(whole).sum(axis=1) > 0
+    effect = scaled.disturbance.effect
+    if effect == "saturation" and struck.sum() < FEW_CLIPPED:
+        return False
+    if effect == "outliers" and norm(whole[struck], axis=1).min() < LEAST_SPIKE:
+        return False
+    whole = whole - whole.mean(axis=0)
+    return float(norm(model.left(scaled.signal))) > HIDDEN * float(norm(whole))
+
+
+def _differ(model: NominalModel, causes: list[Scaled]) -> bool:
+    first, second = (model.left(cause.signal).ravel() for cause in causes)
+    return bool(abs(first @ second) < ALIKE * norm(first) * norm(second))
+
+
+def _record(seen: Signal, causes: list[Scaled]) -> Signal:
+    """Add the causes: first what acts on the sensors, then what the recorder does to the sum."""
+    vectors, scalar = seen
+    for cause in sorted(causes, key=lambda cause: cause.disturbance.after_noise):
+        change = cause.signal
+        if cause.disturbance.after_noise:
+            change = cause.disturbance.change(cause.amplitude, (vectors, scalar))
+        vectors, scalar = vectors + change[0], scalar + change[1]
+    return vectors, scalar
+
+
+def _sheet(rng: Generator) -> FloatArray:
+    """Draw by how much the true noise of vectors and scalar exceeds the data sheet's."""
+    return np.ones(2) if rng.random() < 0.3 else rng.uniform(0.88, 1.12, 2)
+
+
+def _columns(rng: Generator, scene: Scene, plan: Plan, recorded: Signal) -> dict[str, FloatArray]:
+    """Return the columns of the recording, the deciding channel left out when it is withheld."""
+    vectors, scalar = recorded
+    columns = {"time_s": scene.time_s}
+    for sensor in range(scene.sensor_count):
+        for axis, name in enumerate("xyz"):
+            columns[f"b{sensor + 1}{name}_nT"] = to_nanotesla(vectors[:, sensor, axis])
+    if scene.with_scalar:
+        columns["scalar_nT"] = to_nanotesla(scalar)
+    withheld = CATALOGUE[plan.effects[0]].channel if plan.kind == "withheld" else ""
+    if "temperature" in scene.channels and withheld != "temperature":
+        error_C = rng.normal(size=scene.sample_count) * rng.uniform(0.005, 0.05)
+        columns["temperature_C"] = np.round(scene.temperature(scene.time_s) + error_C, 3)
+    if "current" in scene.channels and withheld != "current":
+        error_A = rng.normal(size=scene.sample_count) * rng.uniform(0.005, 0.03)
+        columns["current_A"] = np.round(scene.current(scene.time_s) + error_A, 4)
+    if "attitude" in scene.channels and withheld != "attitude":
+        error = rng.normal(size=(scene.sample_count, 3)) * from_degrees(rng.uniform(0.01, 0.1))
+        columns |= dict(zip(("qx", "qy", "qz", "qw"), _quaternions(scene.to_world, error).T, strict=True))
+    return columns
+
+
+def _quaternions(to_world: FloatArray, error: FloatArray) -> FloatArray:
+    """Return the recorded attitudes (N, 4), x, y, z, w, turned by small errors."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray((Rotation.from_matrix(to_world) * Rotation.from_rotvec(error)).as_quat())
+
+
+def _array(scene: Scene, sheet: FloatArray) -> dict[str, Any]:
+    """Return what a user knows: the geometry, the data sheet's noise, how it was recorded."""
+    arm = float(np.abs(scene.positions_m).max())
+    geometry = {"baseline_m": 2 * arm} if scene.sensor_count == 4 else {"positions_m": scene.positions_m.tolist()}
+    noise = {"vector_noise_nT": to_nanotesla(scene.vector_noise_T) / sheet[0]}
+    if scene.with_scalar:
+        noise["scalar_noise_nT"] = to_nanotesla(scene.scalar_noise_T) / sheet[1]
+    recording = {"motion": scene.motion.kind, "rate_hz": 1 / scene.step_s}
+    return geometry | {name: float(f"{value:.6g}") for name, value in noise.items()} | {"recording": recording}
+
+
+def _key(plan: Plan, scene: Scene, causes: list[Scaled], gap: float, sheet: FloatArray) -> dict[str, Any]:
+    withheld = CATALOGUE[plan.effects[0]].channel if plan.kind == "withheld" else ""
+    holes = bool((np.diff(scene.time_s) > 1.5 * scene.step_s).any())
+    return {
+        "kind": plan.kind,
+        "effects": [_cause_key(cause.disturbance, cause) for cause in causes],
+        "visible_gap": gap,
+        "withheld_channel": withheld,
+        "identifiable": plan.kind not in ("withheld", "short"),
+        "samples": scene.sample_count,
+        "sensors": scene.sensor_count,
+        "motion": scene.motion.kind,
+        "with_scalar": scene.with_scalar,
+        "holes": holes,
+        "noise_over_sheet": {"vector": float(sheet[0]), "scalar": float(sheet[1])},
+        "vector_noise_nT": to_nanotesla(scene.vector_noise_T),
+        "scalar_noise_nT": to_nanotesla(scene.scalar_noise_T),
+    }
+
+
+def _cause_key(disturbance: Disturbance, cause: Scaled) -> dict[str, Any]:
+    struck = int((np.abs(cause.signal[0]).sum(axis=(1, 2)) + np.abs(cause.signal[1]) > 0).sum())
+    return {
+        "effect": disturbance.effect,
+        "sensors": list(disturbance.sensors),
+        "axes": list(disturbance.axes),
+        "visible_gap": cause.visible_gap,
+        "amplitude": cause.amplitude,
+        "amplitude_unit": disturbance.amplitude_unit,
+        "samples_changed": struck,
+        "parameters": disturbance.parameters,
+    }

@@ -1,0 +1,115 @@
+"""What one cause adds to a recording, for any size of it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from tam_calibration.blind.scene import Scene
+from tam_calibration.units import FloatArray
+
+Signal = tuple[FloatArray, FloatArray]
+"""Change of the readings (N, K, 3) and of the scalar (N,) in tesla."""
+
+AXES = ("x", "y", "z")
+SCALAR = "scalar"
+ALL = "all"
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbance:
+    """One cause at work in a scene.
+
+    Parameters
+    ----------
+    effect : str
+        Its name; that of an effect of the library, or one that no library holds.
+    sensors : tuple
+        Where: numbers from 1, "scalar", or "all".
+    axes : tuple of str
+        The one axis, when no other is disturbed.
+    change : callable
+        From an amplitude, and the readings and the scalar with their noise, to their `Signal`.
+    amplitude_unit : str
+    parameters : dict
+        All else that was drawn, for the key.
+    after_noise : bool
+        True for what the recorder does to the reading with its noise.
+    """
+
+    effect: str
+    sensors: tuple[int | str, ...]
+    axes: tuple[str, ...]
+    change: Callable[[float, Signal], Signal]
+    amplitude_unit: str
+    parameters: dict[str, Any]
+    after_noise: bool = False
+
+
+Draw = Callable[[Generator, Scene], Disturbance]
+
+
+def proportional(signal: Signal) -> Callable[[float, Signal], Signal]:
+    """Return a change that grows with the amplitude and does not ask for the readings."""
+    return lambda amplitude, _seen: (amplitude * signal[0], amplitude * signal[1])
+
+
+def silent(scene: Scene) -> Signal:
+    """Return no change at all."""
+    return np.zeros((scene.sample_count, scene.sensor_count, 3)), np.zeros(scene.sample_count)
+
+
+def of_sensors(scene: Scene, rows: dict[int, FloatArray]) -> Signal:
+    """Return the signal of some sensors: from indices to changes (N, 3)."""
+    vectors, scalar = silent(scene)
+    for sensor, change in rows.items():
+        vectors[:, sensor] = change
+    return vectors, scalar
+
+
+def of_scalar(scene: Scene, change_T: FloatArray) -> Signal:
+    """Return the signal of the scalar alone."""
+    return silent(scene)[0], change_T
+
+
+def draw_sensor(rng: Generator, scene: Scene) -> int:
+    """Draw a sensor's index."""
+    return int(rng.integers(scene.sensor_count))
+
+
+def draw_axes(rng: Generator, chance_of_one: float) -> FloatArray:
+    """Draw a mask (3,) of all axes, or with some chance of one."""
+    mask = np.ones(3)
+    if rng.random() < chance_of_one:
+        mask = np.zeros(3)
+        mask[rng.integers(3)] = 1
+    return mask
+
+
+def named(mask: FloatArray) -> tuple[str, ...]:
+    """Return the name of the one axis of a mask; nothing when there are more."""
+    return tuple(AXES[i] for i in np.flatnonzero(mask)) if np.count_nonzero(mask) == 1 else ()
+
+
+def draw_direction(rng: Generator) -> FloatArray:
+    """Draw a unit vector (3,)."""
+    vector = rng.normal(size=3)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def where_strong(scene: Scene, vectors: FloatArray) -> tuple[int | str, ...] | None:
+    """Return the one sensor or all that are disturbed; None when it is neither, and where would be a dispute."""
+    size = np.abs(vectors - vectors.mean(axis=0)).mean(axis=(0, 2))
+    share = size / size.max()
+    if scene.sensor_count > 1 and (share > 0.35).all():
+        return (ALL,)
+    if np.count_nonzero(share > 0.1) == 1:
+        return (int(share.argmax()) + 1,)
+    return None
+
+
+def numbers(values: Sequence[float] | FloatArray) -> list[float]:
+    """Return numbers for the key, to six digits."""
+    return [float(f"{value:.6g}") for value in np.ravel(values)]

@@ -1,0 +1,82 @@
+"""What an amplifier, a converter, a clock and a recorder do to a reading."""
+
+import numpy as np
+from numpy.random import Generator
+
+from tam_calibration.blind.disturbance import (
+    Disturbance,
+    Signal,
+    draw_axes,
+    draw_sensor,
+    named,
+    numbers,
+    of_sensors,
+    proportional,
+)
+from tam_calibration.blind.scene import Scene
+
+
+def nonlinearity(rng: Generator, scene: Scene) -> Disturbance:
+    """Bend the transfer function: it saturates softly, the converter's codes are uneven, or it is a polynomial."""
+    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.5)
+    full_T = np.abs(scene.readings_T[:, sensor]).max() * rng.uniform(1.0, 1.3)
+    part = scene.readings_T[:, sensor] / full_T
+    law = str(rng.choice(["tanh", "converter", "polynomial"]))
+    if law == "tanh":
+        steep = rng.uniform(0.8, 2.0, 3)
+        bent = np.tanh(steep * (part + rng.uniform(-0.4, 0.4, 3))) / steep
+    elif law == "converter":
+        phase = rng.uniform(0, 2 * np.pi, 3)
+        bent = np.cos(np.pi * part) * rng.normal(size=3) + 0.4 * np.sin(2 * np.pi * part + phase)
+    else:
+        bent = sum(rng.normal(size=3) / order * part**order for order in range(2, 7))
+    size = rng.uniform(0.5, 1.5, 3) * mask
+    change = proportional(of_sensors(scene, {sensor: 1e-9 * size * bent}))
+    parameters = {"law": law, "full_scale_nT": float(full_T * 1e9)}
+    return Disturbance("nonlinearity", (sensor + 1,), named(mask), change, "nT at full scale", parameters)
+
+
+def time_skew(rng: Generator, scene: Scene) -> Disturbance:
+    """One sensor's, or one axis's, clock is late or early: what it reads is what was there then."""
+    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.35)
+    sign = rng.choice([-1.0, 1.0])
+
+    def change(amplitude: float, _seen: object) -> Signal:
+        then = scene.readings_at(scene.time_s - sign * amplitude)[:, sensor]
+        return of_sensors(scene, {sensor: mask * (then - scene.readings_T[:, sensor])})
+
+    return Disturbance("time_skew", (sensor + 1,), named(mask), change, "s", {"late": bool(sign > 0)})
+
+
+def quantization(rng: Generator, scene: Scene) -> Disturbance:
+    """Convert in steps that are not small beside the noise."""
+    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.4)
+    trim = rng.uniform(0, 1, 3) if rng.random() < 0.5 else np.zeros(3)
+
+    def change(amplitude: float, seen: Signal) -> Signal:
+        reading = seen[0][:, sensor]
+        codes = np.round(reading / amplitude - trim) + trim
+        return of_sensors(scene, {sensor: mask * (codes * amplitude - reading)})
+
+    return Disturbance(
+        "quantization", (sensor + 1,), named(mask), change, "T a step", {"trim": numbers(trim)}, after_noise=True
+    )
+
+
+def saturation(rng: Generator, scene: Scene) -> Disturbance:
+    """Clip an axis that cannot read more than its range, at one end or at both."""
+    sensor, axis = draw_sensor(rng, scene), int(rng.integers(3))
+    both = rng.random() < 0.4
+    mask = np.eye(3)[axis]
+    end = rng.choice([-1.0, 1.0])
+
+    def change(amplitude: float, seen: Signal) -> Signal:
+        reading = seen[0][:, sensor, axis]
+        limit = (np.abs(reading) if both else end * reading).max() - amplitude
+        clipped = np.clip(reading, -limit, limit) if both else end * np.minimum(end * reading, limit)
+        return of_sensors(scene, {sensor: np.outer(clipped - reading, mask)})
+
+    parameters = {"both_ends": bool(both)}
+    return Disturbance(
+        "saturation", (sensor + 1,), named(mask), change, "T over the range", parameters, after_noise=True
+    )

@@ -1,0 +1,138 @@
+"""Matter near or in a sensor: heat, magnetic loops, eddy currents, arms that bend."""
+
+import numpy as np
+from numpy.linalg import norm
+from numpy.random import Generator
+from scipy.signal import lfilter
+
+from tam_calibration.blind.disturbance import (
+    ALL,
+    Disturbance,
+    draw_direction,
+    draw_sensor,
+    numbers,
+    of_sensors,
+    proportional,
+)
+from tam_calibration.blind.motion import about
+from tam_calibration.blind.scene import Scene
+from tam_calibration.units import FloatArray
+
+FINE = 8
+"""Steps of integration to a sample."""
+
+
+def temperature_drift(rng: Generator, scene: Scene) -> Disturbance:
+    """Heat goes through the housing into the sensor; bias and gain follow its temperature, with a quadratic part."""
+    fine_s = np.linspace(-0.2 * scene.duration_s, scene.duration_s, FINE * 1000)
+    outside_C = scene.temperature(fine_s)
+    everywhere = scene.sensor_count > 1 and rng.random() < 0.25
+    chosen = range(scene.sensor_count) if everywhere else [draw_sensor(rng, scene)]
+    rows, parameters = {}, {}
+    for sensor in chosen:
+        lags_s = scene.duration_s * 10 ** rng.uniform(-2.3, -1.0, 2)
+        inside_C = _low_pass(_low_pass(outside_C, lags_s[0], fine_s), lags_s[1], fine_s)
+        warm = (np.interp(scene.time_s, fine_s, inside_C) - inside_C.mean())[:, None] / np.ptp(inside_C)
+        bias, gain = rng.normal(size=3), rng.normal(size=3) * rng.uniform(0.2, 1.0)
+        bend = rng.uniform(-0.5, 0.5, (2, 3))
+        core = (scene.readings_T[:, sensor] - scene.bias_T[sensor]) / scene.intensity_T.mean()
+        rows[sensor] = (bias * (warm + bend[0] * warm**2) + gain * core * (warm + bend[1] * warm**2)) * 1e-9
+        parameters[f"time_constants_s_{sensor + 1}"] = numbers(lags_s)
+    sensors = (ALL,) if everywhere else tuple(sensor + 1 for sensor in chosen)
+    change = proportional(of_sensors(scene, rows))
+    return Disturbance("temperature_drift", sensors, (), change, "nT over the span", parameters)
+
+
+def _low_pass(values: FloatArray, time_constant_s: float, time_s: FloatArray) -> FloatArray:
+    """Follow a function of time with one time constant, exactly for what is constant over a step."""
+    keep = np.exp(-(time_s[1] - time_s[0]) / time_constant_s)
+    return np.asarray(lfilter([1 - keep], [1, -keep], values - values[0]) + values[0])
+
+
+def hysteresis(rng: Generator, scene: Scene) -> Disturbance:
+    """Magnetise a piece of iron at one sensor along its length, by Preisach's relays or a Bouc–Wen loop."""
+    sensor = draw_sensor(rng, scene)
+    axis, onto = draw_direction(rng), draw_direction(rng)
+    drive = scene.field_T @ axis / scene.intensity_T.mean()
+    if rng.random() < 0.5:
+        magnetised, parameters = _preisach(rng, drive)
+    else:
+        magnetised, parameters = _bouc_wen(rng, drive)
+    change = proportional(of_sensors(scene, {sensor: 1e-9 * np.outer(magnetised, onto)}))
+    parameters |= {"axis": numbers(axis), "onto": numbers(onto)}
+    return Disturbance("hysteresis", (sensor + 1,), (), change, "nT at saturation", parameters)
+
+
+def _preisach(rng: Generator, drive: FloatArray) -> tuple[FloatArray, dict[str, object]]:
+    """Sum relays, each up above its upper threshold and down below its lower one."""
+    coercivity, spread = rng.uniform(0.12, 0.35), rng.uniform(0.05, 0.15)
+    grid = np.linspace(-1, 1, 60)
+    upper, lower = (values.ravel() for values in np.meshgrid(grid, grid))
+    half, middle = (upper - lower) / 2, (upper + lower) / 2
+    weight = np.exp(-(((half - coercivity) / spread) ** 2) / 2 - (middle / 0.45) ** 2 / 2) * (half > 0)
+    weight /= weight.sum()
+    state = np.where(middle > 0, -1.0, 1.0)
+    total = np.empty(len(drive))
+    for sample, value in enumerate(drive):
+        state[upper <= value] = 1
+        state[lower >= value] = -1
+        total[sample] = weight @ state
+    return total, {"law": "Preisach", "coercivity": coercivity, "spread": spread}
+
+
+def _bouc_wen(rng: Generator, drive: FloatArray) -> tuple[FloatArray, dict[str, object]]:
+    """Integrate dz = (1 - |z|^n (beta sign(du z) + gamma)) du / width."""
+    width, sharpness, beta = rng.uniform(0.15, 0.5), rng.uniform(1, 2.5), rng.uniform(0.5, 0.95)
+    fine = np.interp(np.arange((len(drive) - 1) * FINE + 1) / FINE, np.arange(len(drive)), drive)
+    z, path = 0.0, [0.0]
+    for step in np.diff(fine).tolist():
+        turn = 1.0 if step * z > 0 else -1.0
+        z += step / width * (1 - abs(z) ** sharpness * (beta * turn + 1 - beta))
+        path.append(z)
+    return np.array(path)[::FINE], {"law": "Bouc-Wen", "width": width, "sharpness": sharpness, "beta": beta}
+
+
+def eddy_current(rng: Generator, scene: Scene) -> Disturbance:
+    """Currents in a conducting plate answer to the field's changes and die away; the plate couples the axes."""
+    sensor = draw_sensor(rng, scene)
+    time_constant_s = scene.step_s * 10 ** rng.uniform(-0.5, 0.7)
+    settle_s = 6 * time_constant_s + scene.step_s
+    fine_s = np.arange(-settle_s, scene.duration_s, min(scene.step_s / 3, time_constant_s / 3))
+    field_T = scene.field_at(fine_s)
+    answer = field_T - np.stack([_low_pass(one, time_constant_s, fine_s) for one in field_T.T], axis=1)
+    sampled = np.stack([np.interp(scene.time_s, fine_s, one) for one in answer.T], axis=1)
+    root = rng.normal(size=(3, 3))
+    coupling = root @ root.T / 3 + 0.3 * rng.normal(size=(3, 3))
+    rows = sampled @ coupling.T @ scene.response[sensor].T
+    parameters = {"time_constant_s": time_constant_s, "coupling": numbers(coupling)}
+    change = proportional(of_sensors(scene, {sensor: rows}))
+    return Disturbance("eddy_current", (sensor + 1,), (), change, "share of the field's change", parameters)
+
+
+def flexure(rng: Generator, scene: Scene) -> Disturbance:
+    """Arms bend under their sensors' weight and centrifugal force, stiffer the more they bend."""
+    everywhere = rng.random() < 0.3
+    chosen = range(scene.sensor_count) if everywhere else [draw_sensor(rng, scene)]
+    weight = -scene.to_world[:, 2, :]
+    rate = scene.motion.turning_rate(scene.time_s, scene.step_s / 50)
+    bends = {}
+    for sensor in chosen:
+        arm = scene.positions_m[sensor]
+        along = arm / norm(arm) if norm(arm) > 0 else draw_direction(rng)
+        spin = 0.0 if scene.motion.kind == "turntable" else 1.0
+        force = weight + spin * np.cross(np.cross(rate, arm), rate) / 9.81
+        bend = np.cross(along, force) @ np.diag(rng.uniform(0.5, 1.5, 3))
+        twist = np.outer(force @ draw_direction(rng), along) * rng.uniform(0, 0.6)
+        bends[sensor] = (bend + twist) * (1 - rng.uniform(0, 0.25) * norm(force, axis=1)[:, None] ** 2 / 2)
+
+    def change(amplitude: float, _seen: object) -> tuple[FloatArray, FloatArray]:
+        rows = {}
+        for sensor, bend in bends.items():
+            turned = scene.field_T[:, :, None]
+            for axis, angle in zip("xyz", bend.T, strict=True):
+                turned = about(axis, amplitude * angle) @ turned
+            rows[sensor] = (turned[:, :, 0] - scene.field_T) @ scene.response[sensor].T
+        return of_sensors(scene, rows)
+
+    sensors = (ALL,) if everywhere else (chosen[0] + 1,)
+    return Disturbance("flexure", sensors, (), change, "rad under one g", {})

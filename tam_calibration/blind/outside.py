@@ -1,0 +1,129 @@
+"""Causes that no library of effects holds: each in one sensor, each without a name of the sixteen."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.random import Generator
+
+from tam_calibration.blind.disturbance import (
+    Disturbance,
+    draw_axes,
+    draw_direction,
+    draw_sensor,
+    named,
+    numbers,
+    of_sensors,
+    proportional,
+)
+from tam_calibration.blind.motion import about
+from tam_calibration.blind.processes import draw_wander
+from tam_calibration.blind.scene import Scene
+from tam_calibration.units import FloatArray
+
+
+def random_walk_bias(rng: Generator, scene: Scene) -> Disturbance:
+    """Let a bias walk at random, restlessly."""
+    sensor = draw_sensor(rng, scene)
+    steps = rng.normal(size=(scene.sample_count, 3)) * np.gradient(scene.time_s)[:, None] ** 0.5
+    walk = np.cumsum(steps, axis=0)
+    return _of_one(scene, "random_walk_bias", sensor, np.ones(3), 1e-9 * walk / walk.std(), {})
+
+
+def pressure_chirp(rng: Generator, scene: Scene) -> Disturbance:
+    """Let an axis follow a depth nobody recorded: down and up, ever faster."""
+    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.6)
+    share = scene.time_s / scene.duration_s
+    cycles = rng.uniform(3, 7)
+    depth = np.sin(2 * np.pi * (0.3 * share + (cycles - 0.3) * share**2 / 2) + rng.uniform(0, 2 * np.pi))
+    change = 1e-9 * np.outer(depth + 0.3 * depth**2, mask * rng.uniform(0.5, 1.5, 3))
+    return _of_one(scene, "pressure_chirp", sensor, mask, change, {"cycles": cycles})
+
+
+def gain_wander(rng: Generator, scene: Scene) -> Disturbance:
+    """Gains that depend on the time of day."""
+    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.5)
+    wander = np.stack([draw_wander(rng, scene.duration_s, 7)(scene.time_s) for _ in range(3)], axis=1)
+    return _of_one(scene, "gain_wander", sensor, mask, 1e-9 * mask * wander * _core(scene, sensor), {})
+
+
+def mount_slip(rng: Generator, scene: Scene) -> Disturbance:
+    """Turn a sensor in its mount by a little, and later by a little more."""
+    sensor = draw_sensor(rng, scene)
+    times_s = np.sort(rng.uniform(0.2, 0.8, 2)) * scene.duration_s
+    angles = rng.normal(size=(3, 3))
+    angles[0] = 0
+    turned = angles[np.searchsorted(times_s, scene.time_s)]
+    change = 1e-9 * np.cross(turned, _core(scene, sensor))
+    return _of_one(scene, "mount_slip", sensor, np.ones(3), change, {"times_s": numbers(times_s)})
+
+
+def cross_field(rng: Generator, scene: Scene) -> Disturbance:
+    """Let an axis answer to the product of the fields along the two others."""
+    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.5)
+    core = _core(scene, sensor)
+    product = core[:, [1, 2, 0]] * core[:, [2, 0, 1]] * (1 + 0.5 * core)
+    change = 1e-9 * mask * rng.uniform(0.6, 1.4, 3) * product
+    return _of_one(scene, "cross_field", sensor, mask, change, {})
+
+
+def multiplexer_bleed(rng: Generator, scene: Scene) -> Disturbance:
+    """Another sensor's reading bleeds in, late, whenever the multiplexer is busy."""
+    sensor = draw_sensor(rng, scene)
+    other = int(rng.choice([k for k in range(scene.sensor_count) if k != sensor] or [sensor]))
+    late_s = scene.step_s * rng.uniform(1, 4)
+    busy = draw_wander(rng, scene.duration_s, 24)(scene.time_s) > 0
+    bled = scene.readings_at(scene.time_s - late_s)[:, other] / scene.intensity_T.mean()
+    mixed = bled @ about("xyz"[rng.integers(3)], rng.uniform(0, 2 * np.pi, 1))[0].T
+    change = 1e-9 * busy[:, None] * mixed
+    parameters = {"from": other + 1, "late_s": late_s}
+    return _of_one(scene, "multiplexer_bleed", sensor, np.ones(3), change, parameters)
+
+
+def two_state_gain(rng: Generator, scene: Scene) -> Disturbance:
+    """Flip an amplifier between two gains, many times."""
+    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.5)
+    flips_s = np.sort(rng.uniform(0, scene.duration_s, int(rng.integers(9, 25))))
+    high = np.searchsorted(flips_s, scene.time_s)[:, None] % 2
+    change = 1e-9 * mask * rng.uniform(0.6, 1.4, 3) * high * _core(scene, sensor)
+    return _of_one(scene, "two_state_gain", sensor, mask, change, {"flips": len(flips_s)})
+
+
+def stiction(rng: Generator, scene: Scene) -> Disturbance:
+    """Let a loose part in a sensor fall from side to side as it is turned, late and never twice alike."""
+    sensor, axis = draw_sensor(rng, scene), draw_direction(rng)
+    tilt = scene.to_world[:, 2] @ axis
+    side, sides = 1.0, []
+    for value in tilt.tolist():
+        if value * side < -rng.uniform(0.05, 0.9):
+            side = -side
+        sides.append(side * rng.uniform(0.7, 1.0))
+    change = 1e-9 * np.outer(sides, draw_direction(rng))
+    return _of_one(scene, "stiction", sensor, np.ones(3), change, {"axis": numbers(axis)})
+
+
+def _core(scene: Scene, sensor: int) -> FloatArray:
+    """Return a sensor's reading (N, 3) without its bias, as a share of the intensity."""
+    return np.asarray((scene.readings_T[:, sensor] - scene.bias_T[sensor]) / scene.intensity_T.mean())
+
+
+def _of_one(
+    scene: Scene, name: str, sensor: int, mask: FloatArray, change_T: FloatArray, parameters: Mapping[str, object]
+) -> Disturbance:
+    change = proportional(of_sensors(scene, {sensor: change_T}))
+    return Disturbance(name, (sensor + 1,), named(mask), change, "nT", dict(parameters))
+
+
+OUTSIDE: dict[str, Callable[[Generator, Scene], Disturbance]] = {
+    draw.__name__: draw
+    for draw in (
+        random_walk_bias,
+        pressure_chirp,
+        gain_wander,
+        mount_slip,
+        cross_field,
+        multiplexer_bleed,
+        two_state_gain,
+        stiction,
+    )
+}
+"""The causes by their names."""
