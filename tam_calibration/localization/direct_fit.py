@@ -1,0 +1,209 @@
+"""A dipole or a loop fitted to the K readings themselves, of one pose of the array or of many together.
+
+Nothing is lost on the way by centre and tensor, and finite baselines are part of the model. A field that is uniform in
+the world, as the geomagnetic one, can be an unknown of the fit.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.array import Array
+from tam_calibration.localization.dipole import Dipole, dipole_field
+from tam_calibration.localization.euler import locate
+from tam_calibration.localization.least_squares import Kernel, Problem, Solution, solve
+from tam_calibration.localization.loop import Loop, area_of, loop_field
+from tam_calibration.localization.poses import ONE_POSE, Poses
+from tam_calibration.problems import InputError, Refused
+from tam_calibration.units import FloatArray
+
+_STARTS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class SourceFit:
+    """A source that was fitted.
+
+    Parameters
+    ----------
+    source : Dipole or Loop
+        In the world, or in the array frame where no attitude was given.
+    covariance : (6, 6) or (9, 9) array
+        Of position [m], moment [A m²] and, where it was fitted, the uniform field [T].
+    uniform_field_T : (3,) array, optional
+        The field that is uniform in the world, where it was fitted, tesla.
+    chi_square : float
+        Sum of the squared residuals over the noise.
+    degrees_of_freedom : int
+        Number of values less the unknowns: what ``chi_square`` is expected to be.
+    """
+
+    source: Dipole | Loop
+    covariance: FloatArray
+    uniform_field_T: FloatArray | None
+    chi_square: float
+    degrees_of_freedom: int
+
+    @property
+    def position_standard_errors_m(self) -> FloatArray:
+        """(3,) standard errors of the position, metres."""
+        errors: FloatArray = np.sqrt(np.diag(self.covariance)[:3])
+        return errors
+
+    @property
+    def moment_standard_error_Am2(self) -> float:
+        """Standard error of the moment's size, A m²."""
+        unit = self.source.moment_Am2 / norm(self.source.moment_Am2)
+        return float(np.sqrt(unit @ self.covariance[3:6, 3:6] @ unit))
+
+    @property
+    def current_standard_error_A(self) -> float:
+        """Standard error of a loop's current times turns, ampere; NaN for a dipole."""
+        if isinstance(self.source, Dipole):
+            return float("nan")
+        return self.moment_standard_error_Am2 / area_of(self.source.radius_m)
+
+
+def fit_dipole(
+    fields_T: FloatArray, array: Array, poses: Poses = ONE_POSE, *, fit_uniform_field: bool = False
+) -> SourceFit:
+    """Fit a dipole to the fields at the sensors.
+
+    Parameters
+    ----------
+    fields_T : (N, K, 3) array
+        Calibrated readings of each pose, array frame, tesla: of the source alone, or with a field beside it that is
+        uniform in the world.
+    array : Array
+        Positions and noise of the sensors; without a stated noise it is taken from the residuals.
+    poses : Poses
+        Of the array; by default one, in which the array frame is the world.
+    fit_uniform_field : bool
+        Whether there is an unknown field beside the source's.
+
+    Returns
+    -------
+    SourceFit
+        In the world.
+
+    Raises
+    ------
+    InputError
+        When a shape is wrong or values are not finite.
+    Refused
+        When the readings do not determine the source.
+    """
+    return _fit(dipole_field, None, fields_T, array, poses, fit_uniform_field)
+
+
+def fit_loop(
+    fields_T: FloatArray,
+    array: Array,
+    radius_m: float,
+    poses: Poses = ONE_POSE,
+    *,
+    fit_uniform_field: bool = False,
+) -> SourceFit:
+    """Fit a circular loop of known radius to the fields at the sensors; the rest is as for ``fit_dipole``.
+
+    Raises
+    ------
+    InputError
+        When a shape or the radius is wrong or values are not finite.
+    Refused
+        When the readings do not determine the source.
+    """
+    if not (np.isfinite(radius_m) and radius_m > 0):
+        raise InputError(f"the radius of the loop must be a positive number of metres, not {radius_m}")
+    return _fit(partial(loop_field, radius_m=radius_m), radius_m, fields_T, array, poses, fit_uniform_field)
+
+
+def pose_problem(kernel: Kernel, array: Array, poses: Poses, fit_uniform_field: bool, whitening: FloatArray) -> Problem:
+    """Return the problem of readings whose whitening (N, 3 K, 3 K) takes fields in the world to data of unit noise."""
+    points = poses.position_m[:, None] + np.einsum("nij,kj->nki", poses.matrix, array.positions_m)
+    everywhere = np.tile(np.eye(3), (array.sensor_count, 1)) if fit_uniform_field else np.zeros((3 * len(points[0]), 0))
+    return Problem(kernel, points, whitening, whitening @ everywhere)
+
+
+def whitening_of(array: Array, poses: Poses, world_T: FloatArray) -> FloatArray:
+    """Return the (N, 3 K, 3 K) square roots of the inverse noise of fields (N, K, 3) in the world.
+
+    An error ω of the attitude turns the whole field, ω × B in every sensor; the sensors' own noise has no direction.
+    """
+    sensors = array.sensor_count
+    noise = np.ones(sensors) if array.vector_noise_T is None else array.vector_noise_T
+    own = np.diag(1 / np.repeat(noise, 3))
+    if poses.attitude_noise == 0:
+        return np.broadcast_to(own, (len(world_T), *own.shape))
+    turn = poses.attitude_noise * np.swapaxes(np.cross(world_T.mean(axis=1)[:, None], np.eye(3)), 1, 2)
+    common = own @ np.tile(turn, (1, sensors, 1))
+    values, vectors = np.linalg.eigh(np.eye(3 * sensors) + common @ np.swapaxes(common, 1, 2))
+    whitening: FloatArray = np.swapaxes(vectors, 1, 2) / np.sqrt(values)[..., None] @ own
+    return whitening
+
+
+def _fit(
+    kernel: Kernel, radius_m: float | None, fields_T: FloatArray, array: Array, poses: Poses, fit_uniform_field: bool
+) -> SourceFit:
+    fields = _check(fields_T, array, poses)
+    world = np.einsum("nij,nkj->nki", poses.matrix, fields)
+    whitening = whitening_of(array, poses, world)
+    problem = pose_problem(kernel, array, poses, fit_uniform_field, whitening)
+    data = (whitening @ world.reshape(len(world), -1, 1)).reshape(1, -1)
+    freedom = data.size - 6 - problem.linear.shape[2]
+    if freedom < 0:
+        raise Refused(f"{data.size} values do not determine {data.size - freedom} unknowns: use more sensors or poses")
+    start = _start(problem, data, fields, array, poses, fit_uniform_field)
+    solution = solve(problem, data, start)
+    if not solution.is_found[0]:
+        raise Refused(
+            "the readings do not determine the source: it is too far, too weak, or always seen from the same side"
+        )
+    return _result(solution, radius_m, array, freedom, fit_uniform_field)
+
+
+def _check(fields_T: FloatArray, array: Array, poses: Poses) -> FloatArray:
+    fields = np.asarray(fields_T, dtype=float)
+    shape = (len(poses.attitude), array.sensor_count, 3)
+    if fields.shape != shape:
+        raise InputError(f"the fields must have the shape {shape} of poses and sensors, not {fields.shape}")
+    if not np.isfinite(fields).all():
+        raise InputError("a field is not finite: leave out that sample")
+    return fields
+
+
+def _start(
+    problem: Problem, data: FloatArray, fields: FloatArray, array: Array, poses: Poses, has_uniform_field: bool
+) -> FloatArray:
+    """Return the best of the Euler solutions of the poses with the strongest gradients."""
+    if not array.has_gradient:
+        raise Refused("the array's geometry determines no gradient, so that the fit has nowhere to start")
+    matrix = poses.matrix
+    outputs = fields.reshape(len(fields), -1) @ array.operator.T
+    if has_uniform_field:
+        uniform = np.median(np.einsum("nij,nj->ni", matrix, outputs[:, :3]), axis=0)
+        outputs[:, :3] -= np.einsum("nji,j->ni", matrix, uniform)
+    solutions = locate(outputs)
+    strongest = np.argsort(-norm(outputs[:, 3:], axis=1), kind="stable")
+    chosen = strongest[solutions.is_located[strongest]][:_STARTS]
+    if not len(chosen):
+        raise Refused("the field or its gradient is zero in every pose: there is no source to be seen")
+    places = poses.position_m[chosen] + np.einsum("nij,nj->ni", matrix[chosen], solutions.position_m[chosen])
+    shared = np.broadcast_to(data, (len(places), data.shape[1]))
+    starts = problem.start(shared, places)
+    misfit = [np.sum((data - problem.predict(start[None])[0]) ** 2) for start in starts]
+    return starts[[int(np.argmin(misfit))]]
+
+
+def _result(
+    solution: Solution, radius_m: float | None, array: Array, freedom: int, has_uniform_field: bool
+) -> SourceFit:
+    position, moment, rest = np.split(solution.unknowns[0], (3, 6))
+    chi_square, covariance = float(solution.chi_square[0]), solution.covariance[0]
+    if array.vector_noise_T is None:
+        variance = chi_square / freedom if freedom else np.nan
+        chi_square, covariance = float(freedom), covariance * variance
+    source = Dipole(position, moment) if radius_m is None else Loop(position, moment, radius_m)
+    return SourceFit(source, covariance, rest if has_uniform_field else None, chi_square, freedom)

@@ -1,0 +1,234 @@
+"""Euler localisation: a source's position from the field and the gradient tensor that it makes in one place.
+
+A field that falls with the n-th power of the distance fulfils Euler's equation G r = -n B, with r from the source to
+the array. n is the structural index: 3 for a dipole, 2 for a line of dipoles, 1 for a line of current. The constrained
+solution takes r in the plane across the eigenvector of smallest |eigenvalue|, to which a dipole's r is at right angles
+(Wu 2025 section 3.2): r = -n Σ (vₖᵀB/λₖ) vₖ over the other two. Without a trace these two cannot be small, so the
+constrained solution needs no regularisation, where the unconstrained G⁻¹ breaks down as the moment turns across r.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tam_calibration.localization.dipole import moment_of_field
+from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.problems import InputError, Refused
+from tam_calibration.units import FloatArray
+
+DIPOLE_INDEX = 3.0
+
+_BASIS = np.zeros((5, 3, 3))
+"""(5, 3, 3) tensors in which one of xx, xy, xz, yy, yz is 1."""
+_BASIS[range(5), (0, 0, 0, 1, 1), (0, 1, 2, 1, 2)] = _BASIS[range(5), (0, 1, 2, 1, 2), (0, 0, 0, 1, 1)] = 1
+_BASIS[(0, 3), 2, 2] = -1
+
+# 99.73 % points of χ² with 3 and 5 degrees of freedom: as rare as three standard deviations.
+_FIELD_CHI_SQUARE, _TENSOR_CHI_SQUARE, _DEVIATIONS = 14.16, 18.21, 3.0
+_ROUNDING = 1e-12
+
+
+def tensors_of(outputs: FloatArray) -> FloatArray:
+    """Return the symmetric, trace-free tensors (N, 3, 3) of outputs (N, 8) or (N, 9); the ninth is not read."""
+    tensors: FloatArray = np.einsum("ni,ijk->njk", np.asarray(outputs)[:, 3:8], _BASIS)
+    return tensors
+
+
+def locate(
+    outputs: FloatArray,
+    covariance: FloatArray | None = None,
+    *,
+    index: float = DIPOLE_INDEX,
+    constrained: bool = True,
+) -> EulerSolutions:
+    """Locate the source of each sample; a sample's result does not depend on its neighbours.
+
+    Parameters
+    ----------
+    outputs : (N, 9) or (N, 8) array
+        Field and gradient of the source alone, in the order of ``array.OUTPUT_NAMES``, array frame, tesla and T/m;
+        gzz is taken as -gxx - gyy.
+    covariance : (9, 9) or (8, 8) or (N, …) array, optional
+        Of the outputs, for all samples or each. Without it only exact degeneracy is seen.
+    index : float
+        Structural index n: the field falls as 1/rⁿ.
+    constrained : bool
+        Whether r is kept at right angles to the eigenvector of smallest |eigenvalue|.
+
+    Returns
+    -------
+    EulerSolutions
+        With the reason of each sample that was not located.
+
+    Raises
+    ------
+    InputError
+        When a shape or the structural index is wrong.
+    """
+    outputs, noise = _check(outputs, covariance, index)
+    is_finite = np.asarray(np.isfinite(outputs).all(axis=1))
+    outputs = np.where(is_finite[:, None], outputs, np.zeros(1))
+    system = _System.of(outputs, noise, constrained)
+    status = _degeneracies(system, outputs, noise, constrained)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        r, by_output = system.solve(index)
+        covariance_of_r: FloatArray = by_output @ noise @ np.swapaxes(by_output, 1, 2)
+        if constrained:
+            covariance_of_r = _add_ambiguity(system, r, covariance_of_r, status, index)
+        spread = np.trace(covariance_of_r, axis1=1, axis2=2)
+        _mark(status, Status.UNCERTAIN, ~(spread <= np.sum(r**2, axis=1)))
+        moment, by_r, by_field = moment_of_field(r, outputs[:, :3])
+        by_output_of_moment = by_r @ by_output
+        by_output_of_moment[..., :3] += by_field
+        covariance_of_moment = by_output_of_moment @ noise @ np.swapaxes(by_output_of_moment, 1, 2)
+    status[~is_finite] = Status.NOT_FINITE
+    refused, is_dipole = status != Status.LOCATED, index == DIPOLE_INDEX
+    unknown = refused if covariance is not None else np.full(len(r), True)
+    return EulerSolutions(
+        _blank(-r, refused),
+        _blank(covariance_of_r, unknown),
+        _blank(moment, refused | (not is_dipole)),
+        _blank(covariance_of_moment, unknown | (not is_dipole)),
+        status,
+    )
+
+
+def locate_one(
+    output: FloatArray,
+    covariance: FloatArray | None = None,
+    *,
+    index: float = DIPOLE_INDEX,
+    constrained: bool = True,
+) -> EulerSolutions:
+    """Locate the source of one output (9,) or (8,), as ``locate`` does, or say why not.
+
+    Raises
+    ------
+    InputError
+        When a shape or the structural index is wrong.
+    Refused
+        When the geometry is degenerate or noise hides it.
+    """
+    solutions = locate(np.asarray(output)[None], covariance, index=index, constrained=constrained)
+    status = Status(int(solutions.status[0]))
+    if status != Status.LOCATED:
+        raise Refused(f"the source cannot be located: {status.reason}")
+    return solutions
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """The tensors in their eigenvectors, |eigenvalues| falling, and the inverse that is taken of each."""
+
+    field: FloatArray
+    values: FloatArray
+    vectors: FloatArray
+    inverse: FloatArray
+    by_output: FloatArray
+    gap_deviation: FloatArray
+    deviations: FloatArray
+
+    @classmethod
+    def of(cls, outputs: FloatArray, noise: FloatArray, constrained: bool) -> "_System":
+        values, vectors = np.linalg.eigh(tensors_of(outputs))
+        order = np.argsort(-np.abs(values), axis=1)
+        values = np.take_along_axis(values, order, axis=1)
+        vectors = np.take_along_axis(vectors, order[:, None], axis=2)
+        with np.errstate(divide="ignore"):
+            inverse = 1 / values
+        if constrained:
+            inverse[:, 2] = 0
+        field = np.einsum("nik,ni->nk", vectors, outputs[:, :3])
+        by_output = np.einsum("nik,oij,njl->nokl", vectors, _BASIS, vectors, optimize=True)
+        tensor_noise = noise[:, 3:8, 3:8]
+        slopes = np.diagonal(by_output, axis1=2, axis2=3)
+        deviations = np.sqrt(np.einsum("nok,nop,npk->nk", slopes, tensor_noise, slopes))
+        difference = slopes[..., 1] - slopes[..., 2]
+        gap = np.sqrt(np.einsum("no,nop,np->n", difference, tensor_noise, difference))
+        return cls(field, values, vectors, inverse, by_output, gap, deviations)
+
+    @property
+    def is_gap_hidden(self) -> np.ndarray:
+        """(N,) whether the two smaller eigenvalues are equal within noise and rounding."""
+        gap = np.abs(self.values[:, 1] - self.values[:, 2])
+        hidden: np.ndarray = gap <= _DEVIATIONS * self.gap_deviation + _ROUNDING * np.abs(self.values[:, 0])
+        return hidden
+
+    def solve(self, index: float) -> tuple[FloatArray, FloatArray]:
+        """Return r (N, 3) and its derivatives (N, 3, 8) by the outputs.
+
+        The inverse of the tensor is a function g of its eigenvalues, and its derivative in the eigenvectors is the
+        difference quotient (g_i - g_j)/(λ_i - λ_j): -g_i g_j between those that are kept. Where it is chance which of
+        two equal eigenvalues is left out, the derivative is that with neither left out.
+        """
+        inverse = np.where(self.is_gap_hidden[:, None], 1 / self.values, self.inverse)
+        quotient = -inverse[:, :, None] * inverse[:, None, :]
+        mixing = inverse[:, :2] / (self.values[:, :2] - self.values[:, 2:])
+        is_left_out = inverse[:, 2] == 0
+        quotient[is_left_out, :2, 2] = quotient[is_left_out, 2, :2] = mixing[is_left_out]
+        by_tensor = np.einsum("nkl,nokl,nl->nko", quotient, self.by_output, self.field)
+        by_field = inverse[:, :, None] * np.swapaxes(self.vectors, 1, 2)
+        derivative = self.vectors @ np.concatenate([by_field, by_tensor], axis=2)
+        return -index * np.einsum("nik,nk->ni", self.vectors, self.inverse * self.field), -index * derivative
+
+
+def _check(outputs: FloatArray, covariance: FloatArray | None, index: float) -> tuple[FloatArray, FloatArray]:
+    """Return the first eight outputs, and their covariance (N, 8, 8)."""
+    outputs = np.asarray(outputs, dtype=float)
+    if outputs.ndim != 2 or outputs.shape[1] not in (8, 9):
+        raise InputError(
+            f"outputs must be N rows of field and gradient, 8 or 9 numbers; their shape is {outputs.shape}"
+        )
+    if not (np.isfinite(index) and index > 0):
+        raise InputError(f"the structural index must be a positive number, such as 3 for a dipole, not {index}")
+    count = len(outputs)
+    if covariance is None:
+        return outputs[:, :8], np.zeros((count, 8, 8))
+    covariance = np.asarray(covariance, dtype=float)
+    if covariance.shape[-2:] not in ((8, 8), (9, 9)) or covariance.shape[:-2] not in ((), (count,)):
+        raise InputError(
+            f"the covariance must be (9, 9) or (8, 8), one for all or each of {count} samples, not {covariance.shape}"
+        )
+    return outputs[:, :8], np.broadcast_to(covariance[..., :8, :8], (count, 8, 8))
+
+
+def _degeneracies(system: _System, outputs: FloatArray, noise: FloatArray, constrained: bool) -> np.ndarray:
+    status = np.full(len(outputs), Status.LOCATED, dtype=int)
+    _mark(status, Status.NO_FIELD, _is_hidden(outputs[:, :3], noise[:, :3, :3], _FIELD_CHI_SQUARE))
+    _mark(status, Status.NO_GRADIENT, _is_hidden(outputs[:, 3:], noise[:, 3:, 3:], _TENSOR_CHI_SQUARE))
+    if not constrained:
+        least = _DEVIATIONS * system.deviations[:, 2] + _ROUNDING * np.abs(system.values[:, 0])
+        _mark(status, Status.ILL_CONDITIONED, np.abs(system.values[:, 2]) <= least)
+    return status
+
+
+def _is_hidden(values: FloatArray, noise: FloatArray, chi_square: float) -> np.ndarray:
+    """Return whether values (N, D) with noise (N, D, D) are zero, or cannot be told from zero."""
+    size = np.sum(values**2, axis=1)
+    # In the metric of the noise |v|² ≤ χ² is v vᵀ ≤ χ² Σ; noise that is zero needs no inverse.
+    largest = np.linalg.eigvalsh(chi_square * noise - values[:, :, None] * values[:, None, :])[:, 0]
+    hidden: np.ndarray = (size == 0) | (largest >= 0) & (np.trace(noise, axis1=1, axis2=2) > 0)
+    return hidden
+
+
+def _add_ambiguity(
+    system: _System, r: FloatArray, covariance: FloatArray, status: np.ndarray, index: float
+) -> FloatArray:
+    """Add to the covariance what leaving out the other eigenvector would change, and mark where that is too much."""
+    other = np.where([False, True, True], 1 / system.values, 0.0) * system.field * np.array([0, -1, 1])
+    change = -index * np.einsum("nik,nk->ni", system.vectors, other)
+    change[~system.is_gap_hidden] = 0
+    size = np.sum(change**2, axis=1)
+    least = _DEVIATIONS**2 * np.trace(covariance, axis1=1, axis2=2) + 1e-6 * np.sum(r**2, axis=1)
+    _mark(status, Status.AMBIGUOUS, size > least)
+    squared: FloatArray = change[:, :, None] * change[:, None, :]
+    return covariance + squared
+
+
+def _mark(status: np.ndarray, value: Status, where: np.ndarray) -> None:
+    """Note a reason where none has been found before."""
+    status[where & (status == Status.LOCATED)] = value
+
+
+def _blank(values: FloatArray, where: np.ndarray) -> FloatArray:
+    return np.where(where.reshape(-1, *[1] * (values.ndim - 1)), np.nan, values)

@@ -1,0 +1,81 @@
+"""The Euler solution rid of its error from finite baselines.
+
+The tensor of an array is a slope over its baselines, and what an array of length L reads r away from a dipole is not
+the tensor at its centre: it differs by about (L/r)². The outputs, fitted with what the array makes of the fields at
+its sensors, give the dipole without that error.
+"""
+
+import numpy as np
+
+from tam_calibration.array import Array
+from tam_calibration.localization.dipole import dipole_field
+from tam_calibration.localization.euler import locate
+from tam_calibration.localization.least_squares import Problem, solve
+from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.problems import InputError
+from tam_calibration.units import FloatArray
+
+
+def locate_dipole(outputs: FloatArray, array: Array, covariance: FloatArray | None = None) -> EulerSolutions:
+    """Locate the dipole of each sample: the constrained Euler solution, then a fit with the array's true baselines.
+
+    Parameters
+    ----------
+    outputs : (N, 9) or (N, 8) array
+        Field and gradient of the dipole alone, in the order of ``array.OUTPUT_NAMES``, array frame, tesla and T/m.
+    array : Array
+        Whose outputs they are.
+    covariance : (9, 9) or (8, 8) or (N, …) array, optional
+        Of the outputs. Without it they are weighted as by equal noise of all sensors.
+
+    Returns
+    -------
+    EulerSolutions
+        With the reason of each sample that was not located, which is that of the Euler solution.
+
+    Raises
+    ------
+    InputError
+        When a shape is wrong, or the array has no gradient.
+    """
+    if not array.has_gradient:
+        raise InputError("the array's geometry determines no gradient: locate with the direct fit to its readings")
+    outputs = np.asarray(outputs, dtype=float)
+    euler = locate(outputs, covariance)
+    at = np.flatnonzero(euler.is_located)
+    operator = array.operator[:8]
+    noise = operator @ operator.T if covariance is None else np.asarray(covariance, dtype=float)[..., :8, :8]
+    if noise.ndim == 3:
+        noise = noise[at]
+    whitening = _whitening(noise)
+    weights = (whitening @ operator)[..., None, :, :]
+    data = (whitening @ outputs[at, :8, None])[..., 0]
+    problem = Problem(dipole_field, array.positions_m[None], weights, np.zeros((1, 8, 0)))
+    start = np.concatenate([euler.position_m[at], euler.moment_Am2[at]], axis=1)
+    solution = solve(problem, data, start)
+    found = at[solution.is_found]
+    status = euler.status.copy()
+    status[at[~solution.is_found]] = Status.UNCERTAIN
+    unknowns, spread = np.full((len(outputs), 6), np.nan), np.full((len(outputs), 6, 6), np.nan)
+    unknowns[found] = solution.unknowns[solution.is_found]
+    if covariance is not None:
+        spread[found] = solution.covariance[solution.is_found]
+    return EulerSolutions(unknowns[:, :3], spread[:, :3, :3], unknowns[:, 3:], spread[:, 3:, 3:], status)
+
+
+def _whitening(noise: FloatArray) -> FloatArray:
+    """Return a square root (…, 8, 8) of the inverse of covariances (…, 8, 8) of field and gradient.
+
+    Raises
+    ------
+    InputError
+        When one has no inverse.
+    """
+    scale = np.sqrt(np.diagonal(noise, axis1=-2, axis2=-1))
+    if not (np.isfinite(scale).all() and (scale > 0).all()):
+        raise InputError("the covariance of field and gradient must have a positive, finite diagonal")
+    values, vectors = np.linalg.eigh(noise / scale[..., :, None] / scale[..., None, :])
+    if values.min() <= 0:
+        raise InputError("the covariance of field and gradient is singular or not a covariance")
+    root: FloatArray = np.swapaxes(vectors, -1, -2) / np.sqrt(values)[..., None] / scale[..., None, :]
+    return root

@@ -1,0 +1,83 @@
+"""Where the sources of many samples are, and why some could not be located."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.units import FloatArray
+
+
+class Status(IntEnum):
+    """Whether a sample was located, and if not, why."""
+
+    LOCATED = 0
+    NOT_FINITE = 1
+    NO_FIELD = 2
+    NO_GRADIENT = 3
+    ILL_CONDITIONED = 4
+    AMBIGUOUS = 5
+    UNCERTAIN = 6
+
+    @property
+    def reason(self) -> str:
+        """Why, and what would mend it; empty where it was located."""
+        return _REASONS[self]
+
+
+_REASONS = {
+    Status.LOCATED: "",
+    Status.NOT_FINITE: "field or tensor is not finite: the array's geometry must determine a gradient",
+    Status.NO_FIELD: "the field of the source is zero or within its noise: go nearer, or average longer",
+    Status.NO_GRADIENT: "the gradient tensor is zero or within its noise: go nearer, or average longer",
+    Status.ILL_CONDITIONED: "the smallest eigenvalue of the tensor is zero or within its noise, as it is where the "
+    "moment is at right angles to the line of sight: use the constrained solution",
+    Status.AMBIGUOUS: "the two smallest eigenvalues of the tensor are equal within their noise, and which of their "
+    "directions is left out changes the position: it is no single dipole, or the noise is too large",
+    Status.UNCERTAIN: "the position is uncertain by more than the distance: go nearer, or average longer",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class EulerSolutions:
+    """Where the source of each of N samples is.
+
+    Parameters
+    ----------
+    position_m : (N, 3) array
+        Of the source in the array frame, metres; NaN where it was not located.
+    position_covariance_m2 : (N, 3, 3) array
+        To first order in the covariance of the outputs; NaN where that was not given.
+    moment_Am2 : (N, 3) array
+        Magnetic moment of a dipole there, A m²; NaN for other structural indices.
+    moment_covariance_A2m4 : (N, 3, 3) array
+        Likewise.
+    status : (N,) array of int
+        A ``Status`` for each sample.
+    """
+
+    position_m: FloatArray
+    position_covariance_m2: FloatArray
+    moment_Am2: FloatArray
+    moment_covariance_A2m4: FloatArray
+    status: np.ndarray
+
+    @property
+    def is_located(self) -> np.ndarray:
+        """(N,) whether each sample was located."""
+        located: np.ndarray = self.status == Status.LOCATED
+        return located
+
+    @property
+    def distance_m(self) -> FloatArray:
+        """(N,) distances of the sources from the array's centre, metres."""
+        length: FloatArray = norm(self.position_m, axis=1)
+        return length
+
+    @property
+    def distance_standard_errors_m(self) -> FloatArray:
+        """(N,) standard errors of the distances, metres."""
+        unit = self.position_m / self.distance_m[:, None]
+        errors: FloatArray = np.sqrt(np.einsum("ni,nij,nj->n", unit, self.position_covariance_m2, unit))
+        return errors
