@@ -1,5 +1,6 @@
 """Conversion between SI units and those of files and reports: the only place that converts."""
 
+import re
 from typing import Any, TypeVar
 
 import numpy as np
@@ -30,3 +31,17 @@ def to_degrees(radians: Quantity) -> Quantity:
 def from_degrees(degrees: Quantity) -> Quantity:
     """Convert degrees to radians."""
     return degrees * (np.pi / 180.0)
+
+
+_FOR_PEOPLE = {"T": (NANOTESLA_PER_TESLA, "nT"), "K": (1.0, "°C"), "rad": (to_degrees(1.0), "°")}
+_SYMBOL = re.compile(r"([A-Za-z]+)([²³⁴⁵]?)")
+
+
+def for_people(unit: str) -> tuple[float, str]:
+    """Return the factor from an SI unit to that of files and reports, and its name: T/K is 1e9 nT/°C."""
+    factor, written = 1.0, []
+    for part, sign in zip(unit.split("/", 1), (1, -1), strict=False):
+        for symbol, power in _SYMBOL.findall(part):
+            factor *= _FOR_PEOPLE.get(symbol, (1.0, ""))[0] ** (sign * (" ²³⁴⁵".index(power) + 1 if power else 1))
+        written.append(_SYMBOL.sub(lambda match: _FOR_PEOPLE.get(match[1], (1.0, match[1]))[1] + match[2], part))
+    return factor, "/".join(written)

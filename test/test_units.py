@@ -1,6 +1,7 @@
 """Conversion of units."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -27,3 +28,23 @@ def test_units_of_one_field_agree():
     sizes = {"G": 0.5, "uT": 50.0, "nT": 50_000.0, "T": 5e-5}
     assert sizes.keys() == units.TESLA_PER_FIELD_UNIT.keys()
     assert_allclose([size * units.TESLA_PER_FIELD_UNIT[unit] for unit, size in sizes.items()], 5e-5, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "name"),
+    [
+        ("T", 1e9, "nT"),
+        ("T/K", 1e9, "nT/°C"),
+        ("T/(K s)", 1e9, "nT/(°C s)"),
+        ("T/m²", 1e9, "nT/m²"),
+        ("1/T²", 1e-18, "1/nT²"),
+        ("rad s²/m", 180 / np.pi, "° s²/m"),
+        ("Hz", 1.0, "Hz"),
+        ("1", 1.0, "1"),
+    ],
+)
+def test_units_for_people(unit, factor, name):
+    """Every tesla, kelvin and radian of a compound unit is converted, with its power and on its side of the stroke."""
+    found = units.for_people(unit)
+    assert_allclose(found[0], factor)
+    assert found[1] == name

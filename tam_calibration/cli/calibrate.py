@@ -13,7 +13,6 @@ from tam_calibration.cli.terminal import (
     reading,
     showing_progress,
     stdout,
-    to_json,
     tolerance_option,
     write_together,
 )
@@ -24,6 +23,7 @@ from tam_calibration.files import (
     read_array,
     read_samples,
 )
+from tam_calibration.files.json_text import to_json
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.fit.ambient_gradient import as_if_uniform
 from tam_calibration.problems import InputError

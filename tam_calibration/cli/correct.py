@@ -7,8 +7,9 @@ import numpy as np
 
 from tam_calibration.array import OUTPUT_NAMES
 from tam_calibration.calibration import Calibration, Corrected
-from tam_calibration.cli.terminal import PATH, reading, showing_progress, to_json, tolerance_option
+from tam_calibration.cli.terminal import PATH, reading, showing_progress, tolerance_option
 from tam_calibration.files import read_array, read_calibration, read_samples, write_corrected
+from tam_calibration.files.json_text import to_json
 from tam_calibration.problems import InputError
 from tam_calibration.units import to_nanotesla
 

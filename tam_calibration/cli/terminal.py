@@ -1,12 +1,9 @@
 """What the subcommands share: progress on stderr, results that appear together or not at all."""
 
-import json
-import math
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.console import Console
@@ -72,16 +69,3 @@ def write_together(outputs: Mapping[str, Path | None], inputs: list[Path]) -> It
         taken.add(path.resolve())
     with ExitStack() as stack:
         yield {name: stack.enter_context(write_whole(path)) for name, path in wanted.items()}
-
-
-def to_json(content: Mapping[str, Any]) -> str:
-    """Return JSON text; NaN, which JSON has not, becomes null."""
-    return json.dumps(_without_nan(content), ensure_ascii=False, indent=1)
-
-
-def _without_nan(content: Any) -> Any:
-    if isinstance(content, Mapping):
-        return {key: _without_nan(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_without_nan(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content

@@ -128,6 +128,8 @@ class Residue:
         simulation with the same attitudes, fitted parameters and noise; the last row is the scalar, NaN without one.
     floor_T : (3K + 1,) array
         Standard deviation of each row from noise alone.
+    temperature_C, current_A : (N,) array, optional
+        Channels, where they were recorded.
     """
 
     time_s: FloatArray
@@ -136,6 +138,8 @@ class Residue:
     after: FloatArray
     twin: FloatArray
     floor_T: FloatArray
+    temperature_C: FloatArray | None = None
+    current_A: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,58 @@
+"""A gap as tables for people in a terminal."""
+
+from rich.console import Console
+from rich.table import Table
+
+from tam_calibration.gap.result import Cause, Gap
+from tam_calibration.report.formatting import sentence
+from tam_calibration.report.gap_rows import (
+    CAUSES_HEADER,
+    SIZE_HEADER,
+    cause_row,
+    closed_words,
+    parameter_rows,
+    place,
+    size_rows,
+    where_words,
+)
+
+_ROWS = 12
+
+
+def print_gap(console: Console, gap: Gap) -> None:
+    """Print the verdict, the size, where it lies, its causes, what became of each hypothesis, and what to record."""
+    sensor_count = len(gap.residue.floor_T) // 3
+    console.print(f"{gap.verdict.replace('_', ' ')}: {gap.statement}", style="bold")
+    if gap.verdict != "not_identifiable":
+        console.print(_table(SIZE_HEADER, size_rows(gap.size)))
+    if gap.where.sensors:
+        console.print(f"Where: {where_words(gap.where, sensor_count)}.")
+    if gap.causes:
+        console.print(f"{sentence(closed_words(gap.size))}")
+        console.print(_table(CAUSES_HEADER, [cause_row(cause, sensor_count) for cause in gap.causes]))
+    for cause in gap.causes:
+        _print_parameters(console, cause, place(cause.sensors, cause.axes, sensor_count))
+    console.print("Hypotheses:")
+    for considered in gap.considered:
+        console.print(f"  {considered.effect}: {considered.status.replace('_', ' ')}, {considered.why}")
+    if gap.next_recording:
+        console.print(f"Next recording: {sentence(gap.next_recording)}")
+
+
+def _print_parameters(console: Console, cause: Cause, where: str) -> None:
+    rows = parameter_rows(cause)
+    if not rows:
+        return
+    console.print(f"{cause.fitted.effect} of {where}:")
+    console.print(_table(("parameter", "value ± standard error", "unit"), rows[:_ROWS]))
+    if len(rows) > _ROWS:
+        console.print(f"… and {len(rows) - _ROWS} more: --json and --report have all.")
+
+
+def _table(header: tuple[str, ...], rows: list[list[str]]) -> Table:
+    table = Table(header[0])
+    for name in header[1:]:
+        table.add_column(name, justify="left" if name in ("where", "unit", "cannot be told from") else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table

@@ -1,0 +1,141 @@
+"""The gap file: a diagnosis as JSON, in nT, nT/m and °C with the unit beside every parameter."""
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from tam_calibration.calibration import Provenance
+from tam_calibration.effects.effect import ALL, SCALAR, Contribution
+from tam_calibration.files.json_text import to_json
+from tam_calibration.files.whole import write_whole
+from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
+from tam_calibration.units import for_people, to_nanotesla
+
+SCHEMA = "tam_calibration/gap/1"
+
+_DIGITS = 14
+
+
+def write_gap(path: Path, gap: Gap, source: Provenance | None = None) -> None:
+    """Write a gap file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    gap : Gap
+        The diagnosis.
+    source : Provenance, optional
+        The recording that it is of.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    with write_whole(path) as beside:
+        beside.write_text(to_json(gap_to_mapping(gap, source)), encoding="utf-8")
+
+
+def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]:
+    """Return the content of a gap file."""
+    return {
+        "schema": SCHEMA,
+        "verdict": gap.verdict,
+        "statement": gap.statement,
+        "gap": _size(gap.size),
+        "where": _where(gap.where),
+        "causes": [_cause(cause) for cause in gap.causes],
+        "considered": [_considered(considered) for considered in gap.considered],
+        "probabilities": _rounded(gap.probabilities),
+        "next_recording": gap.next_recording,
+        "recording": source and {"name": source.name, "size_bytes": source.size_bytes, "sha256": source.sha256},
+    }
+
+
+def parameters_of(cause: Cause) -> dict[str, dict[str, Any]]:
+    """Return value, standard error and unit of each parameter of a cause, by a name that is unique.
+
+    Names are such as "time constant" of the shape, and "sensor 2 x offset" of a coefficient, with the name of its
+    term where it would not be unique otherwise; a standard error that is not known is NaN.
+    """
+    fitted = cause.fitted
+    parameters = {
+        name: _parameter(value, fitted.shape_errors.get(name, math.nan), cause.units[name])
+        for name, value in fitted.shape.items()
+    }
+    entries = list(_coefficients(fitted.contributions))
+    uses = Counter([*fitted.shape, *(_name(part, coefficient) for part, coefficient in entries)])
+    for part, coefficient in entries:
+        name = _name(part, coefficient)
+        if uses[name] > 1:
+            name = _name(part, f"{part.term} {coefficient}")
+        error = part.standard_errors.get(coefficient, math.nan)
+        parameters[name] = _parameter(part.values[coefficient], error, cause.units[coefficient])
+    return parameters
+
+
+def _coefficients(contributions: tuple[Contribution, ...]) -> Iterator[tuple[Contribution, str]]:
+    return ((part, coefficient) for part in contributions for coefficient in part.values)
+
+
+def _name(part: Contribution, what: str) -> str:
+    sensor = {SCALAR: "scalar", ALL: "all sensors"}.get(part.sensor, f"sensor {part.sensor + 1}")
+    axis = "" if part.axis is None else f" {'xyz'[part.axis]}"
+    return f"{sensor}{axis} {what}"
+
+
+def _parameter(value: float, standard_error: float, unit: str) -> dict[str, Any]:
+    factor, name = for_people(unit)
+    return {**_rounded({"value": factor * value, "standard_error": factor * standard_error}), "unit": name}
+
+
+def _size(size: Size) -> dict[str, Any]:
+    fields = {"before": size.before_T, "after": size.after_T}
+    gradients = {"before": size.before_T_per_m, "after": size.after_T_per_m}
+    return {
+        **_rounded({"before": size.before, "after": size.after, "closed": size.closed}),
+        "closed_interval": [_round(bound) for bound in size.closed_interval],
+        **_rounded({f"{name}_nT": to_nanotesla(value) for name, value in fields.items()}),
+        **_rounded({f"{name}_nT_per_m": to_nanotesla(value) for name, value in gradients.items()}),
+        "floor_nT": _round(to_nanotesla(size.floor_T)),
+    }
+
+
+def _where(where: Where) -> dict[str, Any]:
+    return {
+        "sensors": list(where.sensors),
+        "axes": list(where.axes),
+        "time_s": where.time_s and [_round(time) for time in where.time_s],
+        "frequency_hz": where.frequency_hz and [_round(frequency) for frequency in where.frequency_hz],
+        "evidence": _rounded(where.evidence),
+    }
+
+
+def _cause(cause: Cause) -> dict[str, Any]:
+    return {
+        "effect": cause.fitted.effect,
+        "sensors": list(cause.sensors),
+        "axes": list(cause.axes),
+        **_rounded({"probability": cause.probability, "share": cause.share}),
+        "parameters": parameters_of(cause),
+        "evidence": _rounded({"delta_bic": cause.delta_bic, "r2_cv": cause.r2_cv}),
+        "indistinguishable_from": list(cause.indistinguishable_from),
+    }
+
+
+def _considered(considered: Considered) -> dict[str, Any]:
+    tried = {"delta_bic": considered.delta_bic, "r2_cv": considered.r2_cv}
+    evidence = _rounded({name: value for name, value in tried.items() if value is not None})
+    return {"effect": considered.effect, "status": considered.status, "why": considered.why, "evidence": evidence}
+
+
+def _rounded(values: Mapping[str, float]) -> dict[str, float]:
+    return {name: _round(value) for name, value in values.items()}
+
+
+def _round(value: float) -> float:
+    """Return a number without the noise of its conversion; a time since 1970 keeps its milliseconds."""
+    return float(f"{float(value):.{_DIGITS}g}")

@@ -1,0 +1,99 @@
+"""A gap as rows of text, for the page and for the terminal."""
+
+import math
+from collections.abc import Sequence
+
+from tam_calibration.files.gap_json import parameters_of
+from tam_calibration.gap.result import Cause, Considered, Size, Where
+from tam_calibration.report.formatting import fixed, join, number, with_error
+from tam_calibration.units import to_nanotesla
+
+SIZE_HEADER = ("size of the gap, out of sample", "before", "after its causes are added", "noise floor")
+
+CAUSES_HEADER = ("cause", "where", "probability", "share", "explains out of sample", "ΔBIC", "cannot be told from")
+
+CONSIDERED_HEADER = ("effect", "status", "why", "ΔBIC", "explains out of sample")
+
+
+def size_rows(size: Size) -> list[list[str]]:
+    """Return the size before and after, in noise floors, nT and nT/m."""
+    rows = [
+        ["in noise floors", number(size.before), number(size.after), "1"],
+        [
+            "at one axis of a sensor (nT)",
+            *(number(to_nanotesla(x)) for x in (size.before_T, size.after_T, size.floor_T)),
+        ],
+    ]
+    if math.isfinite(size.before_T_per_m):
+        gradients = (number(to_nanotesla(value)) for value in (size.before_T_per_m, size.after_T_per_m))
+        rows.append(["gradient tensor (nT/m)", *gradients, ""])
+    return rows
+
+
+def closed_words(size: Size) -> str:
+    """Say which part of the gap above the floor is closed, with its confidence interval."""
+    if not math.isfinite(size.closed):
+        return ""
+    low, high = (percent(bound) for bound in size.closed_interval)
+    return f"{percent(size.closed)} of the gap's energy is closed (95 % confidence: {low} to {high})"
+
+
+def where_words(where: Where, sensor_count: int) -> str:
+    """Say in which sensors, axes, times and frequencies the gap lies."""
+    parts = [place(where.sensors, where.axes, sensor_count)]
+    if where.time_s is not None:
+        parts.append(f"from {fixed(where.time_s[0], 2)} to {fixed(where.time_s[1], 2)} s")
+    if where.frequency_hz is not None:
+        parts.append(f"at {number(where.frequency_hz[0])} to {number(where.frequency_hz[1])} Hz")
+    return "; ".join(parts)
+
+
+def place(sensors: Sequence[int | str], axes: Sequence[str], sensor_count: int) -> str:
+    """Say which sensors and axes: "sensor 2, axis x", "the scalar magnetometer", "all sensors alike"."""
+    numbers = [str(sensor) for sensor in sensors if sensor != "scalar"]
+    names = ["the scalar magnetometer"] if "scalar" in sensors else []
+    if len(numbers) == sensor_count > 1:
+        names.insert(0, "all sensors alike")
+    elif numbers:
+        names.insert(0, f"sensor{'s' if len(numbers) > 1 else ''} {join(numbers)}")
+    if not names:
+        return "nowhere"
+    some_axes = f", ax{'e' if len(axes) > 1 else 'i'}s {join(list(axes))}" if numbers and 0 < len(axes) < 3 else ""
+    return join(names) + some_axes
+
+
+def cause_row(cause: Cause, sensor_count: int) -> list[str]:
+    """Return the evidence for a cause in the order of ``CAUSES_HEADER``."""
+    return [
+        cause.fitted.effect,
+        place(cause.sensors, cause.axes, sensor_count),
+        percent(cause.probability),
+        percent(cause.share),
+        percent(cause.r2_cv),
+        number(cause.delta_bic),
+        join(list(cause.indistinguishable_from)) if cause.indistinguishable_from else "–",
+    ]
+
+
+def parameter_rows(cause: Cause) -> list[list[str]]:
+    """Return name, value ± standard error and unit of each parameter."""
+    return [
+        [name, _with_error(parameter["value"], parameter["standard_error"]), parameter["unit"]]
+        for name, parameter in parameters_of(cause).items()
+    ]
+
+
+def considered_row(considered: Considered) -> list[str]:
+    """Return what became of a hypothesis in the order of ``CONSIDERED_HEADER``."""
+    evidence = "" if considered.delta_bic is None else number(considered.delta_bic)
+    gain = "" if considered.r2_cv is None else percent(considered.r2_cv)
+    return [considered.effect, considered.status.replace("_", " "), considered.why, evidence, gain]
+
+
+def percent(part: float) -> str:
+    """Format a part of one."""
+    return "–" if math.isnan(part) else f"{fixed(100 * part, 1 if 0 < part < 0.1 or 0.99 < part < 1 else 0)} %"
+
+
+def _with_error(value: float, standard_error: float) -> str:
+    return number(value, 4) if math.isnan(standard_error) else with_error(value, standard_error, 4)

@@ -1,0 +1,113 @@
+"""`tam diagnose`: a verdict for people and programs, told by the exit code too."""
+
+import json
+from dataclasses import replace
+from importlib import import_module
+
+import pytest
+from click.testing import CliRunner
+
+from tam_calibration.cli.main import main
+from tam_calibration.files import write_array, write_recording
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, recording, cross):
+    """Give a working folder with a recording as CSV and as a bag, and its array file."""
+    monkeypatch.chdir(tmp_path)
+    write_recording("run.csv", recording)
+    write_recording("run", recording)
+    write_array("array.yaml", cross)
+    return tmp_path
+
+
+@pytest.fixture
+def asked(monkeypatch, gap):
+    """Put a stand-in in the place of the diagnosis; return what it was asked, and what it shall answer."""
+    asked = {"answer": gap}
+
+    def diagnose(recording, array, *, without=(), progress=None):
+        asked.update(recording=recording, array=array, without=without)
+        progress("searching", 0.5)
+        return asked["answer"]
+
+    monkeypatch.setattr(import_module("tam_calibration.cli.diagnose"), "diagnose", diagnose)
+    return asked
+
+
+def run(*arguments, code=0):
+    """Run the command with the array and return its result."""
+    result = CliRunner().invoke(main, ["diagnose", "--array", "array.yaml", *arguments])
+    assert result.exit_code == code, result.output
+    return result
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run"])
+def test_people_see_the_verdict_and_what_it_rests_on(folder, asked, name):
+    """Verdict, size before and after, where, causes with parameters ± errors, every hypothesis, next recording."""
+    out = run(name).stdout
+    assert out.startswith("explained: The readings of sensor 2 drift")
+    for words in ("1.90", "0.0800", "5.40", "Where: sensor 2; at 0 to 0.500 Hz", "99.8 %", "98 %", "bias_jump"):
+        assert words in out
+    for words in ("sensor 2 x offset", "1.000 ± 0.020", "nT/°C", "time constant", "60.0 ± 5.0"):
+        assert words in out
+    for words in (
+        "hysteresis: not supported, explains 2 %",
+        "flexure: channel missing, needs",
+        "Next recording: Record",
+    ):
+        assert words in out
+    assert asked["recording"].sample_count == 600 and asked["array"].sensor_count == 4
+
+
+def test_programs_get_json(folder, asked):
+    """JSON goes to a file beside the tables, or alone to stdout, and names the recording."""
+    out = run("run.csv", "--json", "gap.json").stdout
+    assert out.endswith("written: gap.json\n")
+    alone = json.loads(run("run.csv", "--json", "-").stdout)
+    assert json.loads((folder / "gap.json").read_text()) == alone
+    assert alone["schema"] == "tam_calibration/gap/1"
+    assert alone["recording"]["name"] == "run.csv"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "code"),
+    [("no_gap", 0), ("explained", 0), ("partly_explained", 1), ("unexplained", 1), ("not_identifiable", 1)],
+)
+def test_the_exit_code_tells_whether_something_is_open(folder, asked, gap, verdict, code):
+    """What stays unexplained, even in part, is exit 1; the files are written all the same."""
+    asked["answer"] = replace(gap, verdict=verdict, causes=gap.causes if "explained" in verdict else ())
+    assert verdict.replace("_", " ") in run("run.csv", "--json", "gap.json", code=code).stdout
+    assert json.loads((folder / "gap.json").read_text())["verdict"] == verdict
+
+
+def test_a_report_is_written(folder, asked):
+    """The page is HTML of its own."""
+    assert "written: page.html" in run("run.csv", "--report", "page.html").stdout
+    assert (folder / "page.html").read_text().startswith("<!DOCTYPE html>")
+
+
+def test_effects_are_left_out(folder, asked):
+    """Effects of the library can be withheld; others are bad input."""
+    run("run.csv", "--without", "hysteresis", "--without", "flexure")
+    assert set(asked["without"]) == {"hysteresis", "flexure"}
+    assert "there is no effect 'magic'" in run("run.csv", "--without", "magic", code=2).stderr
+
+
+def test_array_files_with_notes_are_read(folder, asked):
+    """Keys for people and for other programs do no harm."""
+    lines = "baseline_m: 0.5\nvector_noise_nT: 1.0\nscalar_noise_nT: 0.1\nrecording: a dive\nnotes: [1, {a: b}]\n"
+    (folder / "array.yaml").write_text(lines)
+    run("run.csv")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("no.csv", "there is no file or bag no.csv"), ("short.csv", "short.csv"), ("array.yaml", "array.yaml")],
+)
+def test_bad_input_is_one_sentence(folder, asked, name, words):
+    """A recording that is not there, is empty or is none ends with exit 2 and leaves no output."""
+    (folder / "short.csv").write_text("time_s,b1x_nT\n")
+    stderr = run(name, "--json", "gap.json" if name != "gap.json" else "x", code=2).stderr
+    assert words in stderr and len(stderr.splitlines()) == 1
+    assert not (folder / "gap.json").exists()
