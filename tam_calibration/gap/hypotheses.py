@@ -1,0 +1,93 @@
+"""What speaks for each hypothesis at a model: the library's effects and the rivals without physics."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from math import log
+
+from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect, Situation
+from tam_calibration.gap.regression import Base
+from tam_calibration.gap.result import Considered
+from tam_calibration.gap.search import Hypothesis, best_form
+from tam_calibration.gap.unknown import FunctionOfDirection, FunctionOfNeighbours, FunctionOfRate, FunctionOfTime
+
+CHANNEL_NAMES = {
+    "scalar_T": "scalar magnetometer",
+    "temperature_C": "temperature",
+    "current_A": "current",
+    "attitude": "attitude",
+}
+"""What people call the channels of a recording."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What one hypothesis says of a model's residual.
+
+    Parameters
+    ----------
+    effect : str
+        Its name.
+    form : Hypothesis or Finding
+        In which form it says most.
+    delta_bic : float
+        The model with it against the model without, positive is for.
+    gain : float
+        Twice the logarithm of the likelihood ratio.
+    """
+
+    effect: str
+    form: Hypothesis | Finding
+    delta_bic: float
+    gain: float
+
+
+def unusable(effect: Effect, situation: Situation) -> Considered | None:
+    """Return why a recording cannot show an effect, or None where it can."""
+    for channel in effect.channels:
+        if getattr(situation, channel, None) is None:
+            name = CHANNEL_NAMES[channel]
+            return Considered(effect.name, "channel_missing", f"needs the {name} channel, which is not recorded")
+    obstacle = effect.obstacle(situation)
+    return None if obstacle is None else Considered(effect.name, "not_identifiable", obstacle)
+
+
+def usable(
+    effects: Mapping[str, Effect], without: Collection[str], situation: Situation
+) -> tuple[dict[str, Effect], list[Considered]]:
+    """Return the effects that can be tried, and what keeps the others from it."""
+    tried, considered = {}, []
+    for name, effect in effects.items():
+        if name in without:
+            continue
+        reason = unusable(effect, situation)
+        if reason is None:
+            tried[name] = effect
+        else:
+            considered.append(reason)
+    return tried, considered
+
+
+def examine(base: Base, effect: Effect) -> Evidence | str:
+    """Return the evidence for an effect, or why there is none."""
+    if isinstance(effect, LinearEffect):
+        form = best_form(base, effect)
+        if form is None:
+            return "no part of it is visible beside the calibration in this recording"
+        left = max(base.energy - form.selection.gain, 1e-300)
+        gain = base.channels.count * log(base.energy / left)
+        return Evidence(effect.name, form, form.selection.delta_bic, gain)
+    assert isinstance(effect, FoundEffect)
+    finding = effect.find(base.channels.misfit)
+    if isinstance(finding, str):
+        return finding
+    count = base.channels.count
+    return Evidence(effect.name, finding, finding.gain - finding.parameter_count * log(count), finding.gain)
+
+
+def rivals(base: Base) -> list[Evidence]:
+    """Return what functions without physics say."""
+    found = [
+        examine(base, rival())
+        for rival in (FunctionOfTime, FunctionOfDirection, FunctionOfRate, FunctionOfNeighbours)
+    ]
+    return [one for one in found if isinstance(one, Evidence)]

@@ -1,0 +1,69 @@
+"""The nominal fit: the calibration that a diagnosis starts from, whatever else is in the recording."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from tam_calibration.array import Array
+from tam_calibration.errors import SensorErrors
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.fit.noise import complete_noise
+from tam_calibration.gap.channels import update
+from tam_calibration.problems import InputError, Refused
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+
+def prepared(recording: Recording) -> Recording:
+    """Return the recording with holes in temperature, current and attitude filled from their neighbours."""
+    filled = {}
+    for name in ("temperature_C", "current_A", "attitude"):
+        values = getattr(recording, name)
+        if values is None:
+            continue
+        known = np.isfinite(values).reshape(len(values), -1).all(axis=1)
+        if name == "attitude":
+            nearest = np.round(np.interp(np.arange(len(known)), np.flatnonzero(known), np.arange(known.sum())))
+            filled[name] = values[known][nearest.astype(int)]
+        else:
+            filled[name] = np.interp(recording.time_s, recording.time_s[known], values[known])
+    return replace(recording, **filled)
+
+
+def start(recording: Recording, array: Array) -> tuple[Array, SensorErrors, float]:
+    """Return the array with its noise, the errors of a first fit and the intensity that stands for a scalar channel.
+
+    Raises
+    ------
+    InputError, Refused
+        When no fit can be made of the whole recording or of a part of it.
+    """
+    noisy, _ = complete_noise(array, recording)
+    problem: Exception | None = None
+    for part in _parts(recording.sample_count):
+        for robust in (False, True):
+            try:
+                fitted = maximum_likelihood(recording.take(part), array, robust=robust)
+            except (InputError, Refused) as refusal:
+                problem = problem or refusal
+                continue
+            if array.vector_noise_T is None:
+                noisy = replace(noisy, vector_noise_T=fitted.array.vector_noise_T)
+            return noisy, fitted.errors, fitted.intensity_T
+    assert problem is not None
+    raise problem
+
+
+def _parts(count: int) -> list[slice]:
+    """Return the whole and, where something changed in the middle, its halves and thirds."""
+    cuts = [np.linspace(0, count, parts + 1).astype(int) for parts in (1, 2, 3)]
+    return [slice(int(low), int(high)) for cut in cuts for low, high in zip(cut[:-1], cut[1:], strict=True)]
+
+
+def stepped(errors: SensorErrors, step: FloatArray, unit_T: float) -> SensorErrors:
+    """Return errors after a step of ``calibration_design``, in the frame of the first sensor."""
+    matrix, bias = update(errors, step, unit_T)
+    if not (np.isfinite(matrix).all() and np.isfinite(bias).all()):
+        raise Refused("the nominal fit does not settle: the readings do not fit one calibration")
+    first = SensorErrors.from_matrix(matrix, bias).rotation[0]
+    return SensorErrors.from_matrix(matrix @ first.T, bias)

@@ -1,0 +1,127 @@
+"""Least squares of what may be added to the rows, with the calibration and what was accepted before eliminated."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tam_calibration.gap.channels import Channels, Design
+from tam_calibration.units import FloatArray
+
+_OPEN = 1e-10
+"""Directions of the calibration of so little relative information are open, as is the common rotation."""
+
+VISIBLE = 1e-5
+"""Part of a column's information that must be left once the calibration is eliminated."""
+
+
+def pseudo_inverse(information: FloatArray, relative: float = _OPEN) -> FloatArray:
+    """Return the inverse of an information matrix within the directions that the data determine."""
+    size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    kept = values > relative * max(values[-1], np.finfo(float).tiny)
+    inverse: FloatArray = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(size, size)
+    return inverse
+
+
+@dataclass(frozen=True, eq=False)
+class Projected:
+    """Normal equations of a design with the base eliminated.
+
+    Parameters
+    ----------
+    information : (P, P) array
+        What is left of it.
+    score : (P,) array
+        The same.
+    before : (P,) array
+        Diagonal of the information in front of the elimination.
+    """
+
+    information: FloatArray
+    score: FloatArray
+    before: FloatArray
+
+    def take(self, columns: np.ndarray) -> "Projected":
+        """Return the equations of some columns."""
+        return Projected(self.information[np.ix_(columns, columns)], self.score[columns], self.before[columns])
+
+    def without(self, columns: np.ndarray) -> "Projected":
+        """Return the equations with some of their own columns eliminated."""
+        inverse, _ = self.take(columns).inverse()
+        cross = self.information[:, columns] @ inverse
+        return Projected(
+            self.information - cross @ self.information[columns],
+            self.score - cross @ self.score[columns],
+            self.before,
+        )
+
+    def inverse(self) -> tuple[FloatArray, int]:
+        """Return the inverse information within the visible directions, and how many these are."""
+        size = np.sqrt(np.maximum(self.before, np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(self.information / np.outer(size, size))
+        kept = values > VISIBLE
+        inverse: FloatArray = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(size, size)
+        return inverse, int(kept.sum())
+
+    def gains(self, groups: Sequence[np.ndarray]) -> tuple[FloatArray, np.ndarray]:
+        """Return the energy that each group of columns explains alone, and the number of its visible directions."""
+        gains, ranks = np.zeros(len(groups)), np.zeros(len(groups), dtype=int)
+        size = np.sqrt(np.maximum(self.before, np.finfo(float).tiny))
+        information, score = self.information / np.outer(size, size), self.score / size
+        widths = np.array([len(group) for group in groups])
+        for width in np.unique(widths):
+            chosen = np.flatnonzero(widths == width)
+            columns = np.stack([groups[index] for index in chosen])
+            values, vectors = np.linalg.eigh(information[columns[:, :, None], columns[:, None, :]])
+            kept = values > VISIBLE
+            along = np.einsum("gij,gi->gj", vectors, score[columns])
+            gains[chosen] = np.sum(np.divide(along**2, values, out=np.zeros_like(values), where=kept), axis=1)
+            ranks[chosen] = kept.sum(axis=1)
+        return gains, ranks
+
+    def gain(self) -> tuple[float, int]:
+        """Return the energy that all columns together explain, and the number of their visible directions."""
+        inverse, rank = self.inverse()
+        return float(self.score @ inverse @ self.score), rank
+
+
+class Base:
+    """What is fitted in any case: the calibration, and the effects that were accepted.
+
+    Parameters
+    ----------
+    channels : Channels
+        Whitened channels.
+    designs : sequence of Design
+        Of the calibration, then of the accepted effects.
+    """
+
+    def __init__(self, channels: Channels, designs: Sequence[Design]) -> None:
+        self.channels, self.designs = channels, tuple(designs)
+        information = np.block([[channels.cross(left, right) for right in designs] for left in designs])
+        self._score = np.concatenate([channels.score(design) for design in designs])
+        self._inverse = pseudo_inverse(information)
+        self.step = self._inverse @ self._score
+        self.information = information
+        self.energy = channels.energy - float(self._score @ self.step)
+
+    def extended(self, design: Design) -> "Base":
+        """Return the base with one more design."""
+        return Base(self.channels, (*self.designs, design))
+
+    def project(self, design: Design) -> Projected:
+        """Return the normal equations of a design with the base eliminated."""
+        own = self.channels.cross(design, design)
+        crossed = np.concatenate([self.channels.cross(left, design) for left in self.designs])
+        eliminated = crossed.T @ self._inverse
+        return Projected(
+            own - eliminated @ crossed,
+            self.channels.score(design) - eliminated @ self._score,
+            np.diag(own).copy(),
+        )
+
+    @property
+    def parameter_count(self) -> int:
+        """Number of directions that the base fits."""
+        return int(np.linalg.matrix_rank(self._inverse, hermitian=True))

@@ -1,0 +1,106 @@
+"""The best form of one hypothesis: over the shapes of an effect, the terms that the data ask for."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tam_calibration.effects.effect import LinearEffect, Shape, Term
+from tam_calibration.gap.channels import Design
+from tam_calibration.gap.regression import Base
+from tam_calibration.gap.selection import Selection, columns_of, select
+
+_REFINEMENTS = 14
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """An effect in the form in which it explains most.
+
+    Parameters
+    ----------
+    effect : LinearEffect
+        The effect.
+    shape : Shape
+        Its shape.
+    terms : tuple of Term
+        What was selected of it.
+    selection : Selection
+        Its evidence.
+    """
+
+    effect: LinearEffect
+    shape: Shape
+    terms: tuple[Term, ...]
+    selection: Selection
+
+    @property
+    def design(self) -> Design:
+        """The selected terms side by side."""
+        return Design.of(self.terms)
+
+
+def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
+    """Return the form of an effect with the most evidence, or None when no part of it is visible or speaks for it."""
+    channels = base.channels
+    best: Hypothesis | None = None
+    shapes = list(effect.shapes(channels.situation, channels.misfit))
+    for shape in shapes:
+        tried = _selected(base, effect, shape)
+        if tried is not None and (best is None or tried.selection.delta_bic > best.selection.delta_bic):
+            best = tried
+    if best is None:
+        return None
+    for name in effect.shape_units:
+        best = _refined(base, best, name, sorted({shape[name] for shape in shapes if name in shape}))
+    return best
+
+
+def _selected(base: Base, effect: LinearEffect, shape: Shape) -> Hypothesis | None:
+    terms = effect.terms(base.channels.situation, shape)
+    if not terms:
+        return None
+    projected = base.project(Design.of(terms))
+    selection = select(projected, terms, base.energy, base.channels.count - base.parameter_count)
+    if not selection.terms:
+        return None
+    return Hypothesis(effect, shape, tuple(terms[index] for index in selection.terms), selection)
+
+
+def _refined(base: Base, form: Hypothesis, name: str, tried: list[float]) -> Hypothesis:
+    """Return the form with one parameter of its shape moved to where the chosen terms explain most."""
+    if name not in form.shape or len(tried) < 2:
+        return form
+    from scipy.optimize import minimize_scalar
+
+    here = tried.index(form.shape[name])
+    bounds = tried[max(here - 1, 0)], tried[min(here + 1, len(tried) - 1)]
+    keys = {(term.sensor, term.axis, term.name) for term in form.terms}
+
+    def at(value: float) -> tuple[Shape, tuple[Term, ...], float]:
+        shape = {**form.shape, name: float(value)}
+        terms = form.effect.terms(base.channels.situation, shape)
+        kept = tuple(term for term in terms if (term.sensor, term.axis, term.name) in keys)
+        return shape, kept, base.project(Design.of(kept)).gain()[0]
+
+    found: Any = minimize_scalar(
+        lambda value: -at(value)[2], bounds=bounds, method="bounded", options={"maxiter": _REFINEMENTS}
+    )
+    shape, terms, gain = at(found.x)
+    if gain <= form.selection.gain:
+        return form
+    more = base.channels.count * np.log((base.energy - form.selection.gain) / max(base.energy - gain, 1e-300))
+    selection = Selection(form.selection.terms, gain, form.selection.rank, form.selection.delta_bic + float(more))
+    return Hypothesis(form.effect, shape, terms, selection)
+
+
+def values_of(base: Base, form: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
+    """Return the coefficients (P,) of a form and their covariance for channels of unit variance."""
+    projected = base.project(form.design)
+    inverse, _ = projected.inverse()
+    return inverse @ projected.score, inverse
+
+
+def columns_by_term(form: Hypothesis) -> list[np.ndarray]:
+    """Return the columns of each selected term."""
+    return columns_of(form.terms)

@@ -1,0 +1,67 @@
+"""How a model does on samples that it did not see."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tam_calibration.gap.channels import Channels, Design, Normal
+from tam_calibration.gap.regression import pseudo_inverse
+from tam_calibration.units import FloatArray
+
+FOLDS = 5
+_BLOCKS_PER_FOLD = 4
+
+
+def folds_of(sample_count: int, interleaved: bool) -> list[list[slice]]:
+    """Return the samples of each fold: blocks of time, or every fifth sample for free functions of time."""
+    if interleaved:
+        return [[slice(fold, sample_count, FOLDS)] for fold in range(FOLDS)]
+    bounds = np.linspace(0, sample_count, FOLDS * _BLOCKS_PER_FOLD + 1).astype(int).tolist()
+    blocks = [slice(low, high) for low, high in zip(bounds[:-1], bounds[1:], strict=True)]
+    return [blocks[fold::FOLDS] for fold in range(FOLDS)]
+
+
+def held_out_energy(channels: Channels, designs: Sequence[Design], widths: Sequence[int], interleaved: bool) -> FloatArray:
+    """Return the energy (F, M) of each fold under fits to the other folds of growing models.
+
+    Parameters
+    ----------
+    channels : Channels
+        Whitened channels.
+    designs : sequence of Design
+        Of the calibration, then of effects.
+    widths : sequence of int
+        How many of the designs each of M models has.
+    interleaved : bool
+        See ``folds_of``.
+    """
+    joined = _joined(designs)
+    ends = np.cumsum([design.width for design in designs])
+    parts = []
+    for fold in folds_of(len(channels.misfit_T), interleaved):
+        blocks = [channels.normal(joined, block) for block in fold]
+        parts.append(sum(blocks[1:], start=blocks[0]))
+    whole = sum(parts[1:], start=parts[0])
+    energy = np.empty((len(parts), len(widths)))
+    for row, part in enumerate(parts):
+        train = whole - part
+        for column, width in enumerate(widths):
+            energy[row, column] = _energy(train, part, int(ends[width - 1]))
+    return energy
+
+
+def _energy(train: Normal, test: Normal, width: int) -> float:
+    """Return the energy of the test samples under the fit of the first columns to the training samples."""
+    first = slice(0, width)
+    step = pseudo_inverse(train.information[first, first]) @ train.score[first]
+    return float(test.energy - 2 * step @ test.score[first] + step @ test.information[first, first] @ step)
+
+
+def _joined(designs: Sequence[Design]) -> Design:
+    starts = np.cumsum([0, *(design.width for design in designs)])
+    return Design(
+        np.concatenate([design.features for design in designs], axis=1),
+        np.concatenate([design.rows for design in designs]),
+        np.concatenate([design.columns + start for design, start in zip(designs, starts[:-1], strict=True)]),
+        int(starts[-1]),
+    )
