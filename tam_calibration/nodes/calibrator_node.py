@@ -1,18 +1,22 @@
-"""The calibrator node: stores samples, fits when asked, and hands on the calibration."""
+"""The calibrator node: stores samples, fits or diagnoses them when asked, and hands on the calibration."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from traceback import format_exc
 
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.executors import MultiThreadedExecutor
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from tam_calibration.calibration import Calibration
 from tam_calibration.files import calibration_to_yaml, read_calibration, write_calibration
+from tam_calibration.files.gap_json import write_gap
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
-from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, Health, TamNode
+from tam_calibration.gap.result import Gap
+from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import read_cloud
 from tam_calibration.nodes.parameters import ARRAY_FILE, Rule, array_of
 from tam_calibration.nodes.quality import describe, figures
@@ -30,12 +34,17 @@ RULES = (
         "Calibration YAML: loaded at the start where it exists, written by ~/save.",
         read_only=False,
     ),
+    Rule("gap_file", "", "Gap JSON: written by ~/diagnose where a file is named.", read_only=False),
+    Rule("gap_report_file", "", "HTML page: written by ~/diagnose where a file is named.", read_only=False),
     Rule("max_samples", 200_000, "Samples kept; when full, every second one is given up.", bounds=(1000, 10_000_000)),
 )
 
 
 class Calibrator(TamNode):
-    """Fits the stored samples on ~/calibrate and publishes `calibration`, latched."""
+    """Fits the stored samples on ~/calibrate and publishes `calibration`, latched; diagnoses them on ~/diagnose.
+
+    Its services have a thread of their own, so that samples are stored while one of them works.
+    """
 
     def __init__(self) -> None:
         super().__init__("calibrator", RULES)
@@ -43,14 +52,16 @@ class Calibrator(TamNode):
         self._store = SampleStore(self.value("max_samples"))
         self._problem = ""
         self._calibration: Calibration | None = None
+        self._gap: Gap | None = None
         self._publisher = self.create_publisher(String, "calibration", LATCHED)
         self._load()
         self.create_subscription(PointCloud2, "samples", self._take, RELIABLE_STREAM)
-        self.create_service(Trigger, "~/calibrate", self._answering(self._calibrate))
-        self.create_service(Trigger, "~/save", self._answering(self._save))
+        group = MutuallyExclusiveCallbackGroup()
+        for name, action in (("calibrate", self._calibrate), ("diagnose", self._diagnose), ("save", self._save)):
+            self.create_service(Trigger, f"~/{name}", self._answering(action), callback_group=group)
 
     def health(self) -> Health:
-        """Return what is stored, and how good the calibration is."""
+        """Return what is stored, how good the calibration is, and what the last diagnosis found."""
         stored = f"{len(self._store)} samples stored"
         if self._problem:
             level, message = ERROR, self._problem
@@ -58,8 +69,12 @@ class Calibrator(TamNode):
             level, message = OK, f"{stored}; {describe(self._calibration)}"
         else:
             level, message = (OK, f"{stored}; no calibration yet") if len(self._store) else (STALE, "no samples yet")
+        gap = self._gap
+        if gap is not None:
+            level, message = max(level, _level_of(gap)), f"{message}; {gap.statement}"
         now_s = self.get_clock().now().nanoseconds / 1e9
-        return Health(level, message, {"samples": len(self._store), **figures(self._calibration, now_s)})
+        values = {"samples": len(self._store), **figures(self._calibration, now_s), **_figures_of(gap)}
+        return Health(level, message, values)
 
     def _load(self) -> None:
         path = Path(self.value("calibration_file"))
@@ -103,6 +118,29 @@ class Calibrator(TamNode):
         warnings = "".join(f"; {warning}" for warning in calibration.warnings)
         return f"{describe(calibration)}; {calibration.method} on {calibration.samples} samples{warnings}"
 
+    def _diagnose(self) -> str:
+        from tam_calibration.gap import diagnose  # late, as the libraries that it needs take long to load
+
+        gap = diagnose(self._store.recording(), self._array, progress=self._go_on)
+        self._gap = gap
+        written = self._write(gap)
+        return f"{gap.verdict.replace('_', ' ')}: {gap.statement}{written}"
+
+    def _go_on(self, stage: str, done: float) -> None:
+        """Give up a diagnosis when the node shall end."""
+        if not self.context.ok():
+            raise Refused(f"the node ended while it was {stage}")
+
+    def _write(self, gap: Gap) -> str:
+        from tam_calibration.report.gap_report import write_gap_report  # late, as it brings matplotlib with it
+
+        paths: list[str] = []
+        for name, write in (("gap_file", write_gap), ("gap_report_file", write_gap_report)):
+            if path := self.value(name):
+                write(Path(path), gap)
+                paths.append(path)
+        return f"; written to {' and '.join(paths)}" if paths else ""
+
     def _save(self) -> str:
         if self._calibration is None:
             raise Refused("there is no calibration to save: call calibrator/calibrate first")
@@ -117,6 +155,25 @@ class Calibrator(TamNode):
         self._publisher.publish(String(data=calibration_to_yaml(calibration)))
 
 
+def _level_of(gap: Gap) -> bytes:
+    """Warn of a gap that is there, whether or not its cause is known."""
+    return OK if gap.verdict in ("no_gap", "not_identifiable") else WARN
+
+
+def _figures_of(gap: Gap | None) -> dict[str, object]:
+    """Return the figures of a diagnosis for /diagnostics (SI)."""
+    if gap is None:
+        return {"gap": "not diagnosed"}
+    return {
+        "gap": gap.verdict,
+        "gap_causes": " ".join(cause.fitted.effect for cause in gap.causes),
+        "gap_samples": len(gap.residue.time_s),
+        "gap_before_T": f"{gap.size.before_T:.4g}",
+        "gap_after_T": f"{gap.size.after_T:.4g}",
+        "gap_floor_T": f"{gap.size.floor_T:.4g}",
+    }
+
+
 def spin(startup: Startup) -> None:
     """Run the calibrator until it is told to end."""
-    spin_node(startup, Calibrator, SingleThreadedExecutor)
+    spin_node(startup, Calibrator, partial(MultiThreadedExecutor, num_threads=2))

@@ -1,5 +1,7 @@
 """Samples that arrive one by one, kept as the recording of one run within a bounded memory."""
 
+from threading import Lock
+
 import numpy as np
 
 from tam_calibration.pointcloud_layout import SampleLayout
@@ -12,7 +14,8 @@ class SampleStore:
     """The samples since the last start over.
 
     When it is full every second sample is given up, and only every second new one is taken, so that the whole
-    run stays covered. Time that goes backwards (a bag that loops) or other columns start it over.
+    run stays covered. Time that goes backwards (a bag that loops) or other columns start it over. One thread may add
+    while another asks for the recording.
 
     Parameters
     ----------
@@ -23,6 +26,7 @@ class SampleStore:
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity
         self._columns: tuple[str, ...] = ()
+        self._lock = Lock()
         self.start_over()
 
     def __len__(self) -> int:
@@ -37,15 +41,16 @@ class SampleStore:
 
     def add(self, columns: tuple[str, ...], row: FloatArray) -> None:
         """Add one sample, whose first column is its time."""
-        if columns != self._columns or row[0] <= self._newest_s:
-            self._columns = columns
-            self.start_over()
-        if self._seen % self._stride == 0:
-            self._rows.append(row)
-        self._seen += 1
-        self._newest_s = row[0]
-        if len(self._rows) == self._capacity:
-            self._rows, self._stride = self._rows[::2], 2 * self._stride
+        with self._lock:
+            if columns != self._columns or row[0] <= self._newest_s:
+                self._columns = columns
+                self.start_over()
+            if self._seen % self._stride == 0:
+                self._rows.append(row)
+            self._seen += 1
+            self._newest_s = row[0]
+            if len(self._rows) == self._capacity:
+                self._rows, self._stride = self._rows[::2], 2 * self._stride
 
     def recording(self) -> Recording:
         """Return the stored samples.
@@ -55,8 +60,10 @@ class SampleStore:
         InputError
             When there is none, or they are no recording.
         """
-        if not self._rows:
+        with self._lock:
+            columns, rows = self._columns, self._rows.copy()
+        if not rows:
             raise InputError(
                 "no samples are stored: check in /diagnostics that the collector runs and every sensor publishes"
             )
-        return SampleLayout.from_columns(self._columns).recording(np.array(self._rows))
+        return SampleLayout.from_columns(columns).recording(np.array(rows))
