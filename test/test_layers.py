@@ -28,6 +28,7 @@ LAYERS = (
         "pointcloud_layout",
         "message_stream",
         "synchronisation",
+        "batch_synchronisation",
     ),
 )
 """The rooms from above to below; a room imports what stands below it, in the last layer also what stands beside it."""
