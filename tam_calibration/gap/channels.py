@@ -51,6 +51,17 @@ class Design:
         columns = np.concatenate([term.columns + start for term, start in zip(terms, starts[:-1], strict=True)])
         return cls(features, rows, columns, int(starts[-1]))
 
+    @classmethod
+    def joined(cls, designs: "Sequence[Design]") -> "Design":
+        """Put designs side by side."""
+        starts = np.cumsum([0, *(design.width for design in designs)])
+        return cls(
+            np.concatenate([design.features for design in designs], axis=1),
+            np.concatenate([design.rows for design in designs]),
+            np.concatenate([design.columns + start for design, start in zip(designs, starts[:-1], strict=True)]),
+            int(starts[-1]),
+        )
+
     @cached_property
     def scatter(self) -> FloatArray | None:
         """(J, P) sums of atoms to columns; None where they are the same."""
@@ -251,12 +262,12 @@ class Channels:
         """Return the score (P,) of the columns of a design: their products with the residuals."""
         total = np.zeros(len(design.rows))
         for piece in self._pieces(part):
-            by_row = self._row_score[piece]
+            by_row = self.row_score[piece]
             total += np.einsum("nj,nj->j", design.features[piece], by_row[:, design.rows])
         return total if design.scatter is None else total @ design.scatter
 
     @cached_property
-    def _row_score(self) -> FloatArray:
+    def row_score(self) -> FloatArray:
         """(N, 3K + 1) score of a shift of each row in each sample."""
         by_row = self.row_direction * (self.precision * self.misfit_T)[:, None]
         by_row[:, :-1] += self.differential @ self.directions.T

@@ -122,6 +122,17 @@ class Base:
         )
 
     @property
-    def parameter_count(self) -> int:
+    def rank(self) -> int:
         """Number of directions that the base fits."""
-        return int(np.linalg.matrix_rank(self._inverse, hermitian=True))
+        return _rank(self.information)
+
+    @property
+    def calibration_rank(self) -> int:
+        """Number of directions that the calibration alone fits."""
+        width = self.designs[0].width
+        return _rank(self.information[:width, :width])
+
+
+def _rank(information: FloatArray) -> int:
+    size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    return int(np.linalg.matrix_rank(information / np.outer(size, size), tol=_OPEN * len(size), hermitian=True))

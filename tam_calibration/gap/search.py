@@ -8,7 +8,7 @@ import numpy as np
 from tam_calibration.effects.effect import LinearEffect, Shape, Term
 from tam_calibration.gap.channels import Design
 from tam_calibration.gap.regression import Base
-from tam_calibration.gap.selection import Selection, columns_of, select
+from tam_calibration.gap.selection import Selection, select
 
 _REFINEMENTS = 14
 
@@ -61,7 +61,7 @@ def _selected(base: Base, effect: LinearEffect, shape: Shape) -> Hypothesis | No
     if not terms:
         return None
     projected = base.project(Design.of(terms))
-    selection = select(projected, terms, base.energy, base.channels.count - base.parameter_count)
+    selection = select(projected, terms, base.energy, base.channels.count - base.rank)
     if not selection.terms:
         return None
     return Hypothesis(effect, shape, tuple(terms[index] for index in selection.terms), selection)
@@ -99,8 +99,3 @@ def values_of(base: Base, form: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
     projected = base.project(form.design)
     inverse, _ = projected.inverse()
     return inverse @ projected.score, inverse
-
-
-def columns_by_term(form: Hypothesis) -> list[np.ndarray]:
-    """Return the columns of each selected term."""
-    return columns_of(form.terms)

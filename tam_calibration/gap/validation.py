@@ -35,7 +35,7 @@ def held_out_energy(channels: Channels, designs: Sequence[Design], widths: Seque
     interleaved : bool
         See ``folds_of``.
     """
-    joined = _joined(designs)
+    joined = Design.joined(designs)
     ends = np.cumsum([design.width for design in designs])
     parts = []
     for fold in folds_of(len(channels.misfit_T), interleaved):
@@ -55,13 +55,3 @@ def _energy(train: Normal, test: Normal, width: int) -> float:
     first = slice(0, width)
     step = pseudo_inverse(train.information[first, first]) @ train.score[first]
     return float(test.energy - 2 * step @ test.score[first] + step @ test.information[first, first] @ step)
-
-
-def _joined(designs: Sequence[Design]) -> Design:
-    starts = np.cumsum([0, *(design.width for design in designs)])
-    return Design(
-        np.concatenate([design.features for design in designs], axis=1),
-        np.concatenate([design.rows for design in designs]),
-        np.concatenate([design.columns + start for design, start in zip(designs, starts[:-1], strict=True)]),
-        int(starts[-1]),
-    )

@@ -1,0 +1,210 @@
+"""From a search to the verdict."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from tam_calibration.effects.effect import Finding, FittedEffect
+from tam_calibration.effects.library import effect_named
+from tam_calibration.gap.channels import Channels, Design, calibration_design
+from tam_calibration.gap.steps import LEAST_EVIDENCE, Search
+from tam_calibration.gap.hypotheses import Evidence
+from tam_calibration.gap.model import Model
+from tam_calibration.gap.probability import probabilities
+from tam_calibration.gap.regression import Base
+from tam_calibration.gap.result import Cause, Considered, Gap, Residue, Size, Verdict, Where
+from tam_calibration.gap.search import Hypothesis
+from tam_calibration.gap.shares import shares_of
+from tam_calibration.gap.size import measure, noise_variance
+from tam_calibration.gap.where import Place, locate, sensors_and_axes
+from tam_calibration.units import FloatArray
+
+SMALLEST_GAP = 0.1
+"""In noise floors; what is smaller is no gap, however certain."""
+
+_CLOSED = 0.75
+_PARTLY_CLOSED = 0.3
+_AS_GOOD = 10.0
+"""Difference of BIC within which two effects cannot be told apart."""
+
+
+def conclude(found: Search) -> Gap:
+    """Return the gap that a search found."""
+    last = found.rivals
+    variance = noise_variance(found.model, last, LEAST_EVIDENCE)
+    size = measure(found.nominal, found.model, variance)
+    chances = probabilities(found)
+    base = found.nominal.base()
+    nominal = base.channels
+    causes = _causes(found, size, chances, variance)
+    verdict = _verdict(found, size, nominal, variance)
+    if verdict == "no_gap":
+        causes = ()
+    first = found.steps[0].rivals if found.steps else found.rivals
+    places = [_places(cause.fitted) for cause in causes]
+    where = (
+        Where((), (), None, None, {})
+        if verdict == "no_gap"
+        else locate(base, places, first, variance, LEAST_EVIDENCE)
+    )
+    considered = _considered(found, causes)
+    return Gap(
+        verdict,
+        size,
+        where,
+        causes,
+        considered,
+        chances,
+        "",
+        _statement(verdict, size, where, causes),
+        _residue(found.nominal, found.model, nominal, variance),
+    )
+
+
+def _verdict(found: Search, size: Size, nominal: Channels, variance: float) -> Verdict:
+    if size.before < SMALLEST_GAP:
+        return "no_gap"
+    strongest = max((rival.delta_bic for rival in found.rivals), default=0.0)
+    if not found.steps:
+        return "no_gap" if strongest < LEAST_EVIDENCE and variance < 1.44 else "unexplained"
+    if size.closed >= _CLOSED or strongest < LEAST_EVIDENCE:
+        return "explained"
+    return "partly_explained" if size.closed >= _PARTLY_CLOSED else "unexplained"
+
+
+def _causes(found: Search, size: Size, chances: Mapping[str, float], variance: float) -> tuple[Cause, ...]:
+    model = found.model
+    linear = [step for step in found.steps if isinstance(step.accepted.form, Hypothesis)]
+    others = [step for step in found.steps if isinstance(step.accepted.form, Finding)]
+    shares = shares_of(model) if model.parts else np.empty(0)
+    fitted = _fitted(model, variance)
+    gains = [step.accepted.gain for step in (*linear, *others)]
+    total = max(sum(gains), 1e-300)
+    linear_gain = sum(step.accepted.gain for step in linear)
+    weights = [*(share * linear_gain / total for share in shares), *(step.accepted.gain / total for step in others)]
+    causes = []
+    for step, effect, weight in zip((*linear, *others), (*fitted, *_findings(model)), weights, strict=True):
+        sensors, axes = sensors_and_axes(_places(effect), model.recording.sensor_count)
+        causes.append(
+            Cause(
+                effect,
+                _units(effect, step.accepted),
+                sensors,
+                axes,
+                chances.get(effect.effect, 0.0),
+                float(weight),
+                step.accepted.delta_bic,
+                float(size.closed * weight),
+                tuple(
+                    rival.effect
+                    for rival in step.weighed
+                    if rival.effect != effect.effect and rival.delta_bic > step.accepted.delta_bic - _AS_GOOD
+                ),
+            )
+        )
+    return tuple(sorted(causes, key=lambda cause: -cause.share))
+
+
+def _fitted(model: Model, variance: float) -> list[FittedEffect]:
+    """Return the effects that add to the rows with values and standard errors."""
+    if not model.parts:
+        return []
+    channels = model.channels(model.signal())
+    terms = [part.terms(channels) for part in model.parts]
+    designs = [Design.of(own) for own in terms]
+    projected = Base(channels, [calibration_design(channels.situation)]).project(Design.joined(designs))
+    covariance = variance * projected.inverse()[0]
+    ends = np.cumsum([design.width for design in designs])
+    return [
+        part.fitted(own, covariance[end - design.width : end, end - design.width : end])
+        for part, own, design, end in zip(model.parts, terms, designs, ends, strict=True)
+    ]
+
+
+def _findings(model: Model) -> list[FittedEffect]:
+    return [finding.fitted for finding in model.findings]
+
+
+def _places(effect: FittedEffect) -> list[Place]:
+    return list(dict.fromkeys((one.sensor, one.axis) for one in effect.contributions))
+
+
+def _units(effect: FittedEffect, evidence: Evidence) -> dict[str, str]:
+    form = evidence.form
+    if isinstance(form, Hypothesis):
+        units = {coefficient.name: coefficient.unit for term in form.terms for coefficient in term.coefficients}
+        return units | dict(form.effect.shape_units)
+    names = {name for one in effect.contributions for name in one.values}
+    units = getattr(effect_named(effect.effect), "units", {})
+    return {name: units.get(name, "T") for name in sorted(names)}
+
+
+def _considered(found: Search, causes: tuple[Cause, ...]) -> tuple[Considered, ...]:
+    named = {cause.fitted.effect for cause in causes}
+    result = {one.effect: one for one in found.considered}
+    for one in found.steps[0].weighed if found.steps else found.weighed:
+        if one.effect in named:
+            why = "the data ask for it"
+            result[one.effect] = Considered(one.effect, "supported", why, one.delta_bic)
+            continue
+        why = (
+            "noise alone explains the data as well"
+            if one.delta_bic < LEAST_EVIDENCE
+            else "what it could explain, another explains better"
+        )
+        result[one.effect] = Considered(one.effect, "not_supported", why, one.delta_bic)
+    for cause in causes:
+        result[cause.fitted.effect] = Considered(
+            cause.fitted.effect, "supported", "the data ask for it", cause.delta_bic, cause.r2_cv
+        )
+    return tuple(result[name] for name in sorted(result))
+
+
+def _statement(verdict: Verdict, size: Size, where: Where, causes: tuple[Cause, ...]) -> str:
+    names = " and ".join(dict.fromkeys(cause.fitted.effect.replace("_", " ") for cause in causes))
+    place = ", ".join(f"sensor {one}" if isinstance(one, int) else f"the {one} magnetometer" for one in where.sensors)
+    if verdict == "no_gap":
+        return "No gap: what the calibration leaves is noise."
+    told = f"A gap of {size.before:.2g} noise floors"
+    if verdict == "unexplained":
+        return f"{told} in {place or 'all sensors'} that no effect of the library explains."
+    part = "explained" if verdict == "explained" else "partly explained"
+    return f"{told} in {place}, {part} by {names}: {100 * size.closed:.0f} % of it closes."
+
+
+def _residue(nominal: Model, model: Model, before: Channels, variance: float) -> Residue:
+    after = model.base().channels
+    array = nominal.array
+    assert array.vector_noise_T is not None
+    generator = np.random.default_rng(0)
+    situation = before.situation
+    scale = float(np.sqrt(variance))
+    noise = generator.normal(size=(situation.sample_count, situation.sensor_count, 3)) * (
+        scale * array.vector_noise_T[None, :, None]
+    )
+    readings = situation.errors.distort(situation.field_T) + noise
+    scalar = None
+    if nominal.recording.scalar_T is not None:
+        drawn = generator.normal(size=situation.sample_count) * (scale * (array.scalar_noise_T or 0.0))
+        scalar = np.where(before.precision > 0, situation.intensity_T + drawn, np.nan)
+    twin = Channels.at(
+        replace(nominal.recording, readings_T=readings, scalar_T=scalar), array, nominal.errors, nominal.intensity_T
+    )
+
+    def shifts(channels: Channels) -> FloatArray:
+        shift = channels.misfit.row_shift_T.copy()
+        shift[channels.misfit.row_information == 0] = np.nan
+        return shift
+
+    information = before.misfit.row_information
+    floor = scale / np.sqrt(np.maximum(np.median(information, axis=0), np.finfo(float).tiny))
+    return Residue(
+        situation.time_s,
+        situation.field_T / situation.intensity_T[:, None],
+        shifts(before),
+        shifts(after),
+        shifts(twin),
+        floor,
+    )
+

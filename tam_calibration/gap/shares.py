@@ -1,0 +1,34 @@
+"""The part of each effect in what all of them explain, whatever the order: the Shapley value of the explained energy."""
+
+from itertools import combinations
+from math import factorial
+
+import numpy as np
+
+from tam_calibration.gap.channels import Design, calibration_design
+from tam_calibration.gap.model import Model
+from tam_calibration.gap.regression import Base
+from tam_calibration.units import FloatArray
+
+
+def shares_of(model: Model) -> FloatArray:
+    """Return the shares (M,) of the parts of a model; they add up to one."""
+    count = len(model.parts)
+    if count < 2:
+        return np.ones(count)
+    channels = model.channels()
+    designs = [Design.of(part.terms(channels)) for part in model.parts]
+    projected = Base(channels, [calibration_design(channels.situation)]).project(Design.joined(designs))
+    ends = np.cumsum([design.width for design in designs])
+    columns = [np.arange(end - design.width, end) for end, design in zip(ends, designs, strict=True)]
+    explained = {(): 0.0}
+    for size in range(1, count + 1):
+        for group in combinations(range(count), size):
+            explained[group] = projected.take(np.concatenate([columns[member] for member in group])).gain()[0]
+    values = np.zeros(count)
+    for group, energy in explained.items():
+        for member in group:
+            others = tuple(other for other in group if other != member)
+            weight = factorial(len(others)) * factorial(count - len(group)) / factorial(count)
+            values[member] += weight * (energy - explained[others])
+    return np.maximum(values, 0) / max(float(np.maximum(values, 0).sum()), np.finfo(float).tiny)

@@ -1,0 +1,110 @@
+"""How large a gap is: the energy of the channels that a model leaves out of sample, against white noise."""
+
+from dataclasses import dataclass
+from math import exp
+
+import numpy as np
+
+from tam_calibration.array import TENSOR_OUTPUTS
+from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.gap.hypotheses import Evidence
+from tam_calibration.gap.model import Model
+from tam_calibration.gap.result import Size
+from tam_calibration.gap.validation import FOLDS, held_out_energy
+from tam_calibration.units import FloatArray
+
+LARGEST_NOISE = 1.2
+"""White noise of so many times the data sheet's, common to all sensors, is not yet a gap."""
+
+_T_OF_FOLDS = 2.776
+"""97.5 % quantile of Student's t with as many degrees of freedom as there are folds less one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Left:
+    """What a model leaves of each fold: energy (F,) of the channels out of sample, and what noise of one would leave."""
+
+    energy: FloatArray
+    noise: FloatArray
+
+    def excess(self, variance: float) -> FloatArray:
+        """Return χ²/n - 1 of each fold (F,) for channels whose noise has so many times the variance stated."""
+        return self.energy / (self.noise * variance) - 1
+
+
+def left_by(model: Model, interleaved: bool) -> Left:
+    """Return what a model leaves out of sample; what the calibration itself costs is counted as noise."""
+    base = model.base()
+    energy = held_out_energy(base.channels, base.designs, [len(base.designs)], interleaved)[:, 0]
+    expected = sum(_variance_energy(model, base.channels.misfit.row_information).tolist())
+    size = base.channels.count + base.calibration_rank * FOLDS / (FOLDS - 1)
+    share = size / base.channels.count
+    counts = np.full(FOLDS, base.channels.count / FOLDS)
+    return Left(energy - expected / FOLDS, counts * share)
+
+
+def _variance_energy(model: Model, row_information: FloatArray) -> FloatArray:
+    """Return the energy (V,) that the noise of each accepted finding brings."""
+    found = [finding.variance for finding in model.findings if finding.variance is not None]
+    counted = row_information[model.is_counted].sum(axis=0)
+    return np.array([float(counted @ variance) for variance in found])
+
+
+def is_interleaved(model: Model) -> bool:
+    """Whether an accepted effect is a free function of time."""
+    return any(isinstance(part.effect, LinearEffect) and part.effect.is_free_in_time for part in model.parts)
+
+
+def noise_variance(model: Model, rivals: tuple[Evidence, ...], least_evidence: float) -> float:
+    """Return the variance of the white noise of the channels, in units of the variance stated.
+
+    What a rival without physics still explains is not noise, nor is what exceeds ``LARGEST_NOISE``.
+    """
+    base = model.base()
+    expected = float(np.sum(_variance_energy(model, base.channels.misfit.row_information)))
+    gain = max((rival.gain for rival in rivals if rival.delta_bic > least_evidence), default=0.0)
+    energy = base.energy * exp(-gain / base.channels.count) - expected
+    return float(min(energy / max(base.channels.count - base.rank, 1.0), LARGEST_NOISE**2))
+
+
+def measure(nominal: Model, model: Model, variance: float) -> Size:
+    """Return the size of the gap in front of the causes of a model, and with them."""
+    interleaved = is_interleaved(model)
+    first, last = left_by(nominal, interleaved).excess(variance), left_by(model, interleaved).excess(variance)
+    before, after = float(np.sqrt(max(first.mean(), 0))), float(np.sqrt(max(last.mean(), 0)))
+    closed, interval = _closed(first, last)
+    assert model.array.vector_noise_T is not None
+    floor = float(np.sqrt(variance * np.mean(model.array.vector_noise_T**2)))
+    tensors = [_tensor_excess(one, variance) for one in (nominal, model)]
+    return Size(before, after, before * floor, after * floor, tensors[0], tensors[1], floor, closed, interval)
+
+
+def _closed(first: FloatArray, last: FloatArray) -> tuple[float, tuple[float, float]]:
+    def part(kept: np.ndarray) -> float:
+        total = first[kept].mean()
+        return float(np.clip(1 - max(last[kept].mean(), 0) / total, 0, 1)) if total > 0 else 0.0
+
+    everything = np.ones(len(first), dtype=bool)
+    value = part(everything)
+    left_out = np.array([part(np.arange(len(first)) != fold) for fold in range(len(first))])
+    error = np.sqrt((len(first) - 1) / len(first) * np.sum((left_out - left_out.mean()) ** 2))
+    half = _T_OF_FOLDS * float(error)
+    return value, (max(value - half, 0.0), min(value + half, 1.0))
+
+
+def _tensor_excess(model: Model, variance: float) -> float:
+    """Return the root of the summed squares of the tensor's components beyond noise, T/m."""
+    if not model.array.has_gradient:
+        return float("nan")
+    assert model.array.vector_noise_T is not None
+    counted = model.is_counted
+    readings = model.recording.readings_T
+    if model.parts:
+        readings = readings - model.signal()[:, :-1].reshape(readings.shape)
+    restored = model.errors.restore(readings[counted]).reshape(int(counted.sum()), -1)
+    tensor = restored @ model.array.operator[list(TENSOR_OUTPUTS)].T
+    unmixed = np.einsum(
+        "rki,kij->rkj", model.array.operator[list(TENSOR_OUTPUTS)].reshape(5, -1, 3), np.linalg.inv(model.errors.matrix)
+    ).reshape(5, -1)
+    noise = variance * unmixed**2 @ np.repeat(model.array.vector_noise_T**2, 3)
+    return float(np.sqrt(max(np.sum(np.mean(tensor**2, axis=0)) - noise.sum(), 0.0)))

@@ -1,0 +1,217 @@
+"""Where a gap lies, without assuming a cause."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from tam_calibration.effects.effect import ALL, SCALAR
+from tam_calibration.gap.channels import Channels, Design
+from tam_calibration.gap.hypotheses import Evidence
+from tam_calibration.gap.regression import Base
+from tam_calibration.gap.result import Where
+from tam_calibration.gap.search import Hypothesis
+from tam_calibration.gap.selection import columns_of
+from tam_calibration.units import FloatArray
+
+_SPAN_ENERGY = 0.9
+_SHORT_SPAN = 0.6
+_NEARLY_ALL = 0.85
+
+Place = tuple[int, int | None]
+"""Sensor (index, ``SCALAR`` or ``ALL``) and axis."""
+
+
+def places_of(form: object) -> list[Place]:
+    """Return the places of a hypothesis or finding."""
+    if isinstance(form, Hypothesis):
+        return list(dict.fromkeys((term.sensor, term.axis) for term in form.terms))
+    return list(dict.fromkeys((one.sensor, one.axis) for one in form.fitted.contributions))  # type: ignore[attr-defined]
+
+
+def sensors_and_axes(places: Iterable[Place], sensor_count: int) -> tuple[tuple[int | str, ...], tuple[str, ...]]:
+    """Return what people call places: sensor numbers or "scalar", and axes."""
+    places = list(places)
+    found = {sensor for sensor, _ in places}
+    if ALL in found:
+        found = found - {ALL} | set(range(sensor_count))
+    sensors: list[int | str] = [sensor + 1 for sensor in sorted(found - {SCALAR})]
+    if SCALAR in found:
+        sensors.append("scalar")
+    axes = {axis for sensor, axis in places if sensor != SCALAR}
+    if not axes:
+        return tuple(sensors), ()
+    if None in axes:
+        return tuple(sensors), ("x", "y", "z")
+    return tuple(sensors), tuple("xyz"[axis] for axis in sorted(axis for axis in axes if axis is not None))
+
+
+def noisy_places(channels: Channels) -> tuple[list[Place], float]:
+    """Return the axis, sensor or scalar that explains most if its noise is larger than that of the others.
+
+    With it twice the logarithm of the likelihood ratio of two variances against one; every sample's channels are
+    turned so that those that see the place stand apart.
+    """
+    counted = channels.is_counted
+    total, count = channels.energy, channels.count
+    best: tuple[list[Place], float] = ([], 0.0)
+    for place, rows in _candidates(channels):
+        energy, freedom = _energy_along(channels, rows)
+        energy = energy[counted]
+        inside, outside = float(energy.sum()), total - float(energy.sum())
+        many = freedom * len(energy)
+        rest = count - many
+        if rest <= many / 100 or inside / many <= outside / rest:
+            continue
+        gain = count * np.log(total / count) - many * np.log(inside / many) - rest * np.log(outside / rest)
+        if gain > best[1]:
+            best = place, float(gain)
+    return best
+
+
+def _candidates(channels: Channels) -> list[tuple[list[Place], list[int]]]:
+    sensors = channels.situation.sensor_count
+    found: list[tuple[list[Place], list[int]]] = []
+    for sensor in range(sensors):
+        found += [([(sensor, axis)], [3 * sensor + axis]) for axis in range(3)]
+        if sensors > 2:
+            found.append(([(sensor, None)], [3 * sensor, 3 * sensor + 1, 3 * sensor + 2]))
+    if channels.recording.scalar_T is not None:
+        found.append(([(SCALAR, None)], [channels.situation.scalar_row]))
+    return found
+
+
+def _energy_along(channels: Channels, rows: list[int]) -> tuple[FloatArray, int]:
+    """Return the energy (N,) of each sample that shifts of some rows can explain, and how many channels that is."""
+    information = np.broadcast_to(
+        channels.coupling[np.ix_(rows, rows)], (len(channels.misfit_T), len(rows), len(rows))
+    ).copy()
+    direction = channels.row_direction[:, rows]
+    information += channels.precision[:, None, None] * direction[:, :, None] * direction[:, None, :]
+    score = channels.row_score[:, rows]
+    size = np.sqrt(np.maximum(np.einsum("nii->ni", information), np.finfo(float).tiny))
+    scaled = information / (size[:, :, None] * size[:, None, :])
+    solved = np.linalg.solve(scaled + 1e-9 * np.eye(len(rows)), (score / size)[:, :, None])[:, :, 0]
+    return np.sum(solved * score / size, axis=1), len(rows)
+
+
+def span_of(channels: Channels, excess: FloatArray) -> tuple[float, float] | None:
+    """Return the time in which nearly all of the energy beyond noise (N,) lies, where it is much less than the run."""
+    total = np.cumsum(excess)
+    if total[-1] <= 0:
+        return None
+    margin = (1 - _SPAN_ENERGY) / 2
+    first = int(np.searchsorted(total, margin * total[-1]))
+    last = int(np.searchsorted(total, (1 - margin) * total[-1]))
+    time_s = channels.situation.time_s
+    low, high = float(time_s[first]), float(time_s[min(last, len(time_s) - 1)])
+    return (low, high) if high - low < _SHORT_SPAN * float(np.ptp(time_s)) else None
+
+
+def band_of(channels: Channels, row: int, variance: float) -> tuple[float, float] | None:
+    """Return the band that holds most of what a row has beyond white noise, where it is not white."""
+    situation = channels.situation
+    if situation.sample_count < 64:
+        return None
+    shift = channels.misfit.row_shift_T[:, row] * np.sqrt(channels.misfit.row_information[:, row] / variance)
+    power = np.abs(np.fft.rfft(shift)) ** 2 / len(shift)
+    frequency = np.fft.rfftfreq(len(shift), situation.step_s)
+    beyond = np.maximum(power[1:] - 1, 0) * (power[1:] > 1 + 3.0)
+    if beyond.sum() < 0.02 * len(beyond):
+        return None
+    total = np.cumsum(beyond)
+    low = int(np.searchsorted(total, 0.1 * total[-1]))
+    high = int(np.searchsorted(total, 0.9 * total[-1]))
+    if high - low > 0.7 * len(beyond):
+        return None
+    return float(frequency[1 + low]), float(frequency[1 + high])
+
+
+def locate(
+    base: Base,
+    causes: list[list[Place]],
+    rivals: Iterable[Evidence],
+    variance: float,
+    least_evidence: float,
+) -> Where:
+    """Return where the gap of a nominal model lies.
+
+    Parameters
+    ----------
+    base : Base
+        The nominal calibration.
+    causes : list of list of Place
+        Of accepted causes; where there are none, those of the strongest rival without physics are told.
+    rivals : iterable of Evidence
+        At the nominal calibration.
+    variance : float
+        Of the channels' white noise.
+    least_evidence : float
+        From which a rival counts.
+    """
+    channels = base.channels
+    noisy, gain = noisy_places(channels)
+    strongest = max(rivals, key=lambda rival: rival.delta_bic, default=None)
+    if causes:
+        places = [place for cause in causes for place in cause]
+    elif strongest is not None and strongest.delta_bic > max(least_evidence, gain / 4):
+        places = main_places(base, strongest)
+    else:
+        places = noisy
+    sensors, axes = sensors_and_axes(places, channels.situation.sensor_count)
+    excess = (channels.energy_per_sample / variance - channels.channels_per_sample) * channels.is_counted
+    row = _first_row(places, channels)
+    per_channel = {
+        "differential_chi_square": float(np.mean(channels.differential[channels.is_counted] ** 2))
+        if channels.differential.size
+        else float("nan"),
+        "common_mode_chi_square": _common_mode(channels),
+        "two_variances_gain": gain,
+    }
+    return Where(sensors, axes, span_of(channels, excess), band_of(channels, row, variance), per_channel)
+
+
+def main_places(base: Base, rival: Evidence) -> list[Place]:
+    """Return where a rival stands: the fewest sensors, or the one axis, that make nearly all of what it explains."""
+    assert isinstance(rival.form, Hypothesis)
+    terms = rival.form.terms
+    columns = columns_of(terms)
+    projected = base.project(Design.of(terms))
+    whole = projected.gain()[0]
+
+    def explained(kept: Iterable[int]) -> float:
+        return projected.take(np.concatenate([columns[index] for index in kept])).gain()[0]
+
+    def of_place(*places: Place) -> list[int]:
+        return [
+            index
+            for index, term in enumerate(terms)
+            if any(term.sensor == sensor and axis in (None, term.axis) for sensor, axis in places)
+        ]
+
+    every = list(dict.fromkeys((term.sensor, term.axis) for term in terms))
+    single = max(every, key=lambda place: explained(of_place(place)))
+    if explained(of_place(single)) >= _NEARLY_ALL * whole:
+        return [single]
+    left: list[Place] = list(dict.fromkeys((sensor, None) for sensor, _ in every))
+    chosen: list[Place] = []
+    while left:
+        best = max(left, key=lambda place: explained(of_place(*chosen, place)))
+        chosen.append(best)
+        left.remove(best)
+        if explained(of_place(*chosen)) >= _NEARLY_ALL * whole:
+            break
+    return chosen
+
+
+def _first_row(places: list[Place], channels: Channels) -> int:
+    sensor, axis = places[0] if places else (0, 0)
+    if sensor == SCALAR:
+        return channels.situation.scalar_row
+    return 3 * max(sensor, 0) + (axis or 0)
+
+
+def _common_mode(channels: Channels) -> float:
+    known = channels.is_counted & (channels.precision > 0)
+    if not known.any():
+        return float("nan")
+    return float(np.mean(channels.precision[known] * channels.misfit_T[known] ** 2))
