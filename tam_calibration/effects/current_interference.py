@@ -1,0 +1,60 @@
+"""The field of a current near the sensors."""
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+
+from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.lag import lagged
+
+_LEAST_CHANGE_A = 1e-3
+_LEAST_PART = 0.005
+_LAGS = (1.0, 5.0, 25.0, 125.0)
+"""Time constants of a lagged part, in steps of time."""
+
+
+class CurrentInterference(LinearEffect):
+    """A current that is fixed to the array adds a field in proportion to it."""
+
+    name: ClassVar[str] = "current_interference"
+    title: ClassVar[str] = "field of a current near the sensors"
+    physics: ClassVar[str] = (
+        "By the law of Biot and Savart a current in wires fixed to the array adds a field in proportion to it at each "
+        "sensor; iron and conductors nearby add a part of second order and one that lags (Springmann and Cutler, "
+        "Attitude-independent magnetometer calibration with time-varying bias, J. Guid. Control Dyn. 35, 2012)."
+    )
+    channels: ClassVar[tuple[str, ...]] = ("current_A",)
+    excitation: ClassVar[str] = "switch or vary the current several times while the array turns"
+    shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s", "reference_A": "A"}
+
+    def obstacle(self, situation: Situation) -> str | None:
+        """Return that the current is constant, where it is."""
+        assert situation.current_A is not None
+        low, high = np.quantile(situation.current_A, (0.01, 0.99))
+        if high - low < max(_LEAST_CHANGE_A, _LEAST_PART * max(abs(low), abs(high))):
+            return f"the current changes by {high - low:.2g} A only"
+        return None
+
+    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+        """Return the field without a lagged part, then with one."""
+        assert situation.current_A is not None
+        reference = {"reference_A": float(np.mean(situation.current_A))}
+        return [reference, *({**reference, "time_constant_s": lag * situation.step_s} for lag in _LAGS)]
+
+    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+        """Return the field of the current at each axis and along the field at the scalar, its second order and lag."""
+        assert situation.current_A is not None
+        current = situation.current_A - shape["reference_A"]
+        features = [("field", "T/A", current), ("quadratic", "T/A²", current**2)]
+        if "time_constant_s" in shape:
+            late = current - lagged(current, situation.time_s, shape["time_constant_s"])
+            features.append(("lagged", "T/A", late))
+        terms = [
+            Term.of_row(situation, row, name, [Coefficient(name, unit)], feature[:, None])
+            for name, unit, feature in features
+            for row in range(situation.scalar_row)
+        ]
+        along = situation.field_T / situation.intensity_T[:, None] * current[:, None]
+        parts = [Coefficient(f"field {axis}", "T/A") for axis in "xyz"]
+        return [*terms, Term.of_row(situation, situation.scalar_row, "field", parts, along)]

@@ -1,0 +1,58 @@
+"""An ambient field whose intensity drifts in time against the scalar reference."""
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+from numpy.polynomial.legendre import legvander
+
+from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+
+_ORDERS = ((1, 2), (3, 4), (5, 8), (9, 16), (17, 32))
+_LEAST_SAMPLES = 20
+
+
+class GeomagneticDrift(LinearEffect):
+    """The intensity at the array drifts against the reference: a free, slow function of time on the scalar row.
+
+    A drift of the vector turns with the array, yet changes the intensity by its part along the field, whatever the
+    attitude; the differences between the sensors do not see it.
+    """
+
+    name: ClassVar[str] = "geomagnetic_drift"
+    title: ClassVar[str] = "geomagnetic field that drifts during the recording"
+    physics: ClassVar[str] = (
+        "Currents in ionosphere and magnetosphere change the geomagnetic field by nanoteslas in minutes, by tens "
+        "in hours (Campbell, Introduction to Geomagnetic Fields, Cambridge University Press, 2003, chapters 2, 3); "
+        "a reference elsewhere, or an intensity taken as constant, does not follow."
+    )
+    excitation: ClassVar[str] = "come back to the same attitudes several times during the recording"
+    is_free_in_time: ClassVar[bool] = True
+    shape_units: ClassVar[dict[str, str]] = {"start_s": "s", "span_s": "s"}
+
+    def obstacle(self, situation: Situation) -> str | None:
+        """Return that the recording is too short, where it is."""
+        if situation.sample_count < _LEAST_SAMPLES:
+            return f"{situation.sample_count} samples are too few for a free function of time"
+        return None
+
+    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+        """Return the span of time of the recording."""
+        start, stop = float(situation.time_s[0]), float(situation.time_s[-1])
+        return ({"start_s": start, "span_s": stop - start},)
+
+    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+        """Return Legendre polynomials of time, held at their last value outside the span."""
+        phase = np.clip(2 * (situation.time_s - shape["start_s"]) / shape["span_s"] - 1, -1, 1)
+        functions = legvander(phase, _ORDERS[-1][1])
+        row = situation.scalar_row
+        return [
+            Term.of_row(
+                situation,
+                row,
+                f"orders {first} to {last}",
+                [Coefficient(f"order {order}", "T") for order in range(first, last + 1)],
+                functions[:, first : last + 1],
+            )
+            for first, last in _ORDERS
+        ]

@@ -1,0 +1,55 @@
+"""First-order lags: what follows its drive with a time constant, x' = (drive - x) / τ."""
+
+import numpy as np
+
+from tam_calibration.units import FloatArray
+
+_FORGOTTEN = 1e-18
+"""A factor below which what was before no longer counts."""
+
+
+def lagged(drive: FloatArray, time_s: FloatArray, time_constant_s: float) -> FloatArray:
+    """Return a drive (N,) or (N, C) after a first-order lag, exact for a drive that is linear between samples.
+
+    The lag is settled at the first sample; sample n depends on none after it.
+    """
+    if time_constant_s <= 0 or len(drive) < 2:
+        return drive.copy()
+    values = drive.reshape(len(drive), -1)
+    step = np.diff(time_s)[:, None]
+    behind = time_constant_s * np.diff(values, axis=0) / step
+    return _follow(values[1:] - behind, values[:-1] - behind, values[0], step[:, 0] / time_constant_s, drive.shape)
+
+
+def lagged_smooth(drive: FloatArray, rate: FloatArray, time_s: FloatArray, time_constant_s: float) -> FloatArray:
+    """Return a drive (N, C) with known rates of change after a first-order lag, exact for cubics between samples.
+
+    Right for time constants below the step of time too, which ``lagged`` takes for a lag of half a step.
+    """
+    if time_constant_s <= 0 or len(drive) < 2:
+        return drive.copy()
+    step = np.diff(time_s)[:, None]
+    slope = np.diff(drive, axis=0) / step
+    first, last = rate[:-1], rate[1:]
+    third = 6 * (first + last - 2 * slope) / step**2
+    second = 2 * (3 * slope - 2 * first - last) / step
+    second_at_end = second + third * step
+    tau = time_constant_s
+    # A cubic p is followed by p - τ p' + τ² p'' - τ³ p''' and a transient.
+    end = drive[1:] - tau * (last - tau * (second_at_end - tau * third))
+    start = drive[:-1] - tau * (first - tau * (second - tau * third))
+    return _follow(end, start, drive[0] - tau * rate[0], step[:, 0] / tau, drive.shape)
+
+
+def _follow(
+    end: FloatArray, start: FloatArray, initial: FloatArray, ratio: FloatArray, shape: tuple[int, ...]
+) -> FloatArray:
+    """Return x of x_n = end_n + exp(-ratio_n) (x_{n-1} - start_n), by doubling the reach of each sample."""
+    factor = np.append(0.0, np.exp(-ratio))
+    state = np.concatenate([initial[None], end - factor[1:, None] * start])
+    reach = 1
+    while reach < len(state) and factor[reach:].max() > _FORGOTTEN:
+        state[reach:] += factor[reach:, None] * state[:-reach]
+        factor[reach:] *= factor[:-reach].copy()
+        reach *= 2
+    return state.reshape(shape)

@@ -1,0 +1,98 @@
+"""Rates of change of the field in motion, from the neighbours of each sample."""
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.linalg import norm
+from numpy.typing import NDArray
+
+from tam_calibration.effects.effect import Situation
+from tam_calibration.recording import pieces
+from tam_calibration.units import FloatArray
+
+_NEIGHBOURS = 6
+_LARGEST_WEIGHT = 50.0
+"""Of a neighbour in a derivative, per step of time; more means samples that nearly coincide."""
+
+_KNOWN: WeakKeyDictionary[Situation, tuple[FloatArray, FloatArray]] = WeakKeyDictionary()
+
+_JUMP = 0.35
+_BLOCKS = (1, 2, 4, 8, 16)
+
+
+def rates(situation: Situation) -> tuple[FloatArray, FloatArray]:
+    """Return the first and second derivatives (N, 3) of the field by time, per stretch between holes.
+
+    That of the polynomial through three neighbours on both sides, at an end of a stretch through the nearest six; a
+    sample's own noise is not in its derivatives. Zero in stretches of less than three samples.
+    """
+    if situation in _KNOWN:
+        return _KNOWN[situation]
+    first, second = np.zeros_like(situation.field_T), np.zeros_like(situation.field_T)
+    for stretch in situation.stretches:
+        if stretch.stop - stretch.start < 3:
+            continue
+        neighbours, here = _neighbours(stretch), np.arange(stretch.start, stretch.stop)
+        for piece in pieces(len(here)):
+            nodes, own = neighbours[piece], here[piece]
+            _, slope, curvature = _weights(situation.time_s[nodes] - situation.time_s[own, None])
+            wild = np.abs(slope).max(axis=1) * situation.step_s > _LARGEST_WEIGHT
+            slope[wild], curvature[wild] = 0, 0
+            first[own] = _combined(slope, situation.field_T, nodes)
+            second[own] = _combined(curvature, situation.field_T, nodes)
+    _KNOWN[situation] = first, second
+    return first, second
+
+
+def jumps(situation: Situation) -> str | None:
+    """Return that the field changes from sample to sample in jumps, not in continuous motion, where it does."""
+    if situation.sample_count < 2 * _NEIGHBOURS:
+        return f"{situation.sample_count} samples are too few to tell a motion"
+    for size in _BLOCKS:
+        steps, misses = [], []
+        for stretch in situation.stretches:
+            count = (stretch.stop - stretch.start) // size
+            if count <= _NEIGHBOURS:
+                continue
+            part = slice(stretch.start, stretch.start + count * size)
+            time = situation.time_s[part].reshape(count, size).mean(axis=1)
+            field = situation.field_T[part].reshape(count, size, 3).mean(axis=1)
+            nodes = _neighbours(slice(0, count))
+            weight, _, _ = _weights(time[nodes] - time[:, None])
+            steps.append(norm(np.diff(field, axis=0), axis=1))
+            misses.append(norm(field - _combined(weight, field, nodes), axis=1)[_NEIGHBOURS // 2 : -_NEIGHBOURS // 2])
+        if steps and np.quantile(np.concatenate(misses), 0.75) < _JUMP * np.quantile(np.concatenate(steps), 0.75):
+            return None
+    return "the field changes from sample to sample in jumps, not in continuous motion"
+
+
+def _neighbours(stretch: slice) -> NDArray[np.intp]:
+    """Return the (n, m) indices of the m samples nearest in order to each sample of a stretch, without itself."""
+    count = stretch.stop - stretch.start
+    reach = min(_NEIGHBOURS, count - 1)
+    here = np.arange(count)[:, None]
+    first = np.clip(here - reach // 2, 0, count - 1 - reach)
+    nodes = first + np.arange(reach)
+    around: NDArray[np.intp] = stretch.start + nodes + (nodes >= here)
+    return around
+
+
+def _weights(offset: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the weights (n, m) of value, first and second derivative at 0 of the polynomials through nodes (n, m)."""
+    difference = offset[:, :, None] - offset[:, None, :]
+    same = np.eye(offset.shape[1], dtype=bool)
+    difference[:, same] = 1
+    ratio = -offset[:, None, :] / difference
+    ratio[:, same] = 1
+    value = np.prod(ratio, axis=2)
+    inverse = np.broadcast_to(-1 / offset[:, None, :], ratio.shape).copy()
+    inverse[:, same] = 0
+    slope = inverse.sum(axis=2)
+    return value, value * slope, value * (slope**2 - np.sum(inverse**2, axis=2))
+
+
+def _combined(weight: FloatArray, values: FloatArray, nodes: NDArray[np.intp]) -> FloatArray:
+    combined = np.zeros((len(nodes), values.shape[1]))
+    for position in range(nodes.shape[1]):
+        combined += weight[:, position, None] * values[nodes[:, position]]
+    return combined
