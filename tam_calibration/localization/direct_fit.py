@@ -13,13 +13,14 @@ from numpy.linalg import norm
 from tam_calibration.array import Array
 from tam_calibration.localization.dipole import Dipole, dipole_field
 from tam_calibration.localization.euler import locate
-from tam_calibration.localization.least_squares import Kernel, Problem, Solution, solve
+from tam_calibration.localization.least_squares import Kernel, Solution, solve
 from tam_calibration.localization.loop import Loop, area_of, loop_field
 from tam_calibration.localization.poses import ONE_POSE, Poses
+from tam_calibration.localization.readings import Readings
 from tam_calibration.problems import InputError, Refused
 from tam_calibration.units import FloatArray
 
-_STARTS = 24
+_STARTS, _REWEIGHTINGS = 24, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,12 @@ class SourceFit:
 
 
 def fit_dipole(
-    fields_T: FloatArray, array: Array, poses: Poses = ONE_POSE, *, fit_uniform_field: bool = False
+    fields_T: FloatArray,
+    array: Array,
+    poses: Poses = ONE_POSE,
+    *,
+    uniform_field_T: FloatArray | None = None,
+    fit_uniform_field: bool = False,
 ) -> SourceFit:
     """Fit a dipole to the fields at the sensors.
 
@@ -80,6 +86,8 @@ def fit_dipole(
         Positions and noise of the sensors; without a stated noise it is taken from the residuals.
     poses : Poses
         Of the array; by default one, in which the array frame is the world.
+    uniform_field_T : (3,) array, optional
+        Of the field beside the source's in the world, where it is known, tesla.
     fit_uniform_field : bool
         Whether there is an unknown field beside the source's.
 
@@ -95,7 +103,7 @@ def fit_dipole(
     Refused
         When the readings do not determine the source.
     """
-    return _fit(dipole_field, None, fields_T, array, poses, fit_uniform_field)
+    return _fit(dipole_field, None, fields_T, array, poses, uniform_field_T, fit_uniform_field)
 
 
 def fit_loop(
@@ -104,6 +112,7 @@ def fit_loop(
     radius_m: float,
     poses: Poses = ONE_POSE,
     *,
+    uniform_field_T: FloatArray | None = None,
     fit_uniform_field: bool = False,
 ) -> SourceFit:
     """Fit a circular loop of known radius to the fields at the sensors; the rest is as for ``fit_dipole``.
@@ -117,46 +126,30 @@ def fit_loop(
     """
     if not (np.isfinite(radius_m) and radius_m > 0):
         raise InputError(f"the radius of the loop must be a positive number of metres, not {radius_m}")
-    return _fit(partial(loop_field, radius_m=radius_m), radius_m, fields_T, array, poses, fit_uniform_field)
-
-
-def pose_problem(kernel: Kernel, array: Array, poses: Poses, fit_uniform_field: bool, whitening: FloatArray) -> Problem:
-    """Return the problem of readings whose whitening (N, 3 K, 3 K) takes fields in the world to data of unit noise."""
-    points = poses.position_m[:, None] + np.einsum("nij,kj->nki", poses.matrix, array.positions_m)
-    everywhere = np.tile(np.eye(3), (array.sensor_count, 1)) if fit_uniform_field else np.zeros((3 * len(points[0]), 0))
-    return Problem(kernel, points, whitening, whitening @ everywhere)
-
-
-def whitening_of(array: Array, poses: Poses, world_T: FloatArray) -> FloatArray:
-    """Return the (N, 3 K, 3 K) square roots of the inverse noise of fields (N, K, 3) in the world.
-
-    An error ω of the attitude turns the whole field, ω × B in every sensor; the sensors' own noise has no direction.
-    """
-    sensors = array.sensor_count
-    noise = np.ones(sensors) if array.vector_noise_T is None else array.vector_noise_T
-    own = np.diag(1 / np.repeat(noise, 3))
-    if poses.attitude_noise == 0:
-        return np.broadcast_to(own, (len(world_T), *own.shape))
-    turn = poses.attitude_noise * np.swapaxes(np.cross(world_T.mean(axis=1)[:, None], np.eye(3)), 1, 2)
-    common = own @ np.tile(turn, (1, sensors, 1))
-    values, vectors = np.linalg.eigh(np.eye(3 * sensors) + common @ np.swapaxes(common, 1, 2))
-    whitening: FloatArray = np.swapaxes(vectors, 1, 2) / np.sqrt(values)[..., None] @ own
-    return whitening
+    kernel = partial(loop_field, radius_m=radius_m)
+    return _fit(kernel, radius_m, fields_T, array, poses, uniform_field_T, fit_uniform_field)
 
 
 def _fit(
-    kernel: Kernel, radius_m: float | None, fields_T: FloatArray, array: Array, poses: Poses, fit_uniform_field: bool
+    kernel: Kernel,
+    radius_m: float | None,
+    fields_T: FloatArray,
+    array: Array,
+    poses: Poses,
+    uniform_field_T: FloatArray | None,
+    fit_uniform_field: bool,
 ) -> SourceFit:
-    fields = _check(fields_T, array, poses)
-    world = np.einsum("nij,nkj->nki", poses.matrix, fields)
-    whitening = whitening_of(array, poses, world)
-    problem = pose_problem(kernel, array, poses, fit_uniform_field, whitening)
-    data = (whitening @ world.reshape(len(world), -1, 1)).reshape(1, -1)
+    world = poses.into_world(_check(fields_T, array, poses))
+    known = np.zeros(3) if uniform_field_T is None else _check_uniform(uniform_field_T, fit_uniform_field)
+    readings = Readings(kernel, array, poses, world, known, fit_uniform_field)
+    problem, data = readings.whitened()
     freedom = data.size - 6 - problem.linear.shape[2]
     if freedom < 0:
         raise Refused(f"{data.size} values do not determine {data.size - freedom} unknowns: use more sensors or poses")
-    start = _start(problem, data, fields, array, poses, fit_uniform_field)
-    solution = solve(problem, data, start)
+    solution = solve(problem, data, _start(readings))
+    for _ in range(_REWEIGHTINGS if poses.attitude_noise else 0):
+        problem, data = readings.whitened(solution)
+        solution = solve(problem, data, solution.unknowns)
     if not solution.is_found[0]:
         raise Refused(
             "the readings do not determine the source: it is too far, too weak, or always seen from the same side"
@@ -174,23 +167,30 @@ def _check(fields_T: FloatArray, array: Array, poses: Poses) -> FloatArray:
     return fields
 
 
-def _start(
-    problem: Problem, data: FloatArray, fields: FloatArray, array: Array, poses: Poses, has_uniform_field: bool
-) -> FloatArray:
+def _check_uniform(uniform_field_T: FloatArray, is_fitted: bool) -> FloatArray:
+    uniform = np.asarray(uniform_field_T, dtype=float)
+    if uniform.shape != (3,) or not np.isfinite(uniform).all():
+        raise InputError("the uniform field must be three finite numbers in the frame of the world, tesla")
+    if is_fitted:
+        raise InputError("the uniform field is either known or fitted, not both")
+    return uniform
+
+
+def _start(readings: Readings) -> FloatArray:
     """Return the best of the Euler solutions of the poses with the strongest gradients."""
+    array, poses, world = readings.array, readings.poses, readings.of_source_T
     if not array.has_gradient:
         raise Refused("the array's geometry determines no gradient, so that the fit has nowhere to start")
-    matrix = poses.matrix
-    outputs = fields.reshape(len(fields), -1) @ array.operator.T
-    if has_uniform_field:
-        uniform = np.median(np.einsum("nij,nj->ni", matrix, outputs[:, :3]), axis=0)
-        outputs[:, :3] -= np.einsum("nji,j->ni", matrix, uniform)
+    if readings.fit_uniform_field:
+        world = world - np.median(world.mean(axis=1), axis=0)
+    outputs = np.einsum("nji,nkj->nki", poses.matrix, world).reshape(len(world), -1) @ array.operator.T
     solutions = locate(outputs)
     strongest = np.argsort(-norm(outputs[:, 3:], axis=1), kind="stable")
     chosen = strongest[solutions.is_located[strongest]][:_STARTS]
     if not len(chosen):
         raise Refused("the field or its gradient is zero in every pose: there is no source to be seen")
-    places = poses.position_m[chosen] + np.einsum("nij,nj->ni", matrix[chosen], solutions.position_m[chosen])
+    places = poses.place_in_world(solutions.position_m)[chosen]
+    problem, data = readings.whitened()
     shared = np.broadcast_to(data, (len(places), data.shape[1]))
     starts = problem.start(shared, places)
     misfit = [np.sum((data - problem.predict(start[None])[0]) ** 2) for start in starts]

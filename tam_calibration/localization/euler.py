@@ -70,7 +70,7 @@ def locate(
     outputs = np.where(is_finite[:, None], outputs, np.zeros(1))
     system = _System.of(outputs, noise, constrained)
     status = _degeneracies(system, outputs, noise, constrained)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         r, by_output = system.solve(index)
         covariance_of_r: FloatArray = by_output @ noise @ np.swapaxes(by_output, 1, 2)
         if constrained:
@@ -134,7 +134,7 @@ class _System:
         order = np.argsort(-np.abs(values), axis=1)
         values = np.take_along_axis(values, order, axis=1)
         vectors = np.take_along_axis(vectors, order[:, None], axis=2)
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             inverse = 1 / values
         if constrained:
             inverse[:, 2] = 0

@@ -4,7 +4,7 @@ import pytest
 
 @pytest.fixture
 def slope():
-    """Return a function that differentiates a function of three numbers: columns of central differences, sixth order."""
+    """Return central differences of sixth order of a function of three numbers, as columns."""
 
     def slope(function, point, step):
         weights = np.array([45, -9, 1]) / (60 * step)
@@ -18,3 +18,9 @@ def slope():
         return np.stack(columns, axis=-1)
 
     return slope
+
+
+def outputs_of(source, points_m=(0, 0, 0)):
+    """Return the eight outputs of an array of no extent at a place."""
+    point = np.asarray(points_m, dtype=float)
+    return np.concatenate([source.field_T(point), source.gradient_T_per_m(point)[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]]])

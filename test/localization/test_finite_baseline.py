@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+from numpy.linalg import norm
+from numpy.testing import assert_allclose
+
+from tam_calibration.array import Array
+from tam_calibration.localization.dipole import dipole_field
+from tam_calibration.localization.euler import locate
+from tam_calibration.localization.finite_baseline import locate_dipole
+from tam_calibration.localization.solutions import Status
+from tam_calibration.problems import InputError
+
+ARRAY = Array.cross(0.21, vector_noise_T=5e-11)
+NOISE = ARRAY.operator @ ARRAY.operator.T * 2.5e-21
+RANGE_M = 2.64
+
+
+@pytest.fixture(scope="module")
+def dipoles():
+    """Return places 2.64 m away, moments, and the readings (N, K, 3) that they make."""
+    generator = np.random.default_rng(11)
+    places = generator.normal(size=(300, 3))
+    places *= RANGE_M / norm(places, axis=1, keepdims=True)
+    moments = 250 * generator.normal(size=(300, 3))
+    return places, moments, dipole_field(ARRAY.positions_m - places[:, None], moments[:, None])[0]
+
+
+def test_error_of_finite_baselines_is_gone(dipoles):
+    """Euler's solution is wrong by per cents of the range, and the fit with the true baselines by nothing."""
+    places, moments, readings = dipoles
+    outputs = readings.reshape(len(places), -1) @ ARRAY.operator.T
+    euler, found = locate(outputs), locate_dipole(outputs, ARRAY)
+    assert norm(euler.position_m - places, axis=1).max() > 0.02 * RANGE_M
+    assert found.is_located.all()
+    assert_allclose(found.position_m, places, atol=1e-10)
+    assert_allclose(found.moment_Am2, moments, atol=1e-7)
+
+
+def test_covariance_is_that_of_repeated_measurements(dipoles):
+    """And no larger than Euler's, which leaves out two of the eight outputs."""
+    places, _, readings = dipoles
+    noisy = readings[:1] + 5e-11 * np.random.default_rng(12).normal(size=(4000, 4, 3))
+    outputs = noisy.reshape(len(noisy), -1) @ ARRAY.operator.T
+    found = locate_dipole(outputs, ARRAY, NOISE)
+    one = locate_dipole(readings[:1].reshape(1, -1) @ ARRAY.operator.T, ARRAY, NOISE)
+    covariance = one.position_covariance_m2[0]
+    size = np.sqrt(np.diag(covariance))
+    assert_allclose(np.cov(found.position_m.T) / np.outer(size, size), covariance / np.outer(size, size), atol=0.08)
+    assert_allclose(found.position_m.mean(axis=0), places[0], atol=4 * size.max() / np.sqrt(4000))
+    assert np.trace(covariance) <= np.trace(locate(outputs[:1], NOISE).position_covariance_m2[0])
+
+
+def test_refused_samples_keep_their_reason_and_disturb_no_other(dipoles):
+    """Each sample stands alone, with a covariance of its own or a common one."""
+    places, _, readings = dipoles
+    outputs = readings[:4].reshape(4, -1) @ ARRAY.operator.T
+    outputs[1] = np.nan
+    for noise in (NOISE, np.broadcast_to(NOISE, (4, 9, 9))):
+        found = locate_dipole(outputs, ARRAY, noise)
+        assert found.status.tolist() == [Status.LOCATED, Status.NOT_FINITE, Status.LOCATED, Status.LOCATED]
+        assert np.isnan(found.position_m[1]).all()
+        assert_allclose(found.position_m[[0, 2, 3]], places[[0, 2, 3]], atol=1e-10)
+        for n in (0, 2, 3):
+            alone = locate_dipole(outputs[n : n + 1], ARRAY, NOISE)
+            assert_allclose(alone.position_m[0], found.position_m[n], rtol=1e-12)
+
+
+def test_what_cannot_be_weighed_is_refused(dipoles):
+    """An array without gradient, and a covariance that is none."""
+    outputs = dipoles[2][:1].reshape(1, -1) @ ARRAY.operator.T
+    with pytest.raises(InputError, match="no gradient"):
+        locate_dipole(outputs, Array(np.eye(3)[:2]))
+    with pytest.raises(InputError, match="positive, finite diagonal"):
+        locate_dipole(outputs, ARRAY, np.zeros((9, 9)))
