@@ -16,6 +16,8 @@ from tam_calibration.units import FloatArray
 
 _SMALLEST_PHASE_STEP = 1e-12
 _STEPS = 20
+_SMALLEST_REST = 0.01
+"""Part of the signal's power that the background must leave."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +153,7 @@ def _solve_together(
 
 
 def _inverse(information: FloatArray, carrier: FloatArray) -> FloatArray:
-    if np.linalg.eigvalsh(information)[0] < 1e-6 * len(carrier):
+    if np.linalg.eigvalsh(information)[0] < _SMALLEST_REST * len(carrier) / 2:
         raise Refused("the background can make the signal itself: give it fewer columns, or take a longer record")
     inverse: FloatArray = inv(information)
     return inverse

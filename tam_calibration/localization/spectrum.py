@@ -67,8 +67,7 @@ def find_frequency(
 
     time, values = np.asarray(time_s, dtype=float), np.asarray(channels, dtype=float)
     frequency, power = _periodogram(time, without(background, values), lowest_hz, highest_hz)
-    independent = max(len(frequency) / _PADDING, 1)
-    threshold = float(gamma.isf(_CHANCE / independent, values.shape[1]) / values.shape[1])
+    threshold = float(gamma.isf(_CHANCE / len(frequency), values.shape[1]) / values.shape[1])
     best = int(power.argmax())
     if power[best] < threshold:
         raise Refused(
