@@ -7,6 +7,7 @@ want - is joined by searching in sorted stamps. A batch with anything else goes 
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,16 @@ class StreamMessages:
     stamps_ns: IntArray | None
     values: FloatArray
 
+    @classmethod
+    def concatenate(cls, parts: Sequence["StreamMessages"]) -> "StreamMessages":
+        """Return messages that follow each other as one."""
+        stamps = [part.stamps_ns for part in parts if part.stamps_ns is not None]
+        return cls(
+            np.concatenate([part.order for part in parts]),
+            np.concatenate(stamps) if stamps else None,
+            np.concatenate([part.values for part in parts]),
+        )
+
 
 class BatchSynchroniser(Synchroniser):
     """A synchroniser that takes many messages in a call; samples and losses are those of `push`, one by one.
@@ -71,7 +82,7 @@ class BatchSynchroniser(Synchroniser):
         return self._to_arrays(self.flush())
 
     def _push_each(self, batch: Mapping[str, StreamMessages]) -> tuple[IntArray, FloatArray]:
-        messages = []
+        messages: list[tuple[Any, ...]] = []
         for name, each in batch.items():
             stamps = [None] * len(each.order) if each.stamps_ns is None else each.stamps_ns.tolist()
             messages += zip(each.order.tolist(), [name] * len(stamps), stamps, each.values.tolist(), strict=True)

@@ -20,9 +20,7 @@ WIDTH = {"scalar": 1, "temperature": 1, "current": 1, "attitude": 4}
 
 def make(kind, tolerance_ns, **options):
     """Make a synchroniser as for bags, with little patience."""
-    return kind(
-        ALL, tolerance_ns, PATIENCE, PATIENCE, expected=ALL.channels, capacity=1 << 30, **options
-    )
+    return kind(ALL, tolerance_ns, PATIENCE, PATIENCE, expected=ALL.channels, capacity=1 << 30, **options)
 
 
 def one_by_one(messages, tolerance_ns, **options):
@@ -91,9 +89,7 @@ def rough(random, loss, jitter_ns, lag_ns, unstamped, restarts):
     restarts=st.sampled_from([0, 0, 0, 2]),
 )
 def test_batches_give_what_single_messages_give(seed, loss, jitter_ns, lag_ns, tolerance_ns, unstamped, restarts):
-    """Whatever the stamps and however the batches are cut: same samples, same losses, as long as no stream lags by
-    more than the patience; in one batch whatever the lag.
-    """
+    """Same samples and losses however batches are cut while no stream lags beyond the patience; in one, always."""
     random = Random(seed)
     messages = rough(random, loss, jitter_ns, lag_ns, unstamped, restarts)
     options = {"scalar_is_held": "scalar" in unstamped}

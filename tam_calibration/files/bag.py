@@ -9,16 +9,23 @@ import numpy as np
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
+from tam_calibration.batch_synchronisation import BatchSynchroniser, IntArray, StreamMessages
+from tam_calibration.files.bag_blocks import read_blocks
 from tam_calibration.files.bag_topics import StreamTopics, find_topics
 from tam_calibration.files.location import in_file
-from tam_calibration.files.samples import Progress, Samples
+from tam_calibration.files.raw_messages import RawMessages
+from tam_calibration.files.samples import Progress, Samples, seconds_of
 from tam_calibration.problems import InputError
-from tam_calibration.synchronisation import Sample, Synchroniser
+from tam_calibration.units import FloatArray
 
 PATIENCE_NS = 5_000_000_000
 """How far in stamps the topics of a bag may lag behind each other."""
 
-PROGRESS_EVERY = 10_000
+CAPACITY = 1 << 24
+"""More messages of a topic than wait within that patience."""
+
+BATCH = 1 << 18
+"""Messages that are joined at once: what the patience holds back of them is then a small part."""
 
 log = logging.getLogger(__name__)
 
@@ -62,6 +69,20 @@ def raw_messages(reader: Reader, connections: Sequence[Connection]) -> Iterator[
         yield from reader.messages(connections)
 
 
+def raw_blocks(
+    reader: Reader, connections: Sequence[Connection], progress: Progress = lambda done, total: None
+) -> Iterator[RawMessages]:
+    """Yield the messages of some connections, many at once, in the order of the bag.
+
+    Raises
+    ------
+    InputError
+        When the bag is damaged.
+    """
+    with _damage_named(Path(str(reader.path))):
+        yield from read_blocks(reader, connections, progress)
+
+
 @contextmanager
 def _damage_named(path: Path) -> Iterator[None]:
     try:
@@ -88,7 +109,7 @@ def read_bag(
     tolerance_ns : int
         Greatest difference of stamps within a sample.
     progress : callable
-        Called now and then with the messages read, and how many there are.
+        Called now and then with the bytes read, and how many there are.
 
     Raises
     ------
@@ -97,49 +118,100 @@ def read_bag(
     """
     with open_bag(path) as reader, in_file(path):
         topics = find_topics(reader.connections, sensor_count)
-        synchroniser = Synchroniser(
-            topics.layout,
-            tolerance_ns,
-            patience_ns=PATIENCE_NS,
-            hold_patience_ns=PATIENCE_NS,
-            scalar_is_held=topics.scalar_is_held,
-            expected=topics.layout.channels,
-        )
-        samples = _synchronise(reader, topics, synchroniser, progress)
-        _check(samples, synchroniser)
-        rows = np.array([(sample.stamp_ns / 1_000_000_000, *sample.values) for sample in samples])
-        return Samples(topics.layout.recording(rows), np.array([sample.stamp_ns for sample in samples]))
+        rows = np.empty((topics.connections["tam_1"].msgcount, len(topics.layout.columns)))
+        stamps = np.empty(len(rows), dtype=np.int64)
+        count = 0
+        for stamps_ns, values in _join(reader, topics, tolerance_ns, progress):
+            chosen = slice(count, count + len(stamps_ns))
+            stamps[chosen], rows[chosen, 0], rows[chosen, 1:] = stamps_ns, seconds_of(stamps_ns), values
+            count = chosen.stop
+        return Samples(topics.layout.recording(rows[:count]), stamps[:count])
 
 
-def _synchronise(reader: Reader, topics: StreamTopics, synchroniser: Synchroniser, progress: Progress) -> list[Sample]:
-    streams = {connection.topic: stream for stream, connection in topics.connections.items()}
-    readers = topics.readers()
-    connections = list(topics.connections.values())
-    total = sum(connection.msgcount for connection in connections)
-    samples = []
-    for index, (connection, _, message) in enumerate(raw_messages(reader, connections)):
-        stream = streams[connection.topic]
-        try:
-            stamp_ns, values = readers[stream](message)
-        except InputError as problem:
-            raise InputError(f"topic {connection.topic}: {problem}") from None
-        samples += synchroniser.push(stream, stamp_ns, values)
-        if index % PROGRESS_EVERY == 0:
-            progress(index, total)
-    progress(total, total)
-    return samples + synchroniser.flush()
+def read_bag_pieces(
+    path: Path,
+    sensor_count: int | None = None,
+    tolerance_ns: int = 1_000_000,
+    progress: Progress = lambda done, total: None,
+) -> Iterator[Samples]:
+    """Yield what `read_bag` returns in pieces of some ten thousand samples, so that a bag may be larger than memory.
+
+    The pieces follow each other in time without a sample lost or doubled. A channel without a value in a whole piece
+    is None in that piece alone.
+
+    Raises
+    ------
+    InputError
+        As `read_bag` does, when the fault is met: pieces before it have been yielded by then.
+    """
+    with open_bag(path) as reader, in_file(path):
+        topics = find_topics(reader.connections, sensor_count)
+        for stamps_ns, values in _join(reader, topics, tolerance_ns, progress):
+            rows = np.column_stack([seconds_of(stamps_ns), values])
+            yield Samples(topics.layout.recording(rows), stamps_ns)
 
 
-def _check(samples: list[Sample], synchroniser: Synchroniser) -> None:
-    if not samples:
+def _join(
+    reader: Reader, topics: StreamTopics, tolerance_ns: int, progress: Progress
+) -> Iterator[tuple[IntArray, FloatArray]]:
+    """Yield stamps and values of the samples, never none; the losses are logged at the end."""
+    synchroniser = BatchSynchroniser(
+        topics.layout,
+        tolerance_ns,
+        patience_ns=PATIENCE_NS,
+        hold_patience_ns=PATIENCE_NS,
+        scalar_is_held=topics.scalar_is_held,
+        expected=topics.layout.channels,
+        capacity=CAPACITY,
+    )
+    for batch in _batches(reader, topics, progress):
+        stamps_ns, values = synchroniser.push_batch(batch)
+        if synchroniser.restarts:
+            raise InputError(
+                "the stamps go backwards: keep one run (a bag that was played in a loop, or a sensor that restarted, "
+                "makes several)"
+            )
+        if len(stamps_ns):
+            yield stamps_ns, values
+    stamps_ns, values = synchroniser.flush_batch()
+    if not synchroniser.delivered:
         raise InputError(
             f"no sample could be joined by the stamps of the topics ({synchroniser.explain_losses()}): "
             "compare the stamps; where they only differ a little, raise the tolerance"
         )
-    if synchroniser.restarts:
-        raise InputError(
-            f"the stamps go backwards {synchroniser.restarts} times: keep one run (a bag that was played in a loop, "
-            "or a sensor that restarted, makes several)"
-        )
+    if len(stamps_ns):
+        yield stamps_ns, values
     if any(losses.dropped or losses.missing for losses in synchroniser.losses.values()):
         log.warning(synchroniser.explain_losses())
+
+
+def _batches(reader: Reader, topics: StreamTopics, progress: Progress) -> Iterator[dict[str, StreamMessages]]:
+    """Yield the messages of all streams, decoded, many at once."""
+    decoders = topics.decoders()
+    parts: dict[str, list[StreamMessages]] = {name: [] for name in decoders}
+    count = 0
+    for block in raw_blocks(reader, list(topics.connections.values()), progress):
+        for number, (name, connection) in enumerate(topics.connections.items()):
+            order = np.flatnonzero(block.connection == number)
+            if len(order):
+                with in_topic(connection.topic):
+                    stamps_ns, values = decoders[name](block.take(order))
+                parts[name].append(StreamMessages(order + count, stamps_ns, values))
+        count += len(block)
+        if count >= BATCH:
+            yield _concatenate(parts)
+            parts, count = {name: [] for name in decoders}, 0
+    yield _concatenate(parts)
+
+
+def _concatenate(parts: dict[str, list[StreamMessages]]) -> dict[str, StreamMessages]:
+    return {name: StreamMessages.concatenate(several) for name, several in parts.items() if several}
+
+
+@contextmanager
+def in_topic(topic: str) -> Iterator[None]:
+    """Put the name of a topic before the message of an `InputError`."""
+    try:
+        yield
+    except InputError as problem:
+        raise InputError(f"topic {topic}: {problem}") from None

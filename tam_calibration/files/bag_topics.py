@@ -4,12 +4,15 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from rosbags.interfaces import Connection
 
-from tam_calibration.files.cdr import StampedDoubles, read_float64
+from tam_calibration.files.cdr import read_float64s, read_stamped_doubles
+from tam_calibration.files.raw_messages import IntArray, RawMessages
 from tam_calibration.message_stream import sensor_stream
 from tam_calibration.pointcloud_layout import SampleLayout
 from tam_calibration.problems import InputError
+from tam_calibration.units import FloatArray
 
 MAGNETIC_FIELD, FLOAT64 = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64"
 IMU, TEMPERATURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature"
@@ -27,7 +30,8 @@ CHANNEL_TYPES = {
     "attitude": (IMU,),
 }
 
-Reader = Callable[[bytes], tuple[int | None, tuple[float, ...]]]
+Decoder = Callable[[RawMessages], tuple[IntArray | None, FloatArray]]
+"""What returns the (n,) stamps, if there are any, and the (n, columns) values of messages."""
 
 
 def sensor_topic(sensor: int) -> str:
@@ -58,14 +62,12 @@ class StreamTopics:
         """Whether the scalar comes without stamps."""
         return self.layout.scalar and self.connections["scalar"].msgtype == FLOAT64
 
-    def readers(self) -> dict[str, Reader]:
-        """Return for each stream the function that reads stamp and values of its messages."""
-        vector, temperature, orientation = StampedDoubles(3), StampedDoubles(1), StampedDoubles(13)
-        readers: dict[str, Reader] = dict.fromkeys(self.connections, vector.read)
-        channels: dict[str, Reader] = {"temperature": temperature.read, "current": read_float64}
-        channels["attitude"] = lambda message: _attitude(*orientation.read(message))
-        channels["scalar"] = read_float64 if self.scalar_is_held else lambda message: _norm(*vector.read(message))
-        return readers | {name: reader for name, reader in channels.items() if name in readers}
+    def decoders(self) -> dict[str, Decoder]:
+        """Return for each stream the function that reads stamps and values of its messages."""
+        decoders: dict[str, Decoder] = dict.fromkeys(self.connections, _vectors)
+        channels: dict[str, Decoder] = {"temperature": _temperatures, "current": read_float64s, "attitude": _attitudes}
+        channels["scalar"] = read_float64s if self.scalar_is_held else _norms
+        return decoders | {name: decoder for name, decoder in channels.items() if name in decoders}
 
 
 def find_topics(connections: Sequence[Connection], sensor_count: int | None) -> StreamTopics:
@@ -122,12 +124,21 @@ def _topics(connections: Sequence[Connection]) -> list[str]:
     return sorted({connection.topic for connection in connections})
 
 
-def _norm(stamp_ns: int, vector: Sequence[float]) -> tuple[int, tuple[float, ...]]:
-    x, y, z = vector
-    return stamp_ns, ((x * x + y * y + z * z) ** 0.5,)
+def _vectors(messages: RawMessages) -> tuple[IntArray, FloatArray]:
+    return read_stamped_doubles(messages, 3)
 
 
-def _attitude(stamp_ns: int, doubles: Sequence[float]) -> tuple[int, tuple[float, ...]]:
-    """Return the quaternion; NaN where the IMU says that it has none."""
-    has_none = doubles[4] == -1 or not any(doubles[:4])
-    return stamp_ns, (float("nan"),) * 4 if has_none else tuple(doubles[:4])
+def _norms(messages: RawMessages) -> tuple[IntArray, FloatArray]:
+    stamps, vectors = read_stamped_doubles(messages, 3)
+    return stamps, np.sqrt((vectors**2).sum(axis=1, keepdims=True))
+
+
+def _temperatures(messages: RawMessages) -> tuple[IntArray, FloatArray]:
+    return read_stamped_doubles(messages, 1)
+
+
+def _attitudes(messages: RawMessages) -> tuple[IntArray, FloatArray]:
+    """Return the quaternions; NaN where the IMU says that it has none."""
+    stamps, doubles = read_stamped_doubles(messages, 13)
+    has_none = (doubles[:, 4] == -1) | ~doubles[:, :4].any(axis=1)
+    return stamps, np.where(has_none[:, None], np.nan, doubles[:, :4])

@@ -2,17 +2,26 @@
 
 import struct
 from collections.abc import Iterator
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.files.raw_messages import IntArray, RawMessages, windows
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
 _BODY = 4
 """Bytes before the message, which tell the byte order; alignment counts from here."""
 
-_PLAIN_CDR = {b"\x00\x00": ">", b"\x00\x01": "<"}
+ByteOrder = Literal["<", ">"]
+
+_PLAIN_CDR: dict[bytes, ByteOrder] = {b"\x00\x00": ">", b"\x00\x01": "<"}
+
+_HEAD = np.dtype([("seconds", "i4"), ("nanoseconds", "u4"), ("length", "u4")])
+"""Stamp, and length of the frame's name."""
+
+_DAMAGED = "a message is damaged: it is too short, or not in the serialisation CDR"
 
 
 class StampedDoubles:
@@ -44,7 +53,7 @@ class StampedDoubles:
             start = _BODY + _align(header.size + length)
             return seconds * 1_000_000_000 + nanoseconds, doubles.unpack_from(message, start)
         except (KeyError, struct.error):
-            raise InputError("a message is damaged: it is too short, or not in the serialisation CDR") from None
+            raise InputError(_DAMAGED) from None
 
 
 def read_float64(message: bytes) -> tuple[None, tuple[float, ...]]:
@@ -58,7 +67,57 @@ def read_float64(message: bytes) -> tuple[None, tuple[float, ...]]:
     try:
         return None, struct.unpack_from(f"{_PLAIN_CDR[bytes(message[:2])]}d", message, _BODY)
     except (KeyError, struct.error):
-        raise InputError("a message is damaged: it is too short, or not in the serialisation CDR") from None
+        raise InputError(_DAMAGED) from None
+
+
+def read_stamped_doubles(messages: RawMessages, count: int) -> tuple[IntArray, FloatArray]:
+    """Return the (n,) stamps in nanoseconds and the (n, count) doubles of messages that begin with header and doubles.
+
+    Raises
+    ------
+    InputError
+        When a message is truncated or not plain CDR.
+    """
+    stamps, values = np.empty(len(messages), dtype=np.int64), np.empty((len(messages), count))
+    for chosen, part, order in _by_byte_order(messages):
+        head = _take(part, np.full(len(part), _BODY), _HEAD.itemsize).view(_HEAD.newbyteorder(order))
+        stamps[chosen] = head["seconds"].astype(np.int64) * 1_000_000_000 + head["nanoseconds"]
+        begin = _BODY + (_HEAD.itemsize + head["length"].astype(np.int64) + 7 & -8)
+        values[chosen] = _take(part, begin, 8 * count).view(f"{order}f8").reshape(-1, count)
+    return stamps, values
+
+
+def read_float64s(messages: RawMessages) -> tuple[None, FloatArray]:
+    """Return the (n, 1) numbers of messages ``std_msgs/Float64``; they have no stamps.
+
+    Raises
+    ------
+    InputError
+        When a message is truncated or not plain CDR.
+    """
+    values = np.empty((len(messages), 1))
+    for chosen, part, order in _by_byte_order(messages):
+        values[chosen, 0] = _take(part, np.full(len(part), _BODY), 8).view(f"{order}f8")
+    return None, values
+
+
+def _by_byte_order(messages: RawMessages) -> Iterator[tuple[slice | NDArray[np.bool_], RawMessages, ByteOrder]]:
+    kinds = _take(messages, np.zeros(len(messages), dtype=np.int64), 2).view("S2")
+    for kind in np.unique(kinds).tolist():
+        if kind.ljust(2, b"\0") not in _PLAIN_CDR:
+            raise InputError(_DAMAGED)
+        chosen = kinds == kind
+        whole = chosen.all()
+        order = _PLAIN_CDR[kind.ljust(2, b"\0")]
+        yield slice(None) if whole else chosen, messages if whole else messages.take(chosen), order
+
+
+def _take(messages: RawMessages, begin: IntArray, size: int) -> NDArray[Any]:
+    """Return so many bytes of each message, from a place in each on."""
+    if (begin + size > messages.size).any():
+        raise InputError(_DAMAGED)
+    taken: NDArray[Any] = windows(messages.block, size)[messages.start + begin]
+    return taken
 
 
 def fill(template: bytes, from_end: int, values: FloatArray, stamps_ns: NDArray[np.int64] | None) -> Iterator[bytes]:

@@ -11,7 +11,7 @@ from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 Progress = Callable[[int, int], None]
-"""Called now and then with what is done, and how much there is to do."""
+"""Called now and then with the bytes that are done, and how many there are to do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,3 +46,8 @@ def stamps_of(time_s: FloatArray) -> NDArray[np.int64]:
     nanoseconds = np.rint((time_s - seconds) * 1e9)
     stamps_ns: NDArray[np.int64] = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds.astype(np.int64)
     return stamps_ns
+
+
+def seconds_of(stamps_ns: NDArray[np.int64]) -> FloatArray:
+    """Return stamps in seconds, each rounded correctly: whole nanoseconds are beyond what doubles hold."""
+    return np.array([stamp / 1_000_000_000 for stamp in stamps_ns.tolist()])

@@ -1,0 +1,101 @@
+"""The messages of a bag, many at once, whatever its storage."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.reader import DirectoryReader
+from rosbags.rosbag2.storage_mcap import McapReader
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+
+from tam_calibration.files.bag_mcap import read_chunks
+from tam_calibration.files.bag_sqlite3 import read_rows
+from tam_calibration.files.raw_messages import RawMessages
+from tam_calibration.files.samples import Progress
+
+Storage = Any
+"""A file of a bag, as rosbags opens it."""
+
+COUNT, BYTES = 16_384, 8_000_000
+"""How much is gathered where messages come one by one."""
+
+
+def read_blocks(reader: Reader, connections: Sequence[Connection], progress: Progress) -> Iterator[RawMessages]:
+    """Yield the messages of some connections, many at once, in the order in which rosbags yields them.
+
+    Parameters
+    ----------
+    reader : Reader
+        An open bag.
+    connections : sequence of Connection
+        Those of its connections that are wanted.
+    progress : callable
+        Called with the bytes read so far, and how many there are.
+    """
+    storages = _storages(reader)
+    total = sum(_bytes(storage) for storage in storages)
+    done = 0
+    for block, size in _blocks(reader, storages, connections):
+        done = min(done + size, total)
+        progress(done, total)
+        yield block
+    progress(total, total)
+
+
+def _storages(reader: Reader) -> Sequence[Storage]:
+    storage = reader.storage
+    return storage.storages if isinstance(storage, DirectoryReader) else [storage]
+
+
+def _bytes(storage: Storage) -> int:
+    return Path(str(storage.path)).stat().st_size
+
+
+def _blocks(
+    reader: Reader, storages: Sequence[Storage], connections: Sequence[Connection]
+) -> Iterator[tuple[RawMessages, int]]:
+    if reader.compression_mode == "message":
+        position = {connection.id: index for index, connection in enumerate(connections)}
+        size = sum(_bytes(storage) for storage in storages) / sum(connection.msgcount for connection in connections)
+        yield from _gather(reader.messages(connections), position, size)
+        return
+    for storage in storages:
+        wanted = [(own, one) for own in storage.connections for one in connections if _is_same(own, one)]
+        position = {own.id: connections.index(one) for own, one in wanted}
+        if not position:
+            continue
+        if isinstance(storage, McapReader) and any(chunk.message_index_offsets for chunk in storage.chunks):
+            yield from read_chunks(storage, position)
+        elif isinstance(storage, Sqlite3Reader):
+            yield from read_rows(Path(str(storage.path)), position)
+        else:
+            own = [connection for connection, _ in wanted]
+            yield from _gather(storage.messages(own), position, _bytes(storage) / storage.metadata.message_count)
+
+
+def _is_same(own: Connection, one: Connection) -> bool:
+    """Return whether a connection of a file is one of the whole bag, as rosbags compares them."""
+    is_same_kind = (own.topic, own.msgtype, own.ext) == (one.topic, one.msgtype, one.ext)
+    return is_same_kind and (not own.digest or not one.digest or own.digest == one.digest)
+
+
+def _gather(
+    messages: Iterator[tuple[Connection, int, bytes]], position: Mapping[int, int], size: float
+) -> Iterator[tuple[RawMessages, int]]:
+    """Yield messages that come one by one as blocks."""
+    numbers: list[int] = []
+    times: list[int] = []
+    gathered: list[bytes] = []
+    bytes_gathered = 0
+    for connection, recorded_ns, message in messages:
+        numbers.append(position[connection.id])
+        times.append(recorded_ns)
+        gathered.append(message)
+        bytes_gathered += len(message)
+        if len(gathered) == COUNT or bytes_gathered > BYTES:
+            yield RawMessages.of(numbers, times, gathered), round(size * len(gathered))
+            numbers, times, gathered, bytes_gathered = [], [], [], 0
+    if gathered:
+        yield RawMessages.of(numbers, times, gathered), round(size * len(gathered))
