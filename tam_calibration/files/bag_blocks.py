@@ -69,7 +69,7 @@ def _blocks(
         if isinstance(storage, McapReader) and any(chunk.message_index_offsets for chunk in storage.chunks):
             yield from read_chunks(storage, position)
         elif isinstance(storage, Sqlite3Reader):
-            yield from read_rows(Path(str(storage.path)), position)
+            yield from read_rows(storage, position)
         else:
             own = [connection for connection, _ in wanted]
             yield from _gather(storage.messages(own), position, _bytes(storage) / storage.metadata.message_count)

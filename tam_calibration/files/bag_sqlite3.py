@@ -1,11 +1,11 @@
 """Messages of sqlite3 files, many rows by one query."""
 
-import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from tam_calibration.files.raw_messages import IntArray, RawMessages
 from tam_calibration.problems import InputError
@@ -21,32 +21,36 @@ FROM (SELECT * FROM messages WHERE timestamp >= ? AND timestamp < ? AND topic_id
 """
 
 
-def read_rows(path: Path, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
+def read_rows(storage: Sqlite3Reader, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:
     """Yield the messages of some topics, in the order of recording, and the bytes read for them.
 
     The database itself joins rows, which spares an object for each.
 
     Parameters
     ----------
-    path : Path
-        The file.
+    storage : Sqlite3Reader
+        An open file.
     position : mapping
         For each topic that is read the number that stands for it.
     """
     gather = _GATHER.format(",".join(map(str, position)))
     number = np.zeros(max(position) + 1, dtype=np.int64)
     number[list(position)] = list(position.values())
-    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?immutable=1", uri=True)) as database:
-        first, last, count = database.execute(_SPAN).fetchone()
-        size = path.stat().st_size
-        rows = max(min(ROWS, BYTES * count // size), 1) if count else 0
-        while count and first <= last:
-            row = database.execute(_NEXT, (first, rows)).fetchone()
-            end = max(row[0], first + 1) if row else last + 1
-            topics, times, sizes, block = database.execute(gather, (first, end)).fetchone()
-            first = end
-            if block is not None:
-                yield _messages(number[_parse(topics)], _parse(times), _parse(sizes), block), size * rows // count
+    size = Path(str(storage.path)).stat().st_size
+    first, last, count = _fetch(storage, _SPAN)
+    rows = max(min(ROWS, BYTES * count // size), 1) if count else 0
+    while count and first <= last:
+        following = _fetch(storage, _NEXT, first, rows)
+        end = max(following[0], first + 1) if following else last + 1
+        topics, times, sizes, block = _fetch(storage, gather, first, end)
+        first = end
+        if block is not None:
+            yield _messages(number[_parse(topics)], _parse(times), _parse(sizes), block), size * rows // count
+
+
+def _fetch(storage: Sqlite3Reader, query: str, *values: int) -> Any:
+    assert storage.dbconn is not None
+    return next(iter(storage.dbconn.execute(query, values)), None)
 
 
 def _parse(numbers: str) -> IntArray:
