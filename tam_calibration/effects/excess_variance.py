@@ -1,0 +1,196 @@
+"""Rows that are noisier than the others, from the covariance of the whitened channels.
+
+Extra variance q of rows J makes the covariance of a sample's whitened channels s² I + A q Aᵀ, with A what shifts of
+the rows do to the channels. With s² at its best (a floor common to all, as a data sheet is never exact) and the
+determinant and inverse by Woodbury's identity,
+
+    -2 ln L = n ln s² + Σ ln det(I + a G) + (S - Σ t (I + a G)⁻¹ a t) / s²,   a = q / s², G = AᵀA, t = Aᵀw,
+
+a maximum in one or a few variances. G depends on the direction of the field through the common mode, so the sums run
+over cells of directions, in which G is taken at its mean. Twice the logarithm of the likelihood against a = 0 is the
+gain: what it compares with is the same white noise of one free variance that regressions are compared with.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.effects.effect import SCALAR, Misfit, Situation
+from tam_calibration.effects.places import Place, places, row_scores
+from tam_calibration.units import FloatArray
+
+_CELLS = 48
+_LEAST_PART = 0.1
+"""Of the stated variance, in each row: less is within what sensors of a kind differ by."""
+
+_SCALAR_PART = 0.69
+"""The same for the scalar, whose data sheet may err by 12 % the other way than that of the sensors: 1.3² - 1."""
+
+_LOG_RANGE = (-6.0, 14.0)
+_STEP = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Second moments of the whitened channels, as far as excess noise of rows shows in them, by cells of directions.
+
+    Parameters
+    ----------
+    count : (C,) array
+        Samples of each cell.
+    gram : (C, R, R) array
+        Mean AᵀA.
+    score : (C, R, R) array
+        Sum of t tᵀ.
+    energy, channel_count : float
+        Of all samples that count.
+    """
+
+    count: FloatArray
+    gram: FloatArray
+    score: FloatArray
+    energy: float
+    channel_count: float
+
+    @classmethod
+    def of(cls, misfit: Misfit) -> "Moments":
+        """Return the moments of the samples that count."""
+        counted = misfit.is_counted
+        cell = _cells(misfit)[counted]
+        scores, slope = row_scores(misfit)[counted], misfit.row_slope[counted]
+        slope = np.where(np.isfinite(misfit.common_mode[counted])[:, None], slope, 0.0)
+        row_count = slope.shape[1]
+        coupling = np.zeros((row_count, row_count))
+        coupling[:-1, :-1] = misfit.directions @ misfit.directions.T
+        order = np.argsort(cell, kind="stable")
+        starts = np.unique(cell[order], return_index=True)[1]
+        groups = np.split(order, starts[1:])
+        count = np.array([len(group) for group in groups], dtype=float)
+        gram = np.array([coupling + slope[group].T @ slope[group] / len(group) for group in groups])
+        score = np.array([scores[group].T @ scores[group] for group in groups])
+        return cls(count, gram, score, float(misfit.energy[counted].sum()), float(misfit.channel_count[counted].sum()))
+
+    @property
+    def row_count(self) -> int:
+        """Number of rows R."""
+        return int(self.gram.shape[1])
+
+    @property
+    def sample_count(self) -> float:
+        """Number of samples that count."""
+        return float(self.count.sum())
+
+    @cached_property
+    def without(self) -> float:
+        """Minus twice the log likelihood of white noise of one free variance, a constant left out."""
+        return self.channel_count * float(np.log(self.energy / self.channel_count)) + self.channel_count
+
+    def profile(self, rows: tuple[int, ...], part: FloatArray) -> tuple[float, float]:
+        """Return minus twice the log likelihood with excess of rows, relative to the floor, and the floor s²."""
+        chosen = np.ix_(range(len(self.count)), rows, rows)
+        root = np.sqrt(part)
+        gram = root[:, None] * self.gram[chosen] * root
+        score = root[:, None] * self.score[chosen] * root
+        inner = np.eye(len(rows)) + gram
+        _, log_determinant = np.linalg.slogdet(inner)
+        explained = float(np.trace(np.linalg.solve(inner, score), axis1=1, axis2=2).sum())
+        floor = max(self.energy - explained, np.finfo(float).tiny) / self.channel_count
+        n = self.channel_count
+        return float(n * np.log(floor) + self.count @ log_determinant + n), floor
+
+    def relative_error(self, excess: "Excess") -> float:
+        """Return the relative standard error of an excess variance, from the curvature of the likelihood."""
+        rows, part = excess.place.rows, excess.part
+        low, middle, high = (self.profile(rows, part * np.exp(step))[0] for step in (-_STEP, 0.0, _STEP))
+        curvature = max((low - 2 * middle + high) / _STEP**2, np.finfo(float).tiny)
+        return float(np.sqrt(2 / curvature))
+
+
+@dataclass(frozen=True, eq=False)
+class Excess:
+    """Excess noise of a place.
+
+    Parameters
+    ----------
+    place : Place
+        Where.
+    part : (J,) array
+        Excess variance of each row over the floor s², T².
+    floor : float
+        s².
+    gain : float
+        Twice the log likelihood ratio against white noise.
+    parameter_count : int
+        Variances and the choice of the place.
+    """
+
+    place: Place
+    part: FloatArray
+    floor: float
+    gain: float
+    parameter_count: int
+
+    @property
+    def variance_T2(self) -> FloatArray:
+        """(J,) excess variance of the rows, T²."""
+        return self.part * self.floor
+
+
+def best_excess(moments: Moments, situation: Situation) -> Excess | None:
+    """Return the excess with the best BIC among all places, None where none has any."""
+    stated = _stated_variance(situation)
+    single = np.array([_scaled(moments, (row,), np.ones(1))[0] for row in range(moments.row_count)])
+    best, best_bic = None, 0.0
+    for place in places(situation.sensor_count):
+        rows = list(place.rows)
+        if len(rows) * moments.sample_count >= moments.channel_count:
+            continue  # a floor could not be told from the excess
+        least = (_SCALAR_PART if place.sensor == SCALAR else _LEAST_PART) * stated[rows]
+        for weight in (np.ones(len(rows)), single[rows] / single[rows].max())[: len(rows)]:
+            part = single[rows] if len(rows) == 1 else _scaled(moments, place.rows, weight)
+            if (part < least).any():
+                continue
+            value, floor = moments.profile(place.rows, part)
+            count = 1 + (1 if weight.min() == 1 else len(rows))
+            excess = Excess(place, part, floor, moments.without - value, count)
+            bic = excess.gain - count * float(np.log(moments.channel_count))
+            if bic > best_bic:
+                best, best_bic = excess, bic
+    return best
+
+
+def _scaled(moments: Moments, rows: tuple[int, ...], weight: FloatArray) -> FloatArray:
+    """Return the excess of rows over the floor that has the given proportions, at its best size."""
+    from scipy.optimize import minimize_scalar
+
+    largest = float(moments.gram[:, rows, rows].max())
+    if largest == 0:
+        return np.zeros(len(rows))
+    done = minimize_scalar(
+        lambda log: moments.profile(rows, np.exp(log) / largest * weight)[0],
+        bounds=_LOG_RANGE,
+        method="bounded",
+        options={"xatol": 1e-2},
+    )
+    return np.asarray(np.exp(done.x) / largest * weight)
+
+
+def _stated_variance(situation: Situation) -> FloatArray:
+    """Return the (3K + 1,) variance of the rows as the array states it, T²."""
+    stated = situation.array.vector_noise_T
+    vector = np.zeros(situation.scalar_row) if stated is None else np.repeat(stated, 3) ** 2
+    return np.append(vector, (situation.array.scalar_noise_T or 0.0) ** 2)
+
+
+def _cells(misfit: Misfit) -> NDArray[np.intp]:
+    """Return the cell of each sample: half the sphere in equal parts, and one for samples without reference."""
+    index = np.arange(_CELLS) + 0.5
+    height = 1 - index / _CELLS
+    azimuth = np.pi * (1 + np.sqrt(5)) * index
+    level = np.sqrt(1 - height**2)
+    centers = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), height], axis=1)
+    nearest = np.argmax(np.abs(misfit.situation.field_T @ centers.T), axis=1)
+    cells: NDArray[np.intp] = np.where(np.isfinite(misfit.common_mode), nearest, _CELLS)
+    return cells

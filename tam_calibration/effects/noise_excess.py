@@ -1,0 +1,141 @@
+"""Noise excess: an axis, a sensor or the scalar magnetometer that is noisier than the others.
+
+Noise is what has no regular cause: an excess that is smooth in time, stands in a line of the spectrum, follows the
+direction of the field or comes as spikes is left to other effects. White excess counts, also where it comes and goes,
+and so does the 1/f noise of a sensor up to a slope of about one: its neighbouring samples are alike by less than 0.9.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, FoundEffect, Misfit, Situation
+from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
+from tam_calibration.effects.places import row_deviations
+from tam_calibration.effects.saturation import rows_of
+from tam_calibration.units import FloatArray
+
+_ALIKE = 0.9
+"""Correlation of neighbouring samples of the excess from which on it is no noise but a course in time."""
+
+_LINE = 0.4
+"""Part of the excess within a fortieth of the band from which on it is a line."""
+
+_DIRECTED = 0.3
+"""Part of the excess that may follow the direction of the field."""
+
+_HEAVY = 3.0
+"""Excess kurtosis, with the variance of the surroundings taken out, from which on it is spikes."""
+
+_LEAST_SAMPLES = 30
+_BLOCK = 50
+_BANDS = 40
+
+
+class NoiseExcess(FoundEffect):
+    """More noise in some rows than in the others."""
+
+    name = "noise_excess"
+    title = "more noise than the others have"
+    physics = (
+        "The noise of an axis, a sensor or the scalar magnetometer exceeds that of the others: electronics, contacts, "
+        "1/f noise of the core (Ripka 2001, Magnetic Sensors and Magnetometers)."
+    )
+    excitation = "a record of some dozens of samples"
+    units: ClassVar[Mapping[str, str]] = {"standard deviation": "T"}
+
+    def find(self, misfit: Misfit) -> Finding | str:
+        """Return the rows with more noise and how much, or why there is none."""
+        if misfit.is_counted.sum() < _LEAST_SAMPLES:
+            return f"a variance needs {_LEAST_SAMPLES} samples or more"
+        moments = Moments.of(misfit)
+        excess = best_excess(moments, misfit.situation)
+        if excess is None:
+            return "no row is noisier than the others"
+        objection = _objection(misfit, excess)
+        if objection is not None:
+            return objection
+        variance = np.zeros(moments.row_count)
+        variance[list(excess.place.rows)] = excess.variance_T2
+        return Finding(
+            FittedEffect(self.name, {}, _contributions(moments, excess)),
+            gain=excess.gain,
+            parameter_count=excess.parameter_count,
+            variance=variance,
+        )
+
+    def add(
+        self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
+    ) -> FloatArray:
+        """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
+        rows = rows_T.copy()
+        for part in fitted.contributions:
+            touched = rows_of(part, situation)
+            size = part.values["standard deviation"]
+            rows[:, touched] += generator.normal(0, size, (situation.sample_count, len(touched)))
+        return rows
+
+
+def _objection(misfit: Misfit, excess: Excess) -> str | None:
+    """Return what speaks against noise as the cause of an excess, in one clause."""
+    counted = misfit.is_counted
+    row = excess.place.rows[int(np.argmax(excess.part))]
+    deviation = row_deviations(misfit)[counted, row]
+    variance = float(np.mean(deviation**2))
+    surplus = max(variance - excess.floor, 1e-3 * variance)
+    if _alike(deviation, variance) > _ALIKE * surplus:
+        return "the excess follows a course in time"
+    if _line_part(deviation, excess.floor) > _LINE:
+        return "the excess stands in a line of the spectrum"
+    direction = (misfit.situation.field_T / misfit.situation.intensity_T[:, None])[counted]
+    if _directed(deviation, variance, direction) > _DIRECTED * surplus:
+        return "the excess follows the direction of the field"
+    if _kurtosis(deviation) > _HEAVY:
+        return "the excess comes as spikes"
+    return None
+
+
+def _alike(deviation: FloatArray, variance: float) -> float:
+    """Return the covariance of neighbouring samples, less two standard errors."""
+    return float(np.mean(deviation[1:] * deviation[:-1])) - 2 * variance / float(np.sqrt(len(deviation)))
+
+
+def _line_part(deviation: FloatArray, floor: float) -> float:
+    """Return the largest part of the excess within a fortieth of the band, its lowest tenth left out."""
+    power = np.abs(np.fft.rfft(deviation)[1:]) ** 2 / len(deviation) - floor
+    if len(power) < 2 * _BANDS:
+        return 0.0
+    bands = np.array([band.sum() for band in np.array_split(power, _BANDS)])
+    return float(bands[_BANDS // 10 :].max() / max(bands.sum(), np.finfo(float).tiny))
+
+
+def _directed(deviation: FloatArray, variance: float, direction: FloatArray) -> float:
+    """Return the mean square that a cubic function of the direction explains, less what noise gives it."""
+    x, y, z = direction.T
+    powers = [(i, j, k) for i in range(4) for j in range(4 - i) for k in range(4 - i - j)]
+    basis = np.stack([x**i * y**j * z**k for i, j, k in powers], axis=1)
+    if len(deviation) < 3 * basis.shape[1]:
+        return 0.0
+    left, size, _ = np.linalg.svd(basis.T @ basis)
+    kept = size > 1e-8 * size[0]
+    projected = (left[:, kept].T @ (basis.T @ deviation)) ** 2 / size[kept]
+    return (float(projected.sum()) - variance * int(kept.sum())) / len(deviation)
+
+
+def _kurtosis(deviation: FloatArray) -> float:
+    """Return the excess kurtosis within blocks of samples, so that a noise that comes and goes has none."""
+    blocks = max(1, len(deviation) // _BLOCK)
+    square = deviation[: len(deviation) // blocks * blocks].reshape(blocks, -1) ** 2
+    ratio = np.mean(square**2, axis=1) / np.maximum(np.mean(square, axis=1) ** 2, np.finfo(float).tiny)
+    return float(np.mean(ratio)) - 3.0
+
+
+def _contributions(moments: Moments, excess: Excess) -> tuple[Contribution, ...]:
+    deviation = np.sqrt(excess.variance_T2)
+    errors = deviation * moments.relative_error(excess) / 2
+    parts = []
+    for index, (sensor, axis) in enumerate(excess.place.contribution_keys(is_whole=np.ptp(deviation) == 0)):
+        value, error = {"standard deviation": float(deviation[index])}, {"standard deviation": float(errors[index])}
+        parts.append(Contribution(sensor, axis, "noise", value, error))
+    return tuple(parts)

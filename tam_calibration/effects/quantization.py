@@ -1,0 +1,245 @@
+"""Quantization: readings that are whole steps, so coarse that rounding is a visible part of the noise.
+
+All readings of a row then differ by multiples of a step. The step is sought as a frequency at which the differences
+between readings of nearly the same size have one phase: |mean exp(2πi f d)| is 1 at f = 1/step and its multiples, and
+some 1/√M elsewhere. What the decimals of a file make is a lattice as well; it is left aside where its rounding is no
+visible part of the noise. Rounding adds the variance step²/12 (Bennett 1948, Spectra of Quantized Signals).
+
+The lattice is a fact of the readings that no chance makes (a probability of (2j/step)^N for readings that lie within j
+of it), whatever else is in the residual. It therefore needs no evidence from the residual, but says how much of its
+energy is rounding: e = Σ step²/12 times the information of each row. The gain n ln(S0/(S0 - e)) is that of a
+regression that explains the same energy, and so comparable with it; a noise of free variance gains less. Where the
+residual is not as large as rounding would make it, the stated noise holds it already and nothing is found.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tam_calibration.effects.effect import (
+    ALL,
+    SCALAR,
+    Contribution,
+    Finding,
+    FittedEffect,
+    FoundEffect,
+    Misfit,
+    Situation,
+)
+from tam_calibration.effects.places import row_deviations
+from tam_calibration.effects.saturation import rows_of
+from tam_calibration.units import FloatArray
+
+_FINEST = 0.5
+"""Steps, in standard deviations of a row's noise, that are sought: rounding is then 2 % of the variance."""
+
+_COARSEST = 150.0
+_DISTANCE = 500.0
+"""Typical difference of the readings that are compared, in the same unit."""
+
+_PER_FINEST = 8
+"""Cells of the histogram of differences to the finest step."""
+
+_DIFFERENCES = 2000
+_LEAST_DIFFERENCES = 20
+_COHERENT = 0.6
+_ON_LATTICE = 0.15
+"""Largest root mean square distance of readings from the lattice, in those of readings that know of none."""
+
+_VISIBLE = 0.1
+"""Part of the energy above the noise that rounding must make."""
+
+_EXPECTED = 0.5
+"""Part of the rounding's variance that a row's residual must show."""
+
+_LEAST_FLOOR = 0.5
+"""White variance of the channels that rounding leaves at least, in what is stated."""
+
+_SAME_STEP = 0.01
+"""Relative difference of steps that are one."""
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Step and offset of the readings of a row, tesla."""
+
+    row: int
+    step_T: float
+    offset_T: float
+
+
+class Quantization(FoundEffect):
+    """Readings rounded to coarse steps."""
+
+    name = "quantization"
+    title = "readings rounded to coarse steps"
+    physics = (
+        "A converter or a telegram with few digits rounds readings to steps; rounding adds a variance of step²/12 "
+        "(Bennett 1948)."
+    )
+    excitation = "a field that moves through many steps"
+    units: ClassVar[Mapping[str, str]] = {"step": "T", "offset": "T"}
+
+    def find(self, misfit: Misfit) -> Finding | str:
+        """Return the steps, or why rounding is no visible part of the noise."""
+        lattices = find_lattices(misfit)
+        if not lattices:
+            return "no readings are multiples of a step that is large beside the noise"
+        counted = misfit.is_counted
+        information = misfit.row_information[counted]
+        lattices = _visible(lattices, np.mean(row_deviations(misfit)[counted] ** 2, axis=0), information.mean(axis=0))
+        if not lattices:
+            return "readings are multiples of a step, but the stated noise already holds its rounding"
+        variance = np.zeros(information.shape[1])
+        for lattice in lattices:
+            variance[lattice.row] = lattice.step_T**2 / 12
+        energy, count = float(misfit.energy[counted].sum()), float(misfit.channel_count[counted].sum())
+        rounding = min(float((information @ variance).sum()), max(energy - _LEAST_FLOOR * count, 0.0))
+        if rounding < _VISIBLE * (energy - count):
+            return "rounding to the steps of the readings is a small part of the gap"
+        return Finding(
+            FittedEffect(self.name, {}, _contributions(lattices, misfit.situation.sensor_count)),
+            gain=count * float(np.log(energy / (energy - rounding))),
+            parameter_count=len(_by_step(lattices)),
+            variance=variance,
+        )
+
+    def add(
+        self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
+    ) -> FloatArray:
+        """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
+        rows = rows_T.copy()
+        for part in fitted.contributions:
+            step, offset = part.values["step"], part.values.get("offset", 0.0)
+            touched = rows_of(part, situation)
+            rows[:, touched] = np.round((rows[:, touched] - offset) / step) * step + offset
+        return rows
+
+
+def find_lattices(misfit: Misfit) -> list[Lattice]:
+    """Return the lattices of all rows whose readings lie on one that is coarse beside the noise."""
+    recording = misfit.recording
+    columns = list(recording.readings_T.reshape(recording.sample_count, -1).T)
+    if recording.scalar_T is not None:
+        columns.append(recording.scalar_T[np.isfinite(recording.scalar_T)])
+    noise = _row_noise(misfit)
+    found = []
+    for row, readings in enumerate(columns):
+        if np.isfinite(noise[row]):
+            lattice = _lattice(row, readings, float(noise[row]))
+            if lattice is not None:
+                found.append(lattice)
+    return found
+
+
+def _row_noise(misfit: Misfit) -> FloatArray:
+    """Return the stated noise of each row, tesla; infinite where nothing shows it."""
+    stated = misfit.situation.array.vector_noise_T
+    shown = np.median(misfit.row_information, axis=0)
+    noise: FloatArray = np.divide(1, np.sqrt(shown), out=np.full(len(shown), np.inf), where=shown > 0)
+    if stated is not None:
+        noise[:-1] = np.where(shown[:-1] > 0, np.repeat(stated, 3), np.inf)
+    return noise
+
+
+def _lattice(row: int, readings: FloatArray, noise_T: float) -> Lattice | None:
+    ordered = np.sort(readings - readings.min()) / noise_T
+    frequency = _frequency(ordered)
+    if frequency is None:
+        return None
+    # Differences fix the frequency to a part of one over their size; the whole range fixes it finer, by steps.
+    step = 1 / frequency
+    reach = 4 * _DISTANCE
+    while True:
+        within = ordered[ordered <= reach]
+        step = _adjusted(within, step)
+        if reach >= ordered[-1]:
+            break
+        reach *= 4
+    phase = np.angle(np.mean(np.exp(2j * np.pi * ordered / step))) / (2 * np.pi)
+    distance = ordered / step - phase
+    distance = (distance - np.round(distance)) * step
+    # Readings that know of no lattice are off by a uniform error, or by their noise where values repeat.
+    if np.sqrt(np.mean(distance**2)) > _ON_LATTICE * min(step / np.sqrt(12), 1.0):
+        return None
+    step_T = float(step * noise_T)
+    offset = float(readings.min() + phase * step_T)
+    return Lattice(row, step_T, offset - step_T * round(offset / step_T))
+
+
+def _adjusted(ordered: FloatArray, step: float) -> float:
+    """Return the step that fits the multiples best, starting from one that errs by less than half a step in all."""
+    if len(ordered) < 3 or ordered[-1] < step:
+        return step
+    unwound = ordered / step
+    phase = np.angle(np.mean(np.exp(2j * np.pi * (unwound - np.round(unwound))))) / (2 * np.pi)
+    number = np.round(unwound - phase)
+    centered = number - number.mean()
+    return float(centered @ ordered / (centered @ centered)) if centered.any() else step
+
+
+def _frequency(ordered: FloatArray) -> float | None:
+    """Return the lowest frequency at which differences of the readings agree in phase, per standard deviation."""
+    lag = max(1, int(len(ordered) * _DISTANCE / max(ordered[-1], _DISTANCE)))
+    difference = ordered[lag:] - ordered[:-lag]
+    if len(difference) < _LEAST_DIFFERENCES:
+        return None
+    difference = np.sort(difference)
+    near = int(np.searchsorted(difference, 4 * _DISTANCE))
+    difference = difference[: max(near, len(difference) // 2, _LEAST_DIFFERENCES)]
+    difference = difference[:: max(1, len(difference) // _DIFFERENCES)]
+    cell = _FINEST / _PER_FINEST
+    histogram = np.bincount((difference / cell + 0.5).astype(np.intp))
+    length = 2 ** int(np.ceil(np.log2(2 * len(histogram))))
+    coherence = np.abs(np.fft.rfft(histogram, length)) / len(difference)
+    frequency = np.arange(len(coherence)) / (length * cell)
+    spread = float(np.std(difference))
+    sought = (frequency > max(1 / _COARSEST, 4 / max(spread, 1e-9))) & (frequency <= 1 / _FINEST)
+    strong = np.flatnonzero(sought & (coherence > _COHERENT))
+    if not len(strong):
+        return None
+    # The first strong frequency with all that belong to its peak.
+    peak = strong[: 1 + int(np.argmax(np.append(np.diff(strong) > 1, True)))]
+    return float(frequency[peak[np.argmax(coherence[peak])]])
+
+
+def _by_step(lattices: list[Lattice]) -> list[list[Lattice]]:
+    """Return the lattices in groups of the same step."""
+    groups: list[list[Lattice]] = []
+    for lattice in sorted(lattices, key=lambda lattice: lattice.step_T):
+        if groups and lattice.step_T < groups[-1][0].step_T * (1 + _SAME_STEP):
+            groups[-1].append(lattice)
+        else:
+            groups.append([lattice])
+    return groups
+
+
+def _visible(lattices: list[Lattice], square: FloatArray, information: FloatArray) -> list[Lattice]:
+    """Return the lattices whose rows' residuals, of given mean square, are as large as the rounding makes them."""
+    kept = []
+    for group in _by_step(lattices):
+        rows = [lattice.row for lattice in group]
+        rounding = float(information[rows].sum()) * group[0].step_T ** 2 / 12
+        if float((square[rows] - 1).sum()) > _EXPECTED * rounding:
+            kept += group
+    return sorted(kept, key=lambda lattice: lattice.row)
+
+
+def _contributions(lattices: list[Lattice], sensor_count: int) -> tuple[Contribution, ...]:
+    steps = np.array([lattice.step_T for lattice in lattices])
+    of_vectors = [lattice for lattice in lattices if lattice.row < 3 * sensor_count]
+    if (
+        len(of_vectors) == 3 * sensor_count
+        and np.ptp(np.log(steps[: len(of_vectors)])) < _SAME_STEP
+        and sensor_count > 1
+    ):
+        whole = Contribution(ALL, None, "lattice", {"step": float(np.median(steps))})
+        return (whole, *(_of_row(lattice, sensor_count) for lattice in lattices[len(of_vectors) :]))
+    return tuple(_of_row(lattice, sensor_count) for lattice in lattices)
+
+
+def _of_row(lattice: Lattice, sensor_count: int) -> Contribution:
+    sensor, axis = (SCALAR, None) if lattice.row == 3 * sensor_count else divmod(lattice.row, 3)
+    return Contribution(sensor, axis, "lattice", {"step": lattice.step_T, "offset": lattice.offset_T})

@@ -1,0 +1,179 @@
+"""Saturation: an axis that cannot read beyond a limit.
+
+The converter or the amplifier of a sensor has a range; what lies beyond it is read as its end. Readings then repeat
+at the largest or smallest value, where the other sensors say that the axis should have read more. Source: IEEE Std
+1241-2010, Standard for Terminology and Test Methods for Analog-to-Digital Converters, on overload.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.effects.effect import (
+    ALL,
+    SCALAR,
+    Contribution,
+    Finding,
+    FittedEffect,
+    FoundEffect,
+    Misfit,
+    Situation,
+)
+from tam_calibration.units import FloatArray
+
+LEAST_READINGS = 4
+"""Fewer readings at a limit are told from spikes by nothing."""
+
+_SAME = 1e-3
+"""Readings that differ by less than this part of their noise are the same."""
+
+_CERTAIN = 5.0
+"""Standard errors by which the readings at a limit must fall short."""
+
+_FLAT = 0.2
+"""Beyond a limit the reading must follow what it should be by less than this."""
+
+_ENDS = {"upper limit": 1.0, "lower limit": -1.0}
+
+
+@dataclass(frozen=True, eq=False)
+class _Limit:
+    row: int
+    end: str
+    value_T: float
+    standard_error_T: float
+    samples: NDArray[np.intp]
+
+
+class Saturation(FoundEffect):
+    """An axis that reads the end of its range where the field lies beyond."""
+
+    name = "saturation"
+    title = "readings cut off at the end of the range"
+    physics = (
+        "An axis cannot read beyond the range of its amplifier or converter: the reading stays at the limit "
+        "(IEEE Std 1241-2010)."
+    )
+    excitation = "turns that bring the axis to the end of its range, four readings or more at the limit"
+    units: ClassVar[Mapping[str, str]] = {"upper limit": "T", "lower limit": "T"}
+
+    def find(self, misfit: Misfit) -> Finding | str:
+        """Return the limits, and as flagged the samples at them, or why there is none."""
+        limits = find_limits(misfit)
+        if not limits:
+            return "no axis repeats its largest or smallest reading where the others say that it should read more"
+        flagged = np.zeros(len(misfit.energy), dtype=bool)
+        saved = 0.0
+        for limit in limits:
+            flagged[limit.samples] = True
+            saved += _energy(misfit, limit) - len(limit.samples)
+        used = misfit.is_counted | flagged
+        before, count = float(misfit.energy[used].sum()), float(misfit.channel_count[used].sum())
+        left = max(before - saved, np.finfo(float).tiny)
+        return Finding(
+            FittedEffect(self.name, {}, tuple(_contributions(limits, misfit.situation))),
+            gain=count * float(np.log(before / left)),
+            parameter_count=2 * len(limits),
+            flagged=flagged,
+        )
+
+    def add(
+        self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
+    ) -> FloatArray:
+        """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
+        rows = rows_T.copy()
+        for part in fitted.contributions:
+            low, high = part.values.get("lower limit", -np.inf), part.values.get("upper limit", np.inf)
+            touched = rows_of(part, situation)
+            rows[:, touched] = np.clip(rows[:, touched], low, high)
+        return rows
+
+
+def rows_of(part: Contribution, situation: Situation) -> list[int]:
+    """Return the rows on which a contribution acts."""
+    if part.sensor == SCALAR:
+        return [situation.scalar_row]
+    sensors = range(situation.sensor_count) if part.sensor == ALL else [part.sensor]
+    axes = range(3) if part.axis is None else [part.axis]
+    return [3 * sensor + axis for sensor in sensors for axis in axes]
+
+
+def find_limits(misfit: Misfit) -> list[_Limit]:
+    """Return the limits at which axes stay, at the upper and the lower end."""
+    readings = misfit.recording.readings_T.reshape(len(misfit.energy), -1)
+    found = []
+    for row in range(readings.shape[1]):
+        for end, sign in _ENDS.items():
+            limit = _limit_of(misfit, row, end, sign, readings[:, row])
+            if limit is not None:
+                found.append(limit)
+    return found
+
+
+def _limit_of(misfit: Misfit, row: int, end: str, sign: float, reading: FloatArray) -> _Limit | None:
+    """Return the limit at one end of a row: where readings repeat, or where they pile up within their noise."""
+    information = misfit.row_information[:, row]
+    if not (information > 0).any():
+        return None
+    noise = 1 / np.sqrt(float(np.median(information[information > 0])))
+    outward = sign * reading
+    top = float(outward.max())
+    below = top - _SAME * noise
+    at_limit = np.flatnonzero(outward >= below)
+    inner = outward[outward < below]
+    # On a coarse lattice of readings the next step down holds about as many.
+    next_count = int(np.sum(inner >= inner.max() - _SAME * noise)) if len(inner) else 0
+    if len(at_limit) < LEAST_READINGS or len(at_limit) < 3 * next_count:
+        at_limit = _pile(outward, sign * misfit.row_shift_T[:, row], noise)
+    if len(at_limit) < LEAST_READINGS:
+        return None
+    shortfall = -sign * misfit.row_shift_T[at_limit, row]
+    sure = np.sqrt(information[at_limit])
+    if not shortfall @ sure > _CERTAIN * np.sqrt(len(at_limit)) * max(1.0, _scale(misfit, row)):
+        return None
+    spread = float(np.std(outward[at_limit]))
+    return _Limit(row, end, sign * float(np.mean(outward[at_limit])), spread / np.sqrt(len(at_limit)), at_limit)
+
+
+def _pile(outward: FloatArray, shift: FloatArray, noise: float) -> NDArray[np.intp]:
+    """Return the readings that stay within their noise of one value although they should differ, none if so."""
+    expected = outward - shift
+    order = np.argsort(expected)[::-1]
+    count = np.arange(1, len(order) + 1)
+    depth = outward[order] - outward.max()
+    scatter = np.cumsum(depth**2) / count - (np.cumsum(depth) / count) ** 2
+    lost = np.cumsum(shift[order] ** 2)
+    # What a constant in place of the expected reading explains, for the k readings that should be the largest.
+    best = int(np.argmax(lost - count * np.maximum(scatter, 0)))
+    chosen = order[: best + 1]
+    if len(chosen) < 2 * LEAST_READINGS:
+        return chosen[:0]
+    should, did = expected[chosen] - expected[chosen].mean(), outward[chosen] - outward[chosen].mean()
+    is_flat = should @ should > len(chosen) * (3 * noise) ** 2 and abs(should @ did) < _FLAT * (should @ should)
+    return chosen if is_flat and np.std(did) < 2 * noise else chosen[:0]
+
+
+def _scale(misfit: Misfit, row: int) -> float:
+    """Return the robust standard deviation of a row's shifts in standard errors."""
+    deviation = misfit.row_shift_T[:, row] * np.sqrt(misfit.row_information[:, row])
+    return float(1.4826 * np.median(np.abs(deviation)))
+
+
+def _energy(misfit: Misfit, limit: _Limit) -> float:
+    chosen = limit.samples
+    return float(np.sum(misfit.row_shift_T[chosen, limit.row] ** 2 * misfit.row_information[chosen, limit.row]))
+
+
+def _contributions(limits: list[_Limit], situation: Situation) -> list[Contribution]:
+    parts = []
+    for row in sorted({limit.row for limit in limits}):
+        of_row = [limit for limit in limits if limit.row == row]
+        sensor, axis = divmod(row, 3)
+        values = {limit.end: limit.value_T for limit in of_row}
+        parts.append(
+            Contribution(sensor, axis, "limit", values, {limit.end: limit.standard_error_T for limit in of_row})
+        )
+    return parts
