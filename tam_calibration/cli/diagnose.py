@@ -51,13 +51,14 @@ def command(
     outputs = {"json": None if to_stdout else json_path, "report": report}
     with write_together(outputs, [recording, array]) as beside:
         gap = _diagnose(recording, array, without, tolerance_s)
-        content = to_json(gap_to_mapping(gap, provenance(recording)))
+        source = provenance(recording)
+        content = to_json(gap_to_mapping(gap, source))
         if "json" in beside:
             beside["json"].write_text(content, encoding="utf-8")
         if "report" in beside:
             from tam_calibration.report.gap_report import write_gap_report  # late, as it brings matplotlib with it
 
-            write_gap_report(beside["report"], gap, recording.name)
+            write_gap_report(beside["report"], gap, source)
     if to_stdout:
         click.echo(content)
     else:

@@ -33,22 +33,22 @@ def plot_coverage(coverage: Coverage) -> Figure:
     """
     figure = Figure(figsize=(1.3 * WIDTH_INCH, 3.8), layout="constrained")
     axes = figure.add_subplot(projection="hammer")
-    longitude, latitude, cell = _cells_on_map()
+    longitude, latitude, cell = cells_on_map()
     samples = coverage.counts[cell]
     visited = np.ma.masked_where(samples == 0, samples)
     missing = np.ma.masked_where(samples > 0, samples)
     scale = LogNorm(1, max(10, int(coverage.counts.max())))
     mesh = axes.pcolormesh(longitude, latitude, visited, cmap=_SHADES, norm=scale, shading="nearest", rasterized=True)
     axes.pcolormesh(longitude, latitude, missing, cmap=_MISSING, shading="nearest", rasterized=True)
-    _draw_borders(axes)
-    _name_directions(axes)
+    draw_borders(axes)
+    name_directions(axes)
     figure.colorbar(mesh, ax=axes, location="bottom", shrink=0.5, aspect=30, label="samples in a cell", format="%d")
     key = [Patch(color=MISSING_COLOR, label="no sample")]
     axes.legend(handles=key, loc="upper right", bbox_to_anchor=(1.02, 1.05), frameon=False)
     return figure
 
 
-def _cells_on_map() -> tuple[FloatArray, FloatArray, np.ndarray]:
+def cells_on_map() -> tuple[FloatArray, FloatArray, np.ndarray]:
     """Return the map's longitude, to the right, its latitude, and the cell at each of its points."""
     longitude, latitude = np.linspace(-np.pi, np.pi, 721), np.linspace(-np.pi / 2, np.pi / 2, 361)
     azimuth, elevation = np.meshgrid(-longitude, latitude)
@@ -57,7 +57,8 @@ def _cells_on_map() -> tuple[FloatArray, FloatArray, np.ndarray]:
     return longitude, latitude, cell_of(points.reshape(-1, 3)).reshape(azimuth.shape)
 
 
-def _draw_borders(axes: Axes) -> None:
+def draw_borders(axes: Axes) -> None:
+    """Draw the borders of the cells."""
     along = np.linspace(-1, 1, 181)
     for meridian in np.linspace(-np.pi, np.pi, SECTORS + 1)[1:-1]:
         axes.plot(np.full_like(along, meridian), along * np.pi / 2, color="white", linewidth=0.5)
@@ -67,7 +68,8 @@ def _draw_borders(axes: Axes) -> None:
     axes.set_yticks([])
 
 
-def _name_directions(axes: Axes) -> None:
+def name_directions(axes: Axes) -> None:
+    """Write the names of directions on the map."""
     halo = [withStroke(linewidth=2.5, foreground="white")]
     for name, longitude, latitude in _PLACES:
         axes.text(from_degrees(longitude), from_degrees(latitude), name, ha="center", va="center", path_effects=halo)

@@ -57,9 +57,9 @@ def plot_over_time(time_s: FloatArray, panels: Sequence[Panel], unit: str, color
     figure = Figure(figsize=(WIDTH_INCH, 0.75 + 0.95 * len(panels)), layout="constrained")
     rows = figure.subplots(len(panels), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     elapsed = time_s - time_s[0]
-    time_unit, seconds = next((name, size) for name, size, most in _TIME_UNITS if elapsed[-1] <= most)
+    time_unit, seconds = time_axis(float(elapsed[-1]))
     for axes, panel in zip(rows, panels, strict=True):
-        _draw_series(axes, elapsed / seconds, panel.values, color)
+        draw_series(axes, elapsed / seconds, panel.values, color)
         axes.hlines([-panel.floor, panel.floor], 0, elapsed[-1] / seconds, FLOOR_COLOR, "dashed", linewidth=0.8)
         axes.set_title(panel.name, loc="left")
         axes.set_title(f"RMS {number(panel.root_mean_square)} {unit}", loc="right")
@@ -89,7 +89,13 @@ def _stroke_size(sample_count: int) -> int:
     return -(-sample_count // _STROKES)
 
 
-def _draw_series(axes: Axes, time: FloatArray, values: FloatArray, color: str) -> None:
+def time_axis(span_s: float) -> tuple[str, float]:
+    """Return the unit in which a span of time is drawn, and how many seconds it has."""
+    return next((name, size) for name, size, most in _TIME_UNITS if span_s <= most)
+
+
+def draw_series(axes: Axes, time: FloatArray, values: FloatArray, color: str) -> None:
+    """Draw values over time, as strokes from the smallest to the largest where there are many."""
     if len(values) <= _DRAWN_SINGLY:
         axes.plot(time, values, ".", color=color, markersize=2, rasterized=True)
         return

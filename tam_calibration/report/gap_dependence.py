@@ -1,0 +1,63 @@
+"""Residuals of a gap over what they may depend on: temperature, current, and the rate of turning."""
+
+from collections.abc import Callable
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from tam_calibration.report.gap_view import GapView
+from tam_calibration.report.style import FLOOR_COLOR, STYLE
+from tam_calibration.units import FloatArray, to_degrees
+
+_WIDTH_INCH = 7.4
+_BINS = 12
+
+
+@matplotlib.rc_context(STYLE)
+def plot_dependence(view: GapView, row: int) -> Figure:
+    """Draw one row, in noise floors: its mean over temperature and current, its root mean square over the rate."""
+    residue = view.gap.residue
+    panels: list[tuple[str, FloatArray, Callable[[FloatArray], float], str]] = [
+        ("rate of turning (°/s)", to_degrees(view.rate), _root_mean_square, "root mean square")
+    ]
+    for label, channel in (("temperature (°C)", residue.temperature_C), ("current (A)", residue.current_A)):
+        if channel is not None:
+            panels.append((label, channel, _mean, "mean"))
+    figure = Figure(figsize=(_WIDTH_INCH, 2.6), layout="constrained")
+    for axes, (label, channel, measure, what) in zip(
+        figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
+    ):
+        for state in view.states:
+            values = state.rows_T[:, row] / residue.floor_T[row]
+            axes.plot(*binned(channel, values, measure), ".-", color=state.color, linewidth=1, label=state.name)
+        axes.axhline(1 if measure is _root_mean_square else 0, color=FLOOR_COLOR, linestyle="dashed", linewidth=0.8)
+        _label(axes, label, f"{what} of {view.row_name(row)} (noise floors)")
+    figure.axes[0].legend(frameon=False, fontsize=8)
+    return figure
+
+
+def _label(axes: Axes, x: str, y: str) -> None:
+    axes.set_xlabel(x)
+    axes.set_title(y, loc="left", fontsize=8)
+
+
+def binned(
+    channel: FloatArray, values: FloatArray, measure: Callable[[FloatArray], float]
+) -> tuple[FloatArray, FloatArray]:
+    """Return median of the channel and measure of the values in bins of equally many samples."""
+    known = np.isfinite(channel) & np.isfinite(values)
+    order = np.argsort(channel[known], kind="stable")
+    parts = [part for part in np.array_split(order, _BINS) if len(part)]
+    channel, values = channel[known], values[known]
+    middle = np.array([float(np.median(channel[part])) for part in parts])
+    return middle, np.array([measure(values[part]) for part in parts])
+
+
+def _mean(values: FloatArray) -> float:
+    return float(np.mean(values))
+
+
+def _root_mean_square(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,174 @@
+"""The sections of a gap's report, in the order of its questions: is there one, where, why, how far does it shrink."""
+
+from collections.abc import Callable, Sequence
+
+from matplotlib.figure import Figure
+
+from tam_calibration.report.formatting import sentence
+from tam_calibration.report.gap_causes import plot_evidence, plot_shares
+from tam_calibration.report.gap_dependence import plot_dependence
+from tam_calibration.report.gap_histogram import plot_histogram
+from tam_calibration.report.gap_map import plot_map
+from tam_calibration.report.gap_rows import (
+    CAUSES_HEADER,
+    CONSIDERED_HEADER,
+    SIZE_HEADER,
+    cause_row,
+    closed_words,
+    considered_row,
+    parameter_rows,
+    place,
+    size_rows,
+    where_words,
+)
+from tam_calibration.report.gap_spectrum import plot_spectrum
+from tam_calibration.report.gap_sphere import plot_sphere
+from tam_calibration.report.gap_time import plot_time
+from tam_calibration.report.gap_view import GapView
+from tam_calibration.report.page import Block, Points, Section, Table, Text, embed
+
+_TERMS = (
+    "The simulated twin is a recording made by the computer: the same attitudes and field, the sensor errors that were "
+    "fitted, the noise of the recording, and nothing else. Whatever the recording shows and its twin does not is the "
+    "gap.",
+    "A residual is what is left of a reading when the fitted model is taken off: the shift of that one axis that would "
+    "explain the sample best. With several sensors, a fault of one axis casts a weaker image, of the opposite sign, on "
+    "the same axis of the others.",
+    "The noise floor is the standard deviation that white noise alone gives a residual. The size of the gap is what "
+    "the residual has beyond it: 1 means as large as the noise, 0 none.",
+    "Out of sample: measured on parts of the recording that were not used to fit what is tested.",
+)
+
+_NAMES = {
+    "no_gap": "No gap",
+    "explained": "Explained",
+    "partly_explained": "Partly explained",
+    "unexplained": "Unexplained",
+    "not_identifiable": "Cannot be told",
+}
+
+
+def _verdict(view: GapView) -> list[Section]:
+    gap = view.gap
+    emphasis = "good" if gap.verdict in ("no_gap", "explained") else "doubt"
+    blocks: list[Block] = [Text(f"{_NAMES[gap.verdict]}: {gap.statement}", emphasis)]
+    if gap.verdict != "not_identifiable":
+        blocks.append(Table(SIZE_HEADER, size_rows(gap.size)))
+    if gap.causes:
+        blocks.append(Text(sentence(closed_words(gap.size))))
+    blocks += [Text("Words of this page:"), Points(_TERMS)]
+    return [Section("Verdict", blocks)]
+
+
+def _where(view: GapView) -> list[Section]:
+    if view.gap.verdict == "not_identifiable":
+        return []
+    row = view.rows[0]
+    name = view.row_name(row)
+    words = where_words(view.gap.where, view.sensor_count)
+    found = f"The gap lies in: {words}." if view.gap.where.sensors else "No place stands out."
+    blocks: list[Block] = [
+        Text(f"{found} This was found without assuming a cause. Figures of one axis show {name}, the largest there."),
+        *_figure(
+            plot_map(view),
+            "Which sensor and axis",
+            "the size of each residual against its noise floor, dark where it is too large.",
+            "every cell would be near 1, as in the twin.",
+        ),
+        *_figure(
+            plot_sphere(view, row),
+            "Which attitude",
+            "the mean residual over the directions of the field, seen from the array; cells without samples are white.",
+            "a faint random pattern, as in the twin; a smooth pattern is an effect that depends on attitude.",
+        ),
+        *_figure(
+            plot_spectrum(view, row),
+            "Which frequency",
+            "the residual by frequency, in noise floors; the band that holds the gap is shaded.",
+            "a flat line near 1. A rise to the left is slow (drift), a narrow peak is interference.",
+        ),
+        *_figure(
+            plot_dependence(view, row),
+            "Which condition",
+            "the residual over the rate of turning, and over temperature and current where they were recorded.",
+            "flat lines near the dashed one. A slope says that the residual goes with that quantity, not yet why.",
+        ),
+    ]
+    return [Section("Where it lies", blocks)]
+
+
+def _causes(view: GapView) -> list[Section]:
+    gap = view.gap
+    if gap.verdict == "not_identifiable":
+        return []
+    blocks: list[Block] = [
+        *_figure(
+            plot_evidence(gap),
+            "What can be the cause",
+            "the probability of each cause, of no gap at all, and of a cause that is not in the library; what the data "
+            "support is blue.",
+            "“no gap” would have the longest bar.",
+        )
+    ]
+    if not gap.causes:
+        return [Section("Causes", [Text("No effect of the library is supported by these data."), *blocks])]
+    blocks.append(Table(CAUSES_HEADER, [cause_row(cause, view.sensor_count) for cause in gap.causes], numeric=False))
+    for cause in gap.causes:
+        where = place(cause.sensors, cause.axes, view.sensor_count)
+        if rows := parameter_rows(cause):
+            header = ["parameter", "value ± standard error", "unit"]
+            blocks.append(Table(header, rows, f"{cause.fitted.effect}: {where}", numeric=False))
+    return [Section("Causes, ranked", blocks)]
+
+
+def _shrink(view: GapView) -> list[Section]:
+    gap = view.gap
+    if gap.verdict == "not_identifiable":
+        return []
+    blocks: list[Block] = []
+    if gap.causes:
+        blocks += _figure(
+            plot_shares(gap),
+            "What each cause takes away",
+            "the energy of the gap above the noise, out of sample, and each cause's part of it, whatever their order.",
+            "there would be nothing to take away. Causes that are not the true ones leave a tall bar on the right.",
+        )
+    for row in view.rows:
+        blocks += _figure(
+            plot_time(view, row),
+            f"Over time: {view.row_name(row)}",
+            "the residual of each sample; dashed lines are ± the noise floor, the span that holds the gap is shaded.",
+            "all panels would look like the twin's.",
+        )
+    blocks += _figure(
+        plot_histogram(view, view.rows[0]),
+        "Distribution",
+        "how often the residual has which size; what lies further out is counted in the outermost bins.",
+        "all lines would follow the dashed one. Broad shoulders are a slow or large effect, far tails are outliers.",
+    )
+    return [Section("How far it shrinks" if gap.causes else "The residuals", blocks)]
+
+
+def _considered(view: GapView) -> list[Section]:
+    others = [each for each in view.gap.considered if each.status != "supported"]
+    if not others:
+        return []
+    blocks: list[Block] = [
+        Text("These were tried, or could not be, and are no cause as far as these data tell."),
+        Table(CONSIDERED_HEADER, [considered_row(each) for each in others], numeric=False),
+    ]
+    return [Section("What explained nothing", blocks)]
+
+
+def _next(view: GapView) -> list[Section]:
+    words = view.gap.next_recording
+    return [Section("What to record next", [Text(sentence(words))])] if words else []
+
+
+def _figure(figure: Figure, title: str, seen: str, otherwise: str) -> Sequence[Block]:
+    """Return a figure with what is seen on it, and what it would be otherwise."""
+    return embed(figure, title, title), Points([f"What you see: {seen}", f"Without a gap: {otherwise}"])
+
+
+SECTIONS: tuple[Callable[[GapView], list[Section]], ...] = (_verdict, _where, _causes, _shrink, _considered, _next)
+"""What makes each section."""

@@ -1,0 +1,184 @@
+"""The page on a gap: whole in itself, with every answer, for every verdict; its figures show what is there."""
+
+import re
+import time
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.calibration import Provenance
+from tam_calibration.gap.result import Residue
+from tam_calibration.report.gap_causes import plot_evidence, plot_shares
+from tam_calibration.report.gap_dependence import binned, plot_dependence
+from tam_calibration.report.gap_histogram import plot_histogram
+from tam_calibration.report.gap_map import plot_map
+from tam_calibration.report.gap_report import write_gap_report
+from tam_calibration.report.gap_spectrum import spectrum
+from tam_calibration.report.gap_sphere import plot_sphere
+from tam_calibration.report.gap_time import plot_time
+from tam_calibration.report.gap_view import GapView
+
+
+class Page(HTMLParser):
+    """The text, headings and references of a page."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.words, self.headings, self.references, self.tag = [], [], [], ""
+        self.feed(html)
+        self.text = re.sub(r"\s+", " ", " ".join(self.words))
+
+    def handle_starttag(self, tag, attributes):
+        assert tag not in ("script", "link", "iframe", "object", "embed")
+        self.tag = tag
+        self.references += [value for name, value in attributes if name in ("src", "href")]
+
+    def handle_data(self, data):
+        if self.tag != "style":
+            self.words.append(data)
+        if self.tag == "h2" and data.strip():
+            self.headings.append(data)
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Return a function that writes a page and reads it back."""
+
+    def write(gap):
+        path = tmp_path / "gap.html"
+        write_gap_report(path, gap, Provenance("dive<1>.csv", 123, "ab" * 32))
+        html = path.read_text(encoding="utf-8")
+        assert not re.search(r"url\(|@import|https?://", html)
+        page = Page(html)
+        assert all(reference.startswith("data:image/svg+xml;base64,") for reference in page.references)
+        return page
+
+    return write
+
+
+def of_size(gap, sample_count, sensor_count=4):
+    """Return a gap whose residue has another number of samples and sensors."""
+    rng = np.random.default_rng(3)
+    rows = 3 * sensor_count + 1
+    direction = rng.normal(size=(sample_count, 3))
+    residue = Residue(
+        1.7e9 + np.arange(sample_count) / 100,
+        direction / np.linalg.norm(direction, axis=1, keepdims=True),
+        *rng.normal(size=(3, sample_count, rows)),
+        np.ones(rows),
+    )
+    return replace(gap, residue=residue)
+
+
+def test_the_questions_are_answered_in_order(gap, write):
+    """Is there a gap, where, which cause, how far does it shrink, what explained nothing, what next."""
+    page = write(gap)
+    assert page.headings == [
+        "Verdict",
+        "Where it lies",
+        "Causes, ranked",
+        "How far it shrinks",
+        "What explained nothing",
+        "What to record next",
+    ]
+    assert page.text.count("What you see:") == page.text.count("Without a gap:") == len(page.references) == 8
+    for words in ("Explained: The readings of sensor 2 drift", "99.8 % of the gap's energy", "at 0 to 0.500 Hz"):
+        assert words in page.text
+    for words in ("2.000 ± 0.020", "nT/°C", "60.0 ± 5.0", "bias_jump", "needs the attitude", "not supported"):
+        assert words in page.text
+    assert "dive<1>.csv" in page.text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "name", "images"),
+    [("no_gap", "No gap", 7), ("unexplained", "Unexplained", 7), ("not_identifiable", "Cannot be told", 0)],
+)
+def test_every_verdict_has_a_page(gap, write, verdict, name, images):
+    """Without causes nothing is taken away; without a verdict there is nothing to draw."""
+    page = write(replace(gap, verdict=verdict, causes=(), where=replace(gap.where, sensors=(), axes=())))
+    assert f"{name}: " in page.text
+    assert len(page.references) == images
+    assert "nan" not in page.text.lower().split()
+
+
+@pytest.mark.parametrize("sensor_count", [1, 30])
+def test_any_array_has_a_page(gap, write, sensor_count):
+    """One sensor and thirty are drawn, also without a scalar."""
+    other = of_size(replace(gap, causes=(), where=replace(gap.where, sensors=(1,))), 200, sensor_count)
+    other.residue.before[:, -1] = other.residue.twin[:, -1] = np.nan
+    assert "sensor 1" in write(other).text
+
+
+def test_a_long_recording_has_a_small_page(gap, write, tmp_path):
+    """Time and size of the page stay bounded for an hour at 100 Hz."""
+    start = time.process_time()
+    write(of_size(gap, 360_000))
+    assert time.process_time() - start < 30
+    assert (tmp_path / "gap.html").stat().st_size < 3_000_000
+
+
+def test_the_map_shows_sizes_in_noise_floors(gap):
+    """Sensor 2 stands out in the recording, and nothing does without the cause or in the twin."""
+    figure = plot_map(GapView(gap))
+    recording, without, twin = (axes.images[0].get_array() for axes in figure.axes)
+    residue = gap.residue
+    expected = np.sqrt(np.mean(residue.before[:, 3:6] ** 2, axis=0)) / residue.floor_T[3:6]
+    assert_allclose(recording[1], expected)
+    for cells in (without, twin):
+        assert_allclose(cells[:-1], 1, atol=0.15)
+
+
+def test_the_rows_drawn_are_those_of_the_gap_and_its_causes(gap):
+    """The largest row in the place that was found, and one for each other cause."""
+    view = GapView(gap)
+    assert [row // 3 for row in view.rows] == [1]
+    scalar = replace(gap.causes[0], sensors=("scalar",), axes=())
+    assert GapView(replace(gap, causes=(gap.causes[0], scalar))).rows[1] == 12
+    assert view.row_name(12) == "scalar" and view.row_name(4) == "sensor 2 y"
+
+
+def test_every_figure_shows_the_twin(gap):
+    """Recording, recording without causes and twin stand side by side."""
+    view = GapView(gap)
+    row = view.rows[0]
+    for figure in (plot_map(view), plot_time(view, row), plot_sphere(view, row)):
+        titles = {axes.get_title("left") or axes.get_title() for axes in figure.axes}
+        assert {"recording", "without its causes", "simulated twin"} <= titles
+    for figure in (plot_dependence(view, row), plot_histogram(view, row)):
+        labels = figure.axes[0].get_legend_handles_labels()[1]
+        assert {"recording", "without its causes", "simulated twin"} <= set(labels)
+
+
+def test_white_noise_is_one_at_every_frequency():
+    """Whatever the number of samples, and with a hole in the record."""
+    rng = np.random.default_rng(4)
+    time_s = np.delete(np.arange(40_000) * 0.01, slice(9_000, 14_000))
+    frequency, amplitude = spectrum(time_s, rng.normal(size=len(time_s)))
+    assert_allclose(amplitude[frequency > 5], 1, atol=0.2)
+    tone = 0.2 * np.sin(2 * np.pi * 7 * time_s)
+    frequency, amplitude = spectrum(time_s, tone + rng.normal(size=len(time_s)))
+    assert frequency[np.argmax(amplitude)] == pytest.approx(7, abs=0.1)
+
+
+def test_dependence_shows_the_slope(gap):
+    """The mean over temperature rises as the drift does."""
+    temperature, mean = binned(gap.residue.temperature_C, gap.residue.before[:, 3] * 1e9, np.mean)
+    assert np.polyfit(temperature, mean, 1)[0] == pytest.approx(1, abs=0.1)
+
+
+def test_shares_and_probabilities_are_drawn(gap):
+    """The steps lead from the whole to what is left; the likeliest cause stands on top."""
+    heights = [patch.get_height() for patch in plot_shares(gap).axes[0].patches]
+    assert_allclose(heights, [1, -0.998, 0.002], atol=1e-9)
+    bars = plot_evidence(gap).axes[0].patches
+    assert [bar.get_width() for bar in bars] == [0.98, 0.015, 0.005]
+
+
+def test_the_same_gap_gives_the_same_page(gap, tmp_path):
+    """A page is the same file whenever it is made."""
+    for name in ("a.html", "b.html"):
+        write_gap_report(tmp_path / name, gap)
+    assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
