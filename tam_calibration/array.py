@@ -31,6 +31,9 @@ class Array:
     scalar_position_m : (3,) array, optional
         Position of the scalar magnetometer in the array frame, metres; None means at the centre. It matters only
         where a fit takes the ambient field to have a gradient.
+    axis_offsets_m : (3, 3) array, optional
+        Where the elements of axis x, y and z sit beside the position of their sensor, alike in all sensors: a row for
+        each axis, array frame, metres; None means all three at the position.
 
     Raises
     ------
@@ -42,6 +45,7 @@ class Array:
     vector_noise_T: FloatArray | None = None
     scalar_noise_T: float | None = None
     scalar_position_m: FloatArray | None = None
+    axis_offsets_m: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
@@ -67,6 +71,11 @@ class Array:
             if position.shape != (3,) or not np.isfinite(position).all():
                 raise InputError("the position of the scalar magnetometer must be three finite numbers x, y, z")
             object.__setattr__(self, "scalar_position_m", position)
+        if self.axis_offsets_m is not None:
+            offsets = np.asarray(self.axis_offsets_m, dtype=float)
+            if offsets.shape != (3, 3) or not np.isfinite(offsets).all():
+                raise InputError("the offsets of the axes must be three rows of three finite numbers x, y, z")
+            object.__setattr__(self, "axis_offsets_m", offsets)
 
     @classmethod
     def cross(
@@ -91,6 +100,13 @@ class Array:
         return len(self.positions_m)
 
     @cached_property
+    def element_positions_m(self) -> FloatArray:
+        """(K, 3, 3) positions of the elements of each sensor's axes x, y, z in the array frame, metres."""
+        offsets = np.zeros((3, 3)) if self.axis_offsets_m is None else self.axis_offsets_m
+        positions: FloatArray = self.positions_m[:, None] + offsets
+        return positions
+
+    @cached_property
     def has_gradient(self) -> bool:
         """Whether the geometry determines the five tensor components that a plane array can see."""
         return bool(np.linalg.matrix_rank(self._linear_field) == 8)
@@ -99,13 +115,14 @@ class Array:
     def _linear_field(self) -> FloatArray:
         """(3K, 8) readings in a linear field, of its bx by bz gxx gxy gxz gyy gyz."""
         rows = np.zeros((self.sensor_count, 3, 8))
-        x, y, z = self.positions_m.T
+        # (K, 3) each: a column for the element of each axis.
+        x, y, z = np.moveaxis(self.element_positions_m, 2, 0)
         rows[:, :, :3] = np.eye(3)
-        rows[:, 0, 3], rows[:, 2, 3] = x, -z
-        rows[:, 0, 4], rows[:, 1, 4] = y, x
-        rows[:, 0, 5], rows[:, 2, 5] = z, x
-        rows[:, 1, 6], rows[:, 2, 6] = y, -z
-        rows[:, 1, 7], rows[:, 2, 7] = z, y
+        rows[:, 0, 3], rows[:, 2, 3] = x[:, 0], -z[:, 2]
+        rows[:, 0, 4], rows[:, 1, 4] = y[:, 0], x[:, 1]
+        rows[:, 0, 5], rows[:, 2, 5] = z[:, 0], x[:, 2]
+        rows[:, 1, 6], rows[:, 2, 6] = y[:, 1], -z[:, 2]
+        rows[:, 1, 7], rows[:, 2, 7] = z[:, 1], y[:, 2]
         return rows.reshape(-1, 8)
 
     @cached_property
@@ -127,5 +144,5 @@ class Array:
     def has_geometry_of(self, other: "Array") -> bool:
         """Whether the other array has its sensors at the same places, to a micrometre."""
         return self.positions_m.shape == other.positions_m.shape and bool(
-            np.allclose(self.positions_m, other.positions_m, rtol=0, atol=1e-6)
+            np.allclose(self.element_positions_m, other.element_positions_m, rtol=0, atol=1e-6)
         )

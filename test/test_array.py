@@ -121,3 +121,19 @@ def test_impossible_arrays_are_refused(make, sentence):
     """Each wrong value is named with what would be right."""
     with pytest.raises(InputError, match=sentence):
         make()
+
+
+def test_axes_that_are_not_in_one_place_are_allowed_for():
+    """In a linear field, each axis reading it where its element sits, centre and tensor are exact; otherwise not."""
+    offsets = np.array([[0.02, 0, 0.01], [0, -0.01, 0], [0.005, 0, -0.02]])
+    array = Array(Array.cross(0.5).positions_m, axis_offsets_m=offsets)
+    center = np.array([1.0, -2.0, 3.0])
+    tensor = np.array([[1.0, 0.5, -0.3], [0.5, -2.0, 0.7], [-0.3, 0.7, 1.0]])
+    fields = center + array.element_positions_m @ tensor
+    readings = np.diagonal(fields, axis1=1, axis2=2).ravel()
+    expected = np.concatenate([center, tensor[np.triu_indices(3)]])
+    assert_allclose(array.operator @ readings, expected, atol=1e-12)
+    assert np.abs(Array.cross(0.5).operator @ readings - expected).max() > 0.01
+    assert not array.has_geometry_of(Array.cross(0.5))
+    with pytest.raises(InputError, match="three rows"):
+        Array(np.eye(3), axis_offsets_m=np.zeros(3))

@@ -29,6 +29,9 @@ class ArrayFile(Document):
         Noise of the scalar magnetometer.
     scalar_position_m : [x, y, z], optional
         Where the scalar magnetometer sits when it is not at the centre.
+    axis_offsets_m : list of [x, y, z], optional
+        Where the elements of axis x, y and z sit beside the position of their sensor; as ``tam calibrate --source``
+        finds them.
     notes, recording
         Anything; not read.
     """
@@ -38,6 +41,7 @@ class ArrayFile(Document):
     vector_noise_nT: float | list[float] | None = None
     scalar_noise_nT: float | None = None
     scalar_position_m: tuple[float, float, float] | None = None
+    axis_offsets_m: list[tuple[float, float, float]] | None = None
     notes: Any = None
     recording: Any = None
 
@@ -61,6 +65,7 @@ class ArrayFile(Document):
             vector_noise_T,
             None if self.scalar_noise_nT is None else from_nanotesla(self.scalar_noise_nT),
             None if self.scalar_position_m is None else np.array(self.scalar_position_m),
+            None if self.axis_offsets_m is None else np.array(self.axis_offsets_m),
         )
 
 
@@ -98,6 +103,8 @@ def array_to_mapping(array: Array) -> dict[str, Any]:
         content["scalar_noise_nT"] = float(nanotesla_to_write(np.array(array.scalar_noise_T)))
     if array.scalar_position_m is not None:
         content["scalar_position_m"] = array.scalar_position_m.tolist()
+    if array.axis_offsets_m is not None:
+        content["axis_offsets_m"] = array.axis_offsets_m.tolist()
     return content
 
 
