@@ -4,11 +4,15 @@ At attitude R (array to world) a sensor at r reads b + Rᵀ G R r, with G symmet
 """
 
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.array import Array
+from tam_calibration.effects.effect import ALL, Coefficient, LinearEffect, Shape, Situation, Term
+from tam_calibration.effects.orientation import to_world, turn_spread
+from tam_calibration.effects.potentials import derivatives, fields
 from tam_calibration.errors import SensorErrors
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
@@ -87,3 +91,58 @@ def without_gradient(
         at_scalar = gradient_field(gradient_T_per_m, recording.attitude, array.scalar_position_m[None])[:, 0]
         scalar = scalar - norm(center + at_scalar, axis=1) + norm(center, axis=1)
     return replace(recording, readings_T=readings, scalar_T=scalar)
+
+
+_DEGREES = {2: "T/m", 3: "T/m²", 4: "T/m³"}
+"""Units of the derivatives of a potential, by its degree."""
+
+_LEAST_TURN = 0.1
+"""Radians by which the array must be turned, root of the mean square."""
+
+
+class AmbientGradient(LinearEffect):
+    """The field of the site is not uniform; the array turns about its centre, which stays where it is."""
+
+    name: ClassVar[str] = "ambient_gradient"
+    title: ClassVar[str] = "ambient field with gradients"
+    physics: ClassVar[str] = (
+        "The field of sources at a distance is the gradient of a harmonic potential, a sum of solid harmonics about its "
+        "centre (Blakely, Potential Theory in Gravity and Magnetic Applications, Cambridge University Press, 1995, "
+        "chapter 6): fixed in the world, it turns in the array frame."
+    )
+    channels: ClassVar[tuple[str, ...]] = ("attitude",)
+    excitation: ClassVar[str] = "turn the array about all axes without moving its centre"
+
+    def obstacle(self, situation: Situation) -> str | None:
+        """Return that all sensors are at the centre or that the array was not turned, where it is so."""
+        if not situation.array.positions_m.any() and not _has_distant_scalar(situation.array):
+            return "all sensors are at the centre of rotation"
+        turn = turn_spread(situation)
+        if turn < _LEAST_TURN:
+            return f"the attitude changes by {turn:.2g} rad only"
+        return None
+
+    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+        """Return the harmonic potentials of degree 2, 3 and 4, by their derivatives in the world at the centre."""
+        rotation = to_world(situation)
+        along = situation.field_T / situation.intensity_T[:, None]
+        array, matrices = situation.array, situation.errors.matrix
+        terms = []
+        for degree, unit in _DEGREES.items():
+            names = ["".join(np.repeat(list("xyz"), orders)) for orders in derivatives(degree)]
+            features = []
+            for position, matrix in zip(array.positions_m, matrices, strict=True):
+                of_sensor = fields(degree, rotation @ position) @ rotation @ matrix.T
+                features.append(np.swapaxes(of_sensor, 1, 2).reshape(len(along), -1))
+            if array.scalar_position_m is not None and _has_distant_scalar(array):
+                at_scalar = fields(degree, rotation @ array.scalar_position_m) @ rotation
+                features.append(np.einsum("npa,na->np", at_scalar, along))
+            joined = np.concatenate(features, axis=1)
+            rows, columns = np.divmod(np.arange(joined.shape[1]), len(names))
+            parts = tuple(Coefficient(f"gradient {name}", unit) for name in names)
+            terms.append(Term(ALL, None, f"degree {degree}", parts, joined, rows, columns))
+        return terms
+
+
+def _has_distant_scalar(array: Array) -> bool:
+    return array.scalar_position_m is not None and bool(array.scalar_position_m.any())

@@ -7,7 +7,6 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.effects.effect import Situation
-from tam_calibration.recording import pieces
 from tam_calibration.units import FloatArray
 
 _NEIGHBOURS = 6
@@ -15,6 +14,8 @@ _LARGEST_WEIGHT = 50.0
 """Of a neighbour in a derivative, per step of time; more means samples that nearly coincide."""
 
 _KNOWN: WeakKeyDictionary[Situation, tuple[FloatArray, FloatArray]] = WeakKeyDictionary()
+
+_PIECE = 32_768
 
 _JUMP = 0.35
 _BLOCKS = (1, 2, 4, 8, 16)
@@ -33,8 +34,8 @@ def rates(situation: Situation) -> tuple[FloatArray, FloatArray]:
         if stretch.stop - stretch.start < 3:
             continue
         neighbours, here = _neighbours(stretch), np.arange(stretch.start, stretch.stop)
-        for piece in pieces(len(here)):
-            nodes, own = neighbours[piece], here[piece]
+        for first_of_piece in range(0, len(here), _PIECE):
+            nodes, own = neighbours[first_of_piece:][:_PIECE], here[first_of_piece:][:_PIECE]
             _, slope, curvature = _weights(situation.time_s[nodes] - situation.time_s[own, None])
             wild = np.abs(slope).max(axis=1) * situation.step_s > _LARGEST_WEIGHT
             slope[wild], curvature[wild] = 0, 0

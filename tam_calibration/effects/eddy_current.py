@@ -1,0 +1,64 @@
+"""Eddy currents in conductors near a sensor."""
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+
+from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.lag import lagged_smooth
+from tam_calibration.effects.motion import jumps, rates
+from tam_calibration.units import FloatArray
+
+_SHORTEST_STEPS, _LONGEST_S, _LONGEST_PART, _COUNT = 0.3, 10.0, 0.1, 7
+_NAMES = tuple(f"{axis} of the field on {row}" for row in "xyz" for axis in "xyz")
+
+
+class EddyCurrent(LinearEffect):
+    """Changes of the field are shielded by C (b - b after a first-order lag); uses samples on both sides."""
+
+    name: ClassVar[str] = "eddy_current"
+    title: ClassVar[str] = "eddy currents in conductors near a sensor"
+    physics: ClassVar[str] = (
+        "A changing field drives currents in conductors, which decay with the time constant of inductance over "
+        "resistance and whose field adds to that at the sensor (Leliak, Identification and evaluation of magnetic "
+        "field sources of magnetic airborne detector equipped aircraft, IRE Trans. ANE-8, 1961, p. 95)."
+    )
+    excitation: ClassVar[str] = "turn the array fast and continuously at different rates, not from pose to pose"
+    shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s"}
+
+    def obstacle(self, situation: Situation) -> str | None:
+        """Return that there is no continuous motion, where there is none."""
+        return jumps(situation)
+
+    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+        """Return time constants from part of a step of time to seconds."""
+        shortest = _SHORTEST_STEPS * situation.step_s
+        span = float(situation.time_s[-1] - situation.time_s[0])
+        longest = max(min(_LONGEST_S, _LONGEST_PART * span), 2 * shortest)
+        return [{"time_constant_s": float(constant)} for constant in np.geomspace(shortest, longest, _COUNT)]
+
+    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+        """Return what each sensor gets of the currents, and of a second mode with more than one time constant."""
+        constant = shape["time_constant_s"]
+        late = _late(situation, situation.field_T, rates(situation)[0], constant)
+        # The lag's own rate of change is what it lacks to its drive over the time constant.
+        missing = situation.field_T - late
+        later = _late(situation, late, missing / constant, constant)
+        columns = np.arange(9)
+        terms = []
+        for name, change in (("first mode", missing), ("second mode", late - later)):
+            features = np.tile(change, 3)
+            parts = tuple(Coefficient(f"{name}, {of}", "1") for of in _NAMES)
+            for sensor in range(situation.sensor_count):
+                terms.append(Term(sensor, None, name, parts, features, 3 * sensor + columns // 3, columns))
+        return terms
+
+
+def _late(situation: Situation, values: FloatArray, rate: FloatArray, time_constant_s: float) -> FloatArray:
+    """Return values after a first-order lag, settled anew behind every hole."""
+    parts = [
+        lagged_smooth(values[stretch], rate[stretch], situation.time_s[stretch], time_constant_s)
+        for stretch in situation.stretches
+    ]
+    return np.concatenate(parts)

@@ -1,0 +1,46 @@
+"""Sensors that their own weight turns out of place."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from tam_calibration.effects.effect import Coefficient, LinearEffect, Shape, Situation, Term
+from tam_calibration.effects.orientation import upwards
+
+_LEAST_TILT = 0.1
+"""Radians by which the vertical must move in the array frame, root of the mean square."""
+
+
+class Flexure(LinearEffect):
+    """A sensor turns against the array by ω = C u, with u the direction upwards: it reads M (b + ω × b)."""
+
+    name: ClassVar[str] = "flexure"
+    title: ClassVar[str] = "arms that bend under their weight"
+    physics: ClassVar[str] = (
+        "An elastic arm bends and twists in proportion to the gravity across it and along it, and turns the sensor at "
+        "its end (Timoshenko, Strength of Materials, part I, 3rd edition, Van Nostrand, 1955, chapter 5)."
+    )
+    channels: ClassVar[tuple[str, ...]] = ("attitude",)
+    excitation: ClassVar[str] = "tilt the array to all sides, upside down too"
+
+    def obstacle(self, situation: Situation) -> str | None:
+        """Return that the array was not tilted, where it was not."""
+        up = upwards(situation)
+        tilt = float(np.sqrt(np.mean(np.sum((up - up.mean(axis=0)) ** 2, axis=1))))
+        if tilt < _LEAST_TILT:
+            return f"the array is tilted by {tilt:.2g} rad only"
+        return None
+
+    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+        """Return the nine elements of C of each sensor."""
+        up, field = upwards(situation), situation.field_T
+        terms = []
+        for sensor, matrix in enumerate(situation.errors.matrix):
+            # (ω × b) for ω along each axis, as the sensor reads it: (N, row, ω).
+            turned = np.stack([np.cross(axis, field) @ matrix.T for axis in np.eye(3)], axis=2)
+            features = (turned[:, :, :, None] * up[:, None, None, :]).reshape(len(up), 27)
+            names = [f"turn about {axis} by weight along {other}" for axis in "xyz" for other in "xyz"]
+            parts = tuple(Coefficient(name, "rad") for name in names)
+            rows, columns = np.divmod(np.arange(27), 9)
+            terms.append(Term(sensor, None, "turn", parts, features, 3 * sensor + rows, columns))
+        return terms

@@ -1,0 +1,90 @@
+"""An axis whose reading depends on where the field came from."""
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+from numpy.polynomial.legendre import legvander
+
+from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.nonlinearity import full_scale
+from tam_calibration.units import FloatArray
+
+_WIDTHS = {"loop": (0.15, 0.5), "shape of the loop": (0.06, 0.3, 0.75)}
+"""Fields that must be turned back before a part follows, as parts of the full scale."""
+
+_LEAST_SPREAD = 0.1
+
+
+class Hysteresis(LinearEffect):
+    """The reading follows the field with plays of several widths, without depending on the rate."""
+
+    name: ClassVar[str] = "hysteresis"
+    title: ClassVar[str] = "reading that depends on where the field came from"
+    physics: ClassVar[str] = (
+        "Domain walls stick in cores and in soft iron nearby until the field has turned back by more than their width; "
+        "a sum of play operators of several widths describes it (Kuhnen, Modeling, identification and compensation of "
+        "complex hysteretic nonlinearities, Eur. J. Control 9, 2003, p. 407), with a curve for what saturates."
+    )
+    excitation: ClassVar[str] = "turn each axis along and against the field and back, in large and in small swings"
+    shape_units: ClassVar[dict[str, str]] = {"full_scale_T": "T"}
+
+    def obstacle(self, situation: Situation) -> str | None:
+        """Return that the field was not turned back along any axis, where it was not."""
+        size = full_scale(situation)
+        width = _LEAST_SPREAD * size / 2
+        state = play(situation.sensed_T, np.array([width]))[:, :, 0]
+        movement = np.diff(state, axis=0)
+        if not ((movement > 0).any(axis=0) & (movement < 0).any(axis=0)).any():
+            return "the field along no axis was turned up and back down"
+        return None
+
+    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+        """Return the largest field as the full scale."""
+        return ({"full_scale_T": full_scale(situation)},)
+
+    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+        """Return what each axis lacks to the plays of several widths, and polynomials of degree 2 and 3."""
+        scale = shape["full_scale_T"]
+        terms = []
+        for name, parts_of_scale in _WIDTHS.items():
+            widths = scale * np.array(parts_of_scale)
+            states = play(situation.sensed_T, widths)
+            parts = [Coefficient(f"width {part}", "1") for part in parts_of_scale]
+            for row in range(situation.scalar_row):
+                behind = states[:, row] - situation.sensed_T[:, row, None]
+                terms.append(Term.of_row(situation, row, name, parts, behind))
+        for row in range(situation.scalar_row):
+            curves = legvander(situation.sensed_T[:, row] / scale, 3)[:, 2:]
+            terms.append(Term.of_row(situation, row, "curve", [Coefficient("P2", "T"), Coefficient("P3", "T")], curves))
+        return terms
+
+
+def play(drive: FloatArray, widths: FloatArray) -> FloatArray:
+    """Return the states (N, R, W) of play operators of half-widths (W,) that drives (N, R) push, from rest at zero.
+
+    p_n = min(s_n + w, max(s_n - w, p_{n-1})). Such steps in a row are one step of the same kind, so that blocks of
+    samples are worked through side by side: first from the extremes, which tells what each makes of any state before.
+    """
+    count = len(drive)
+    length = max(int(np.sqrt(count)), 1)
+    padded = np.concatenate([drive, np.repeat(drive[-1:], -count % length, axis=0)])
+    blocks = padded.reshape(-1, length, drive.shape[1], 1)
+
+    def pushed(state: FloatArray, step: int) -> FloatArray:
+        now = blocks[:, step]
+        moved: FloatArray = np.minimum(now + widths, np.maximum(now - widths, state))
+        return moved
+
+    shape = (len(blocks), drive.shape[1], len(widths))
+    low, high = np.full(shape, -np.inf), np.full(shape, np.inf)
+    for step in range(length):
+        low, high = pushed(low, step), pushed(high, step)
+    state: FloatArray = np.zeros(shape)
+    for block in range(1, len(blocks)):
+        state[block] = np.minimum(high[block - 1], np.maximum(low[block - 1], state[block - 1]))
+    states = np.empty((len(blocks), length, *shape[1:]))
+    for step in range(length):
+        state = pushed(state, step)
+        states[:, step] = state
+    return states.reshape(-1, *shape[1:])[:count]
