@@ -48,7 +48,7 @@ class CurrentInterference(LinearEffect):
         current = situation.current_A - shape["reference_A"]
         features = [("field", "T/A", current), ("quadratic", "T/A²", current**2)]
         if "time_constant_s" in shape:
-            late = current - lagged(current, situation.time_s, shape["time_constant_s"])
+            late = current - lagged(current, situation.time_s, shape["time_constant_s"], situation.memory)
             features.append(("lagged", "T/A", late))
         terms = [
             Term.of_row(situation, row, name, [Coefficient(name, unit)], feature[:, None])

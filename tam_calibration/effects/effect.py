@@ -14,6 +14,7 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.array import Array
+from tam_calibration.effects.memory import Memory
 from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
@@ -49,6 +50,8 @@ class Situation:
         Channels, finite.
     attitude : (N, 4) array, optional
         Quaternions x, y, z, w from the array frame to the world, finite.
+    memory : Memory, optional
+        Of what was before, where these samples continue others.
     """
 
     time_s: FloatArray
@@ -58,6 +61,7 @@ class Situation:
     temperature_C: FloatArray | None = None
     current_A: FloatArray | None = None
     attitude: FloatArray | None = None
+    memory: Memory | None = None
 
     @property
     def sample_count(self) -> int:
@@ -319,11 +323,18 @@ class LinearEffect(Effect):
     ----------
     is_free_in_time : bool
         Whether it is a free function of time, so that whole blocks of time cannot be predicted from the others.
+    is_causal : bool
+        Whether what it adds to a sample depends on no later one, so that it can be taken off while samples arrive; its
+        recursions then use the memory of the situation.
+    is_of_site : bool
+        Whether it belongs to where the recording was made: it does not go with the array to another place.
     shape_units : dict
         SI unit of each parameter of the shape.
     """
 
     is_free_in_time: ClassVar[bool] = False
+    is_causal: ClassVar[bool] = True
+    is_of_site: ClassVar[bool] = False
     shape_units: ClassVar[Mapping[str, str]] = {}
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:

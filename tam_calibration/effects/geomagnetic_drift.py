@@ -28,6 +28,7 @@ class GeomagneticDrift(LinearEffect):
     )
     excitation: ClassVar[str] = "come back to the same attitudes several times during the recording"
     is_free_in_time: ClassVar[bool] = True
+    is_of_site: ClassVar[bool] = True
     shape_units: ClassVar[dict[str, str]] = {"start_s": "s", "span_s": "s"}
 
     def obstacle(self, situation: Situation) -> str | None:

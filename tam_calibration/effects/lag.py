@@ -2,23 +2,39 @@
 
 import numpy as np
 
+from tam_calibration.effects.memory import Memory
 from tam_calibration.units import FloatArray
 
 _FORGOTTEN = 1e-18
 """A factor below which what was before no longer counts."""
 
 
-def lagged(drive: FloatArray, time_s: FloatArray, time_constant_s: float) -> FloatArray:
+def lagged(drive: FloatArray, time_s: FloatArray, time_constant_s: float, memory: Memory | None = None) -> FloatArray:
     """Return a drive (N,) or (N, C) after a first-order lag, exact for a drive that is linear between samples.
 
-    The lag is settled at the first sample; sample n depends on none after it.
+    The lag is settled at the first sample, or goes on from where it stood in its memory; sample n depends on none
+    after it.
     """
-    if time_constant_s <= 0 or len(drive) < 2:
+    if time_constant_s <= 0:
         return drive.copy()
+    before = None if memory is None else memory.recall()
+    if before is None:
+        state = _lagged(drive, time_s, time_constant_s, drive[:1])
+    else:
+        last_time, last_drive, last_state = before
+        values, times = np.concatenate([last_drive, drive]), np.concatenate([last_time, time_s])
+        state = _lagged(values, times, time_constant_s, last_state)[1:]
+    if memory is not None:
+        memory.keep((time_s[-1:], drive[-1:], state[-1:]))
+    return state
+
+
+def _lagged(drive: FloatArray, time_s: FloatArray, time_constant_s: float, initial: FloatArray) -> FloatArray:
     values = drive.reshape(len(drive), -1)
     step = np.diff(time_s)[:, None]
     behind = time_constant_s * np.diff(values, axis=0) / step
-    return _follow(values[1:] - behind, values[:-1] - behind, values[0], step[:, 0] / time_constant_s, drive.shape)
+    first = initial.reshape(-1)
+    return _follow(values[1:] - behind, values[:-1] - behind, first, step[:, 0] / time_constant_s, drive.shape)
 
 
 def lagged_smooth(drive: FloatArray, rate: FloatArray, time_s: FloatArray, time_constant_s: float) -> FloatArray:

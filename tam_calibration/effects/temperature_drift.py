@@ -48,10 +48,10 @@ class TemperatureDrift(LinearEffect):
         assert situation.temperature_C is not None
         direct = situation.temperature_C - shape["reference_C"]
         constant = shape["time_constant_s"]
-        change = lagged(direct, situation.time_s, constant)
+        change = lagged(direct, situation.time_s, constant, situation.memory)
         terms = []
         if constant > 0:
-            slower = lagged(change, situation.time_s, constant)
+            slower = lagged(change, situation.time_s, constant, situation.memory)
             response = np.column_stack([direct - change, change - slower])
             parts = (Coefficient("faster offset", "T/K"), Coefficient("slower offset", "T/K"))
         for row in range(situation.scalar_row):

@@ -22,6 +22,7 @@ class TimeSkew(LinearEffect):
         "(Furgale, Rehder and Siegwart, Unified temporal and spatial calibration, IROS 2013)."
     )
     excitation: ClassVar[str] = "turn the array fast and continuously, not from pose to pose"
+    is_causal: ClassVar[bool] = False
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that there is no continuous motion, where there is none."""
