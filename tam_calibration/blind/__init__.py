@@ -2,3 +2,6 @@
 
 Nothing here is shared with the diagnosis that it checks: no model, no basis, no noise, no fit.
 """
+
+KINDS = ("single", "pair", "outside", "clean", "withheld", "short")
+"""Kinds of cases."""

@@ -8,15 +8,15 @@ from numpy.linalg import norm
 from numpy.random import Generator
 
 from tam_calibration.blind.catalogue import CATALOGUE, CHANNELS
-from tam_calibration.blind.disturbance import Disturbance, Signal
+from tam_calibration.blind.disturbance import ALL, Disturbance, Signal
 from tam_calibration.blind.motion import MOTIONS
 from tam_calibration.blind.outside import OUTSIDE
 from tam_calibration.blind.scaling import Scaled, scale_to
 from tam_calibration.blind.scene import Scene, Wish, draw_scene
 from tam_calibration.blind.visible import NominalModel
+from tam_calibration.problems import Refused
 from tam_calibration.units import FloatArray, from_degrees, to_nanotesla
 
-KINDS = ("single", "pair", "outside", "clean", "withheld", "short")
 GAPS = (0.3, 1.0, 3.0)
 
 WELL_CONDITIONED = 1e-3
@@ -28,6 +28,8 @@ FEW_CLIPPED = 4
 
 LEAST_SPIKE = 4.0
 """Spikes smaller than this many noise floors are noise, not outliers."""
+
+TRIES = 1000
 
 ALIKE = 0.6
 """Two causes whose visible signals have a larger cosine than this are one cause to any diagnosis."""
@@ -86,12 +88,19 @@ def _plan_kind(rng: Generator, kind: str, count: int) -> list[Plan]:
 
 
 def make_case(plan: Plan, seed: int, number: int) -> Case:
-    """Make one case, the same for the same seed and number."""
+    """Make one case, the same for the same seed and number.
+
+    Raises
+    ------
+    Refused
+        When no recording can be found that shows the causes.
+    """
     rng = np.random.default_rng([seed, number])
-    while True:
+    for _ in range(TRIES):
         made = _try(rng, plan)
         if made is not None:
             return made
+    raise Refused(f"no recording was found in which {' and '.join(plan.effects)} can be seen and told apart")
 
 
 def _try(rng: Generator, plan: Plan) -> Case | None:
@@ -163,6 +172,11 @@ def _can_be_seen(model: NominalModel, scaled: Scaled) -> bool:
 
 
 def _differ(model: NominalModel, causes: list[Scaled]) -> bool:
+    """Say whether two causes leave unlike signals, and are not of one family at one place."""
+    families = {CATALOGUE[one.disturbance.effect].family for one in causes}
+    places = [{*one.disturbance.sensors} for one in causes]
+    if len(families) == 1 and (places[0] & places[1] or ALL in places[0] | places[1]):
+        return False
     first, second = (model.left(cause.signal).ravel() for cause in causes)
     return bool(abs(first @ second) < ALIKE * norm(first) * norm(second))
 

@@ -25,6 +25,8 @@ class Entry:
     Parameters
     ----------
     draw : callable
+    family : str
+        Effects of one family at one sensor are hard to tell apart; no pair is made of them.
     channel : str
         The recorded channel that decides for it; nothing when the fields suffice.
     motions : tuple of str
@@ -35,6 +37,7 @@ class Entry:
     """
 
     draw: Draw
+    family: str
     channel: str = ""
     motions: tuple[str, ...] = MOTIONS
     sensor_counts: tuple[int, ...] = (2, 3, 4, 6)
@@ -42,22 +45,22 @@ class Entry:
 
 
 CATALOGUE = {
-    "temperature_drift": Entry(temperature_drift, channel="temperature", sensor_counts=(1, 2, 3, 4, 6)),
-    "hysteresis": Entry(hysteresis, sensor_counts=(3, 4, 6)),
-    "nonlinearity": Entry(nonlinearity, sensor_counts=(3, 4, 6)),
-    "time_skew": Entry(time_skew, motions=MOVING),
-    "eddy_current": Entry(eddy_current, motions=MOVING),
-    "ambient_gradient": Entry(ambient_gradient, channel="attitude", sensor_counts=(3, 4, 6)),
-    "scalar_heading_error": Entry(scalar_heading_error, sensor_counts=(3, 4, 6), scalar_needed=True),
-    "geomagnetic_drift": Entry(geomagnetic_drift, sensor_counts=(2, 3, 4, 6)),
-    "bias_jump": Entry(bias_jump, sensor_counts=(1, 2, 3, 4, 6)),
-    "current_interference": Entry(current_interference, channel="current"),
-    "flexure": Entry(flexure, channel="attitude", sensor_counts=(3, 4, 6)),
-    "periodic_interference": Entry(periodic_interference),
-    "outliers": Entry(outliers, sensor_counts=(3, 4, 6)),
-    "noise_excess": Entry(noise_excess, sensor_counts=(3, 4, 6)),
-    "quantization": Entry(quantization),
-    "saturation": Entry(saturation, sensor_counts=(1, 2, 3, 4, 6)),
+    "temperature_drift": Entry(temperature_drift, "slow", channel="temperature", sensor_counts=(1, 2, 3, 4, 6)),
+    "hysteresis": Entry(hysteresis, "transfer", sensor_counts=(3, 4, 6)),
+    "nonlinearity": Entry(nonlinearity, "transfer", sensor_counts=(3, 4, 6)),
+    "time_skew": Entry(time_skew, "motion", motions=MOVING),
+    "eddy_current": Entry(eddy_current, "motion", motions=MOVING),
+    "ambient_gradient": Entry(ambient_gradient, "room", channel="attitude", sensor_counts=(3, 4, 6)),
+    "scalar_heading_error": Entry(scalar_heading_error, "scalar", sensor_counts=(3, 4, 6), scalar_needed=True),
+    "geomagnetic_drift": Entry(geomagnetic_drift, "slow", sensor_counts=(2, 3, 4, 6)),
+    "bias_jump": Entry(bias_jump, "slow", sensor_counts=(1, 2, 3, 4, 6)),
+    "current_interference": Entry(current_interference, "slow", channel="current"),
+    "flexure": Entry(flexure, "bending", channel="attitude", sensor_counts=(3, 4, 6)),
+    "periodic_interference": Entry(periodic_interference, "disorder"),
+    "outliers": Entry(outliers, "disorder", sensor_counts=(3, 4, 6)),
+    "noise_excess": Entry(noise_excess, "disorder", sensor_counts=(3, 4, 6)),
+    "quantization": Entry(quantization, "disorder"),
+    "saturation": Entry(saturation, "transfer", sensor_counts=(1, 2, 3, 4, 6)),
 }
 """The effects of the library, made by other physics than the library's."""
 

@@ -7,7 +7,13 @@ from typing import Any
 import numpy as np
 
 from tam_calibration.blind.case import Case
+from tam_calibration.blind.outcome import Outcome
+from tam_calibration.blind.seal import check_seals
 from tam_calibration.problems import InputError
+
+KEYS = "keys.json"
+COMMITMENTS = "commitments.json"
+TIMES = "answer_times_s.json"
 
 
 def case_name(number: int) -> str:
@@ -44,3 +50,38 @@ def read_json(path: Path) -> Any:
         raise InputError(f"{path} does not exist") from None
     except (json.JSONDecodeError, UnicodeDecodeError):
         raise InputError(f"{path} is not a JSON file") from None
+
+
+def case_folders(folder: Path) -> list[Path]:
+    """Return the cases of a set, in order.
+
+    Raises
+    ------
+    InputError
+        When there is none.
+    """
+    cases = sorted(path.parent for path in folder.glob("*/data.csv"))
+    if not cases:
+        raise InputError(f"{folder} holds no case: a case is a folder with data.csv and spec.yaml")
+    return cases
+
+
+def read_keys(folder: Path, path: Path | None) -> dict[str, dict[str, Any]]:
+    """Open the keys of a set.
+
+    Raises
+    ------
+    InputError
+        When keys or commitments cannot be read.
+    Refused
+        When a key is not the one that was committed to.
+    """
+    keys: dict[str, dict[str, Any]] = read_json(path or folder / KEYS)
+    check_seals(keys, read_json(folder / COMMITMENTS))
+    return keys
+
+
+def read_outcomes(folder: Path, keys: dict[str, dict[str, Any]], answer: str) -> list[Outcome]:
+    """Return keys and answers of the cases that were answered."""
+    paths = {name: folder / name / answer for name in keys}
+    return [Outcome(name, keys[name], read_json(path)) for name, path in paths.items() if path.exists()]

@@ -92,7 +92,7 @@ def _tumbling(rng: Generator, duration_s: float, samples: int) -> Callable[[Floa
 def _diver(rng: Generator, duration_s: float, samples: int) -> Callable[[FloatArray], FloatArray]:
     """Turn at random, as a diver with an array in the hands."""
     waves = 5
-    turns = rng.uniform(min(5, samples / 25), min(20, samples / 35))
+    turns = rng.uniform(min(5, samples / 40), min(20, samples / 35))
     speed = turns * rng.uniform(0.1, 1.0, (3, waves))
     phase = rng.uniform(0, 2 * np.pi, (3, waves))
     size = from_degrees(np.array([160.0, rng.uniform(35, 70), rng.uniform(35, 80)]))[:, None] / np.sqrt(waves / 2)

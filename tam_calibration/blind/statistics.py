@@ -1,0 +1,62 @@
+"""Rates with their intervals, and how far probabilities are what they say."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+
+WITHIN_95 = 1.959964
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How many of how many."""
+
+    hits: int
+    cases: int
+
+    @classmethod
+    def of(cls, outcomes: Iterable[bool]) -> "Rate":
+        """Count."""
+        listed = list(outcomes)
+        return cls(sum(listed), len(listed))
+
+    @property
+    def value(self) -> float:
+        """Share of the hits; not a number without cases."""
+        return self.hits / self.cases if self.cases else float("nan")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's 95 % interval (1927, eq. 7 of Brown, Cai and DasGupta 2001)."""
+        if not self.cases:
+            return 0.0, 1.0
+        square = WITHIN_95**2
+        middle = (self.hits + square / 2) / (self.cases + square)
+        half = WITHIN_95 / (self.cases + square) * sqrt(self.cases * self.value * (1 - self.value) + square / 4)
+        return max(0.0, middle - half), min(1.0, middle + half)
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Probabilities of about one size: their mean, how often they came true, how many."""
+
+    told: float
+    true: float
+    count: int
+
+
+def reliability_curve(told: Sequence[tuple[float, bool]], bins: int = 10) -> list[Bin]:
+    """Return the curve of what came true over what was told, in bins of equal width that are not empty."""
+    values = np.array([value for value, _ in told])
+    hits = np.array([hit for _, hit in told], dtype=float)
+    index = np.minimum((values * bins).astype(int), bins - 1)
+    groups = [index == number for number in range(bins)]
+    return [Bin(float(values[one].mean()), float(hits[one].mean()), int(one.sum())) for one in groups if one.any()]
+
+
+def calibration_error(curve: Sequence[Bin]) -> float:
+    """Return the expected calibration error: the mean distance of the curve from the diagonal, by counts."""
+    total = sum(one.count for one in curve)
+    return sum(one.count * abs(one.told - one.true) for one in curve) / total if total else float("nan")
