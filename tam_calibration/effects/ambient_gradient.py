@@ -106,8 +106,8 @@ class AmbientGradient(LinearEffect):
     name: ClassVar[str] = "ambient_gradient"
     title: ClassVar[str] = "ambient field with gradients"
     physics: ClassVar[str] = (
-        "The field of sources at a distance is the gradient of a harmonic potential, a sum of solid harmonics about its "
-        "centre (Blakely, Potential Theory in Gravity and Magnetic Applications, Cambridge University Press, 1995, "
+        "The field of sources at a distance is the gradient of a harmonic potential, a sum of solid harmonics "
+        "(Blakely, Potential Theory in Gravity and Magnetic Applications, Cambridge University Press, 1995, "
         "chapter 6): fixed in the world, it turns in the array frame."
     )
     channels: ClassVar[tuple[str, ...]] = ("attitude",)

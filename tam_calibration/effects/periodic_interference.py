@@ -1,0 +1,128 @@
+"""Interference at a fixed frequency."""
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+
+from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.units import FloatArray
+
+_LEAST_SAMPLES = 32
+_LINES = 4
+_FINER = 4
+"""Points of the periodogram per width of a line."""
+
+_SUBSTEPS = 4
+_LARGEST_LATTICE = 16
+"""Points of the lattice per sample at most."""
+
+_ON_LATTICE = 0.02
+_MOTION_POWER = 1e-3
+"""Part of the power of the field's changes that may lie above the band of the motion."""
+
+_WHOLE_BAND = 0.7
+_ROUNDS = 3
+
+
+class PeriodicInterference(LinearEffect):
+    """A sinusoid of one frequency with its harmonics; above half the sampling rate it shows at its alias."""
+
+    name: ClassVar[str] = "periodic_interference"
+    title: ClassVar[str] = "interference at a fixed frequency"
+    physics: ClassVar[str] = (
+        "Mains, motors and switching converters make alternating fields and pick-up, which are lines in the spectrum "
+        "of the residual (Lomb, Least-squares frequency analysis of unequally spaced data, Astrophys. Space Sci. 39, "
+        "1976, p. 447)."
+    )
+    excitation: ClassVar[str] = "record steadily for many periods, with motion that is slower than the interference"
+    shape_units: ClassVar[dict[str, str]] = {"frequency_hz": "Hz", "start_s": "s"}
+
+    def obstacle(self, situation: Situation) -> str | None:
+        """Return that the recording is too short, where it is."""
+        if situation.sample_count < _LEAST_SAMPLES:
+            return f"{situation.sample_count} samples are too few for a spectrum"
+        return None
+
+    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+        """Return the frequencies of the strongest lines above the band of the motion."""
+        if situation.sample_count < _LEAST_SAMPLES:
+            return []
+        start = float(situation.time_s[0])
+        return [{"frequency_hz": frequency, "start_s": start} for frequency in _lines(misfit)]
+
+    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+        """Return cosine and sine on each row, and those of the second and third harmonic."""
+        phase = 2 * np.pi * shape["frequency_hz"] * (situation.time_s - shape["start_s"])
+        terms = []
+        for name, orders in (("line", (1,)), ("harmonics", (2, 3))):
+            waves = np.column_stack([wave(order * phase) for order in orders for wave in (np.cos, np.sin)])
+            parts = [Coefficient(f"{wave} {order}", "T") for order in orders for wave in ("cosine", "sine")]
+            terms += [Term.of_row(situation, row, name, parts, waves) for row in range(situation.scalar_row + 1)]
+        return terms
+
+
+def _lines(misfit: Misfit) -> list[float]:
+    """Return the frequencies, hertz, at which one row alone has the strongest lines."""
+    situation = misfit.situation
+    information = misfit.row_information * misfit.is_counted[:, None]
+    score = misfit.row_shift_T * information
+    size = information.sum(axis=0)
+    score = score[:, size > 0] / np.sqrt(size[size > 0])
+    if not score.shape[1]:
+        return []
+    time = situation.time_s - situation.time_s[0]
+    index, spacing = _lattice(time, situation.step_s)
+    length = _FINER * int(index[-1] + 1)
+    power = np.zeros(length // 2 + 1)
+    row_of = np.zeros(len(power), dtype=int)
+    for row, own in enumerate(score.T):
+        on_lattice = np.bincount(index, own, minlength=length)
+        of_row = np.abs(np.fft.rfft(on_lattice)) ** 2
+        row_of[of_row > power] = row
+        power = np.maximum(power, of_row)
+    frequency = np.arange(len(power)) / (length * spacing)
+    power[(frequency <= _motion_band(situation)) | (frequency >= 0.5 / situation.step_s)] = 0
+    found: list[float] = []
+    while len(found) < _LINES and power.max() > 0:
+        best = int(power.argmax())
+        found.append(_refined(score[:, row_of[best]], time, frequency[best], frequency[1]))
+        power[max(best - 3 * _FINER, 0) : best + 3 * _FINER + 1] = 0
+    return found
+
+
+def _lattice(time: FloatArray, step: float) -> tuple[FloatArray, float]:
+    """Return the place (N,) of each sample on a lattice of times, and its spacing."""
+    mean = (time[-1] / max(round(time[-1] / step), 1)) or step
+    place = time / mean
+    if np.abs(place - np.rint(place)).max() < _ON_LATTICE:
+        return np.rint(place).astype(int), mean
+    spacing = max(step / _SUBSTEPS, time[-1] / (_LARGEST_LATTICE * len(time)))
+    return np.rint(time / spacing).astype(int), spacing
+
+
+def _refined(score: FloatArray, time: FloatArray, frequency: float, width: float) -> float:
+    """Return the frequency of the top of a line, by parabolas through the power at three frequencies."""
+    for _ in range(_ROUNDS):
+        power = [
+            np.abs(np.exp(-2j * np.pi * (frequency + offset) * time) @ score) ** 2 for offset in (-width, 0, width)
+        ]
+        bend = power[0] - 2 * power[1] + power[2]
+        if bend >= 0:
+            break
+        frequency += width * float(np.clip((power[0] - power[2]) / (2 * bend), -1, 1))
+        width /= 4
+    return frequency
+
+
+def _motion_band(situation: Situation) -> float:
+    """Return the frequency, hertz, above which the motion is at rest; 0 where it fills the whole band."""
+    longest = max(situation.stretches, key=lambda stretch: stretch.stop - stretch.start)
+    field = situation.field_T[longest]
+    centred = (field - field.mean(axis=0)) * np.hanning(len(field))[:, None]
+    power = np.sum(np.abs(np.fft.rfft(centred, axis=0)) ** 2, axis=1)
+    above = power.sum() - np.cumsum(power)
+    edge = int(np.argmax(above <= _MOTION_POWER * power.sum())) + 2
+    if edge >= _WHOLE_BAND * len(power):
+        return 0.0
+    return edge / (len(field) * situation.step_s)

@@ -1,0 +1,167 @@
+"""A scalar magnetometer whose reading depends on the direction of the field."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import factorial
+from typing import ClassVar
+
+import numpy as np
+from numpy.polynomial.legendre import Legendre, legvander
+
+from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.units import FloatArray
+
+_NUISANCE_COUNT = 9
+"""Harmonics up to degree 2: a calibration error makes any of them."""
+
+_DEGREES = (3, 4, 5, 6)
+_AXIS_ORDERS = ((3,), (4,), (5, 6), (7, 8))
+_GRID = 400
+_AXES = 3
+_APART = 0.3
+"""Least angle between two axes that are tried, radians."""
+
+_LEAST_FRACTION = 1e-3
+_PRECISE = 1e-9
+
+
+class ScalarHeadingError(LinearEffect):
+    """The scalar reading is off by a function of the direction of the field in the array frame.
+
+    Up to the second degree such a function is inside the calibration; what can be seen begins with the third.
+    """
+
+    name: ClassVar[str] = "scalar_heading_error"
+    title: ClassVar[str] = "scalar magnetometer with heading error"
+    physics: ClassVar[str] = (
+        "The unresolved Zeeman lines of an optically pumped magnetometer change their weights, and light shifts their "
+        "sizes, with the angle between its axis and the field (Oelsner et al., Sources of heading errors in optically "
+        "pumped magnetometers operated in the Earth's magnetic field, Phys. Rev. A 99, 2019, 013420)."
+    )
+    channels: ClassVar[tuple[str, ...]] = ("scalar_T",)
+    excitation: ClassVar[str] = "turn the array so that the field comes from all directions of the sphere"
+    shape_units: ClassVar[dict[str, str]] = {"azimuth_rad": "rad", "elevation_rad": "rad"}
+
+    def obstacle(self, situation: Situation) -> str | None:
+        """Return that the directions are too few to tell a third degree from a calibration error, where they are."""
+        functions = harmonics(situation.field_T / situation.intensity_T[:, None], 3)
+        scatter = functions.T @ functions
+        left = _without_lower(scatter)
+        if np.trace(left) < _LEAST_FRACTION * np.trace(scatter[_NUISANCE_COUNT:, _NUISANCE_COUNT:]):
+            return "the field does not come from enough directions"
+        return None
+
+    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+        """Return any function of the direction, and functions of the angle to the axes that explain most."""
+        return [{}, *({"azimuth_rad": azimuth, "elevation_rad": elevation} for azimuth, elevation in _axes(misfit))]
+
+    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+        """Return spherical harmonics of degrees 3 to 6, or Legendre polynomials about an axis of degrees 3 to 8."""
+        direction = situation.field_T / situation.intensity_T[:, None]
+        row = situation.scalar_row
+        if "azimuth_rad" in shape:
+            axis = _axis(shape["azimuth_rad"], shape["elevation_rad"])
+            curves = legvander(np.clip(direction @ axis, -1, 1), _AXIS_ORDERS[-1][-1])
+            return [
+                Term.of_row(
+                    situation,
+                    row,
+                    f"about an axis, degree {orders[0]}",
+                    [Coefficient(f"P{order}", "T") for order in orders],
+                    curves[:, list(orders)],
+                )
+                for orders in _AXIS_ORDERS
+            ]
+        functions = harmonics(direction, _DEGREES[-1])
+        terms = []
+        for degree in _DEGREES:
+            parts = [Coefficient(f"degree {degree}, order {order}", "T") for order in range(-degree, degree + 1)]
+            own = functions[:, degree**2 : (degree + 1) ** 2]
+            terms.append(Term.of_row(situation, row, f"degree {degree}", parts, own))
+        return terms
+
+
+def harmonics(direction: FloatArray, highest: int) -> FloatArray:
+    """Return the real spherical harmonics (N, (highest + 1)²), orders -l to l of each degree l, orthonormal."""
+    x, y, z = direction.T
+    power = (x + 1j * y)[:, None] ** np.arange(highest + 1)
+    columns = []
+    for degree in range(highest + 1):
+        for order in range(-degree, degree + 1):
+            size = abs(order)
+            ratio = factorial(degree - size) / factorial(degree + size)
+            norm = np.sqrt((2 * degree + 1) / (4 * np.pi) * ratio * (2 if order else 1))
+            part = power[:, size].imag if order < 0 else power[:, size].real
+            columns.append(norm * part * Legendre.basis(degree).deriv(size)(z))
+    return np.column_stack(columns)
+
+
+def _axis(azimuth: float, elevation: float) -> FloatArray:
+    flat = np.cos(elevation)
+    return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Normal equations of the harmonics of degree 3 and more in the common mode, the lower ones eliminated."""
+
+    information: FloatArray
+    score: FloatArray
+
+    def gain(self, axes: FloatArray) -> FloatArray:
+        """Return the gain (A,) of Legendre polynomials about axes (A, 3).
+
+        By the addition theorem that of degree l is the sum of the harmonics of degree l, each times its own value at
+        the axis.
+        """
+        values = harmonics(axes, _DEGREES[-1])[:, _NUISANCE_COUNT:]
+        degree = np.repeat(_DEGREES, [2 * degree + 1 for degree in _DEGREES])
+        polynomials = np.where(degree == np.array(_DEGREES)[:, None], values[:, None], 0.0)
+        score = polynomials @ self.score
+        information = polynomials @ self.information @ np.swapaxes(polynomials, 1, 2)
+        step = np.linalg.pinv(information, rcond=_PRECISE, hermitian=True) @ score[:, :, None]
+        gain: FloatArray = np.sum(score * step[:, :, 0], axis=1)
+        return gain
+
+
+def _axes(misfit: Misfit) -> list[tuple[float, float]]:
+    """Return azimuth and elevation of the axes that explain most, best first."""
+    from scipy.optimize import minimize
+
+    used = misfit.is_counted & np.isfinite(misfit.common_mode)
+    if used.sum() < 2 * _NUISANCE_COUNT:
+        return []
+    situation = misfit.situation
+    direction = situation.field_T[used] / situation.intensity_T[used, None]
+    functions = harmonics(direction, _DEGREES[-1]) * misfit.row_slope[used, -1:]
+    score = functions.T @ misfit.common_mode[used]
+    information = functions.T @ functions
+    left = _without_lower(np.column_stack([information, score]))
+    search = _Search(left[:, :-1], left[:, -1])
+    # A spiral of equal areas over half the sphere: the other half has the same polynomials but for their signs.
+    height = (np.arange(_GRID) + 0.5) / _GRID
+    azimuth = np.pi * (1 + np.sqrt(5)) * np.arange(_GRID)
+    flat = np.sqrt(1 - height**2)
+    grid = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), height])
+    gain = search.gain(grid)
+    found: list[tuple[float, float]] = []
+    for best in np.argsort(-gain):
+        if any(abs(grid[best] @ _axis(*axis)) > np.cos(_APART) for axis in found):
+            continue
+        start = np.array([np.arctan2(grid[best, 1], grid[best, 0]), np.arcsin(grid[best, 2])])
+        refined = minimize(lambda angles: -search.gain(_axis(*angles)[None])[0], start, method="Nelder-Mead").x
+        found.append((float(refined[0]), float(refined[1])))
+        if len(found) == _AXES:
+            break
+    return found
+
+
+def _without_lower(information: FloatArray) -> FloatArray:
+    """Return what is left of normal equations (P, P) or (P, P + 1) when the harmonics up to degree 2 are eliminated."""
+    count = _NUISANCE_COUNT
+    own, other = information[:count, :count], information[count:, :count]
+    left: FloatArray = (
+        information[count:, count:]
+        - other @ np.linalg.pinv(own, rcond=_PRECISE, hermitian=True) @ (information[:count, count:])
+    )
+    return left
