@@ -112,6 +112,7 @@ class AmbientGradient(LinearEffect):
     )
     channels: ClassVar[tuple[str, ...]] = ("attitude",)
     excitation: ClassVar[str] = "turn the array about all axes without moving its centre"
+    is_of_site: ClassVar[bool] = True
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that all sensors are at the centre or that the array was not turned, where it is so."""

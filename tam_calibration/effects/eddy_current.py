@@ -25,6 +25,7 @@ class EddyCurrent(LinearEffect):
         "field sources of magnetic airborne detector equipped aircraft, IRE Trans. ANE-8, 1961, p. 95)."
     )
     excitation: ClassVar[str] = "turn the array fast and continuously at different rates, not from pose to pose"
+    is_causal: ClassVar[bool] = False
     shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s"}
 
     def obstacle(self, situation: Situation) -> str | None:

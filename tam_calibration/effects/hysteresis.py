@@ -7,6 +7,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.memory import Memory
 from tam_calibration.effects.nonlinearity import full_scale
 from tam_calibration.units import FloatArray
 
@@ -49,7 +50,7 @@ class Hysteresis(LinearEffect):
         terms = []
         for name, parts_of_scale in _WIDTHS.items():
             widths = scale * np.array(parts_of_scale)
-            states = play(situation.sensed_T, widths)
+            states = play(situation.sensed_T, widths, situation.memory)
             parts = [Coefficient(f"width {part}", "1") for part in parts_of_scale]
             for row in range(situation.scalar_row):
                 behind = states[:, row] - situation.sensed_T[:, row, None]
@@ -60,8 +61,10 @@ class Hysteresis(LinearEffect):
         return terms
 
 
-def play(drive: FloatArray, widths: FloatArray) -> FloatArray:
-    """Return the states (N, R, W) of play operators of half-widths (W,) that drives (N, R) push, from rest at zero.
+def play(drive: FloatArray, widths: FloatArray, memory: Memory | None = None) -> FloatArray:
+    """Return the states (N, R, W) of play operators of half-widths (W,) that drives (N, R) push.
+
+    They start from rest at zero, or from where they stood in their memory.
 
     p_n = min(s_n + w, max(s_n - w, p_{n-1})). Such steps in a row are one step of the same kind, so that blocks of
     samples are worked through side by side: first from the extremes, which tells what each makes of any state before.
@@ -81,10 +84,15 @@ def play(drive: FloatArray, widths: FloatArray) -> FloatArray:
     for step in range(length):
         low, high = pushed(low, step), pushed(high, step)
     state: FloatArray = np.zeros(shape)
+    before = None if memory is None else memory.recall()
+    if before is not None:
+        state[0] = before
     for block in range(1, len(blocks)):
         state[block] = np.minimum(high[block - 1], np.maximum(low[block - 1], state[block - 1]))
     states = np.empty((len(blocks), length, *shape[1:]))
     for step in range(length):
         state = pushed(state, step)
         states[:, step] = state
+    if memory is not None:
+        memory.keep(state[-1])
     return states.reshape(-1, *shape[1:])[:count]
