@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from tam_calibration.errors import SensorErrors
+from tam_calibration.files.effects_schema import effect_to_mapping
 from tam_calibration.files.exact import degrees_to_write, nanotesla_to_write
 from tam_calibration.files.location import in_file, read_text
 from tam_calibration.files.scenario_schema import scenario_of
@@ -45,7 +46,7 @@ def read_scenario(name_or_path: str | Path) -> Scenario:
 
 
 def write_truth(path: Path, simulation: Simulation) -> None:
-    """Write what was simulated: the sensors' true errors as a calibration file states them, and the true field.
+    """Write what was simulated: the sensors' true errors and effects as a calibration file states them, and the field.
 
     Raises
     ------
@@ -62,6 +63,8 @@ def write_truth(path: Path, simulation: Simulation) -> None:
         },
         "seed": simulation.scenario.seed,
     }
+    if simulation.scenario.effects:
+        content["effects"] = [effect_to_mapping(effect) for effect in simulation.scenario.effects]
     with write_whole(path) as beside:
         beside.write_text(dump_mapping(content), encoding="utf-8")
 

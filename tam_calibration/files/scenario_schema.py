@@ -10,6 +10,7 @@ from pydantic import Field
 from tam_calibration.errors import SensorErrors
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.calibration_schema import Finite, Tensor, Vector
+from tam_calibration.files.effects_schema import EffectFile
 from tam_calibration.files.iaga2002 import read_iaga2002
 from tam_calibration.files.yaml_document import Document, check
 from tam_calibration.geomagnetic import site_field_T
@@ -182,6 +183,7 @@ class ScenarioFile(Document):
     temperature: _Temperature | None = None
     current: _Current | None = None
     attitude: _Attitude | None = None
+    effects: list[EffectFile] = Field(default_factory=list)
 
     def build(self, folder: Path) -> Scenario:
         """Return the scenario, paths in it relative to a folder."""
@@ -201,6 +203,7 @@ class ScenarioFile(Document):
             temperature=None if self.temperature is None else channels.Temperature(**self.temperature.model_dump()),
             current=None if self.current is None else channels.Current(**self.current.model_dump()),
             attitude=None if self.attitude is None else self.attitude.build(),
+            effects=tuple(effect.to_fitted() for effect in self.effects),
         )
 
     def _site_gradient_T_per_m(self) -> FloatArray | None:

@@ -54,10 +54,13 @@ class Temperature:
     end_C: float
     noise_C: float = 0.0
 
+    def course(self, time_s: FloatArray) -> FloatArray:
+        """Return the (N,) true temperatures at times (N,)."""
+        return np.linspace(self.start_C, self.end_C, len(time_s))
+
     def readings(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
         """Return the (N,) temperatures at times (N,)."""
-        true = np.linspace(self.start_C, self.end_C, len(time_s))
-        return true + generator.normal(0, self.noise_C, len(time_s))
+        return self.course(time_s) + generator.normal(0, self.noise_C, len(time_s))
 
 
 @dataclass(frozen=True)
@@ -79,10 +82,13 @@ class Current:
     period_s: float
     noise_A: float = 0.0
 
+    def course(self, time_s: FloatArray) -> FloatArray:
+        """Return the (N,) true currents at times (N,)."""
+        return np.where(time_s % self.period_s < self.period_s / 2, self.low_A, self.high_A)
+
     def readings(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
         """Return the (N,) currents at times (N,)."""
-        true = np.where(time_s % self.period_s < self.period_s / 2, self.low_A, self.high_A)
-        return true + generator.normal(0, self.noise_A, len(time_s))
+        return self.course(time_s) + generator.normal(0, self.noise_A, len(time_s))
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.ambient_gradient import gradient_field, turned
+from tam_calibration.effects.effect import Situation
 from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import Recording
+from tam_calibration.simulation.effects import add_effects
 from tam_calibration.simulation.scenario import Scenario
 from tam_calibration.units import FloatArray
 
-RANDOM_PARTS = ("motion", "vector", "scalar", "temperature", "current", "attitude")
+RANDOM_PARTS = ("motion", "vector", "scalar", "temperature", "current", "attitude", "effect")
 """What draws random numbers; each has a generator of its own, so that one more channel changes no other's noise."""
 
 
@@ -59,10 +61,11 @@ def simulate(scenario: Scenario) -> Simulation:
     at_scalar = np.zeros(3) if scenario.array.scalar_position_m is None else scenario.array.scalar_position_m
     fields = _field(scenario, rotation, np.vstack([np.zeros(3), at_scalar, scenario.array.positions_m]))
     center, at_sensors = fields[:, 0], fields[:, 2:]
+    readings, scalar = _readings(scenario, _situation(scenario, center, attitude), at_sensors, fields[:, 1])
     recording = Recording(
         time_s,
-        scenario.errors.distort(at_sensors) + _vector_noise(scenario),
-        _scalar(scenario, fields[:, 1]),
+        readings,
+        scalar,
         None
         if scenario.temperature is None
         else scenario.temperature.readings(time_s, _generator(scenario, "temperature")),
@@ -113,19 +116,48 @@ def _gradient(scenario: Scenario, rotation: Rotation) -> FloatArray:
     return turned(world[None], rotation.as_quat())[:, 0]
 
 
+def _situation(scenario: Scenario, center_T: FloatArray, attitude: FloatArray) -> Situation:
+    """Return the truth that effects follow."""
+    temperature, current, time_s = scenario.temperature, scenario.current, scenario.time_s
+    return Situation(
+        time_s,
+        center_T,
+        scenario.errors,
+        scenario.array,
+        None if temperature is None else temperature.course(time_s),
+        None if current is None else current.course(time_s),
+        attitude,
+    )
+
+
+def _readings(
+    scenario: Scenario, situation: Situation, at_sensors_T: FloatArray, at_scalar_T: FloatArray
+) -> tuple[FloatArray, FloatArray | None]:
+    """Return what the sensors (N, K, 3) and the scalar magnetometer (N,) read, with effects and noise, tesla."""
+    count = scenario.sample_count
+    generators = [_generator(scenario, "effect", number) for number in range(len(scenario.effects))]
+    vectors = scenario.errors.distort(at_sensors_T).reshape(count, -1)
+    rows = np.column_stack([vectors, np.linalg.norm(at_scalar_T, axis=1)])
+    rows = add_effects(rows, situation, scenario.effects, generators, "field")
+    rows[:, :-1] += _vector_noise(scenario).reshape(-1, 3 * situation.sensor_count)
+    scalar = _scalar(scenario, rows[:, -1])
+    rows[:, -1] = np.nan if scalar is None else scalar
+    rows = add_effects(rows, situation, scenario.effects, generators, "reading")
+    return rows[:, :-1].reshape(at_sensors_T.shape), None if scalar is None else rows[:, -1]
+
+
 def _vector_noise(scenario: Scenario) -> FloatArray:
     """Return the (N, K, 3) white noise of the sensors, each from its own generator."""
     noise = scenario.array.vector_noise_T
     if noise is None:
-        return np.zeros((1, 1, 3))
+        return np.zeros((1, scenario.array.sensor_count, 3))
     shape = (scenario.sample_count, 3)
     drawn = [_generator(scenario, "vector", sensor).normal(0, size, shape) for sensor, size in enumerate(noise)]
     return np.stack(drawn, axis=1)
 
 
-def _scalar(scenario: Scenario, field_T: FloatArray) -> FloatArray | None:
+def _scalar(scenario: Scenario, intensity_T: FloatArray) -> FloatArray | None:
     if scenario.scalar is None:
         return None
-    intensity = np.linalg.norm(field_T, axis=1)
     noise = scenario.array.scalar_noise_T or 0.0
-    return scenario.scalar.readings(scenario.time_s, intensity, noise, _generator(scenario, "scalar"))
+    return scenario.scalar.readings(scenario.time_s, intensity_T, noise, _generator(scenario, "scalar"))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.array import Array
+from tam_calibration.effects.effect import FittedEffect
 from tam_calibration.errors import SensorErrors
 from tam_calibration.problems import InputError
 from tam_calibration.simulation.attitude import Motion
@@ -43,6 +44,8 @@ class Scenario:
         The scalar magnetometer, where the array has it; None when there is none.
     temperature, current, attitude : optional
         Channels that are recorded beside the sensors.
+    effects : tuple of FittedEffect
+        Physical effects beyond the sensors' errors.
 
     Raises
     ------
@@ -64,6 +67,7 @@ class Scenario:
     current: Current | None = None
     attitude: AttitudeChannel | None = None
     site_gradient_T_per_m: FloatArray | None = None
+    effects: tuple[FittedEffect, ...] = ()
 
     def __post_init__(self) -> None:
         """Check counts and values."""
