@@ -34,7 +34,8 @@ def print_gap(console: Console, gap: Gap) -> None:
         _print_parameters(console, cause, place(cause.sensors, cause.axes, sensor_count))
     console.print("Hypotheses:")
     for considered in gap.considered:
-        console.print(f"  {considered.effect}: {considered.status.replace('_', ' ')}, {considered.why}")
+        status = considered.status.replace("_", " ")
+        console.print(f"  {considered.effect}: {status}, {considered.why}", soft_wrap=True)
     if gap.next_recording:
         console.print(f"Next recording: {sentence(gap.next_recording)}")
 

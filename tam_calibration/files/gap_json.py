@@ -63,11 +63,13 @@ def parameters_of(cause: Cause) -> dict[str, dict[str, Any]]:
     """
     fitted = cause.fitted
     parameters = {
-        name: _parameter(value, fitted.shape_errors.get(name, math.nan), cause.units[name])
+        _without_unit(name, cause.units[name]): _parameter(
+            value, fitted.shape_errors.get(name, math.nan), cause.units[name]
+        )
         for name, value in fitted.shape.items()
     }
     entries = list(_coefficients(fitted.contributions))
-    uses = Counter([*fitted.shape, *(_name(part, coefficient) for part, coefficient in entries)])
+    uses = Counter([*parameters, *(_name(part, coefficient) for part, coefficient in entries)])
     for part, coefficient in entries:
         name = _name(part, coefficient)
         if uses[name] > 1:
@@ -79,6 +81,12 @@ def parameters_of(cause: Cause) -> dict[str, dict[str, Any]]:
 
 def _coefficients(contributions: tuple[Contribution, ...]) -> Iterator[tuple[Contribution, str]]:
     return ((part, coefficient) for part in contributions for coefficient in part.values)
+
+
+def _without_unit(name: str, unit: str) -> str:
+    """Return "time constant" for time_constant_s: the unit stands beside the value, and may be another."""
+    stem, _, last = name.rpartition("_")
+    return (stem if last.lower() == unit.strip("°").lower() else name).replace("_", " ")
 
 
 def _name(part: Contribution, what: str) -> str:

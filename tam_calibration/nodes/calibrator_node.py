@@ -15,6 +15,7 @@ from tam_calibration.calibration import Calibration
 from tam_calibration.files import calibration_to_yaml, read_calibration, write_calibration
 from tam_calibration.files.gap_json import write_gap
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
+from tam_calibration.gap import diagnose
 from tam_calibration.gap.result import Gap
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import read_cloud
@@ -119,8 +120,6 @@ class Calibrator(TamNode):
         return f"{describe(calibration)}; {calibration.method} on {calibration.samples} samples{warnings}"
 
     def _diagnose(self) -> str:
-        from tam_calibration.gap import diagnose  # late, as the libraries that it needs take long to load
-
         gap = diagnose(self._store.recording(), self._array, progress=self._go_on)
         self._gap = gap
         written = self._write(gap)

@@ -92,7 +92,9 @@ def considered_row(considered: Considered) -> list[str]:
 
 def percent(part: float) -> str:
     """Format a part of one."""
-    return "–" if math.isnan(part) else f"{fixed(100 * part, 1 if 0 < part < 0.1 or 0.99 < part < 1 else 0)} %"
+    return (
+        "–" if math.isnan(part) else f"{fixed(100 * part, 1 if 0.0005 <= part < 0.1 or 0.99 < part < 0.9995 else 0)} %"
+    )
 
 
 def _with_error(value: float, standard_error: float) -> str:

@@ -65,10 +65,10 @@ def test_names_of_parameters_are_unique(gap):
         Contribution(SCALAR, None, "step 2", {"height": 2e-9}),
         Contribution(ALL, 2, "step 1", {"height": 3e-9}),
     )
-    fitted = FittedEffect("bias_jump", {"time": 12.5}, parts)
-    parameters = parameters_of(replace(gap.causes[0], fitted=fitted, units={"height": "T", "time": "s"}))
-    assert list(parameters) == ["time", "scalar step 1 height", "scalar step 2 height", "all sensors z height"]
-    assert math.isnan(parameters["time"]["standard_error"])
+    fitted = FittedEffect("bias_jump", {"start_time_s": 12.5}, parts)
+    parameters = parameters_of(replace(gap.causes[0], fitted=fitted, units={"height": "T", "start_time_s": "s"}))
+    assert list(parameters) == ["start time", "scalar step 1 height", "scalar step 2 height", "all sensors z height"]
+    assert math.isnan(parameters["start time"]["standard_error"])
 
 
 def test_numbers_are_finite_or_null(gap, tmp_path):
