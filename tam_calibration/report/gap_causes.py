@@ -26,8 +26,7 @@ def plot_evidence(gap: Gap) -> Figure:
     axes.barh(names, values, color=colors, height=0.65)
     for place, value in enumerate(values):
         axes.text(value + 0.01, place, percent(value), va="center", fontsize=8)
-    axes.invert_yaxis()
-    axes.set(xlim=(0, 1.1), xlabel="probability, calibrated on simulated recordings")
+    axes.set(xlim=(0, 1.1), ylim=(len(shown) - 0.4, -0.6), xlabel="probability, calibrated on simulated recordings")
     axes.tick_params(axis="y", length=0)
     return figure
 

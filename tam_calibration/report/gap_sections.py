@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 from matplotlib.figure import Figure
 
+from tam_calibration.effects.library import effect_named
 from tam_calibration.report.formatting import sentence
 from tam_calibration.report.gap_causes import plot_evidence, plot_shares
 from tam_calibration.report.gap_dependence import plot_dependence
@@ -32,8 +33,8 @@ _TERMS = (
     "fitted, the noise of the recording, and nothing else. Whatever the recording shows and its twin does not is the "
     "gap.",
     "A residual is what is left of a reading when the fitted model is taken off: the shift of that one axis that would "
-    "explain the sample best. With several sensors, a fault of one axis casts a weaker image, of the opposite sign, on "
-    "the same axis of the others.",
+    "explain the sample best. A fault of one axis casts a weaker image on the others and on the scalar, since "
+    "each sample alone cannot tell which of them is at fault.",
     "The noise floor is the standard deviation that white noise alone gives a residual. The size of the gap is what "
     "the residual has beyond it: 1 means as large as the noise, 0 none.",
     "Out of sample: measured on parts of the recording that were not used to fit what is tested.",
@@ -67,6 +68,7 @@ def _where(view: GapView) -> list[Section]:
     name = view.row_name(row)
     words = where_words(view.gap.where, view.sensor_count)
     found = f"The gap lies in: {words}." if view.gap.where.sensors else "No place stands out."
+    band = "" if view.gap.where.frequency_hz is None else "; the band that holds the gap is shaded"
     blocks: list[Block] = [
         Text(f"{found} This was found without assuming a cause. Figures of one axis show {name}, the largest there."),
         *_figure(
@@ -84,7 +86,7 @@ def _where(view: GapView) -> list[Section]:
         *_figure(
             plot_spectrum(view, row),
             "Which frequency",
-            "the residual by frequency, in noise floors; the band that holds the gap is shaded.",
+            f"the residual by frequency, in noise floors{band}.",
             "a flat line near 1. A rise to the left is slow (drift), a narrow peak is interference.",
         ),
         *_figure(
@@ -114,6 +116,8 @@ def _causes(view: GapView) -> list[Section]:
         return [Section("Causes", [Text("No effect of the library is supported by these data."), *blocks])]
     blocks.append(Table(CAUSES_HEADER, [cause_row(cause, view.sensor_count) for cause in gap.causes], numeric=False))
     for cause in gap.causes:
+        effect = effect_named(cause.fitted.effect)
+        blocks.append(Text(f"{cause.fitted.effect}: {effect.title}. {effect.physics}"))
         where = place(cause.sensors, cause.axes, view.sensor_count)
         if rows := parameter_rows(cause):
             header = ["parameter", "value ± standard error", "unit"]
@@ -133,11 +137,12 @@ def _shrink(view: GapView) -> list[Section]:
             "the energy of the gap above the noise, out of sample, and each cause's part of it, whatever their order.",
             "there would be nothing to take away. Causes that are not the true ones leave a tall bar on the right.",
         )
+    shaded = "" if gap.where.time_s is None else "; the span that holds the gap is shaded"
     for row in view.rows:
         blocks += _figure(
             plot_time(view, row),
             f"Over time: {view.row_name(row)}",
-            "the residual of each sample; dashed lines are ± the noise floor, the span that holds the gap is shaded.",
+            f"the residual of each sample; dashed lines are ± the noise floor{shaded}.",
             "all panels would look like the twin's.",
         )
     blocks += _figure(
