@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 def command(scenario: str, output: Path, seed: int | None, storage: str, as_json: bool) -> None:
     """Make the recording of SCENARIO, a file or the name of a shipped one, with array file and truth beside it.
 
-    Shipped are wu_table_1, wu_turntable, tumble_100_hz and auv.
+    Shipped are wu_table_1, wu_turntable, tumble_100_hz, auv and warming_up.
     """
     from rich.console import Console
 

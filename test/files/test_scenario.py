@@ -39,7 +39,7 @@ def read(tmp_path):
     return read_text
 
 
-@pytest.mark.parametrize("name", ["wu_table_1", "wu_turntable", "tumble_100_hz", "auv"])
+@pytest.mark.parametrize("name", ["wu_table_1", "wu_turntable", "tumble_100_hz", "auv", "warming_up"])
 def test_shipped_scenarios_can_be_named(name):
     """Every shipped scenario is found by its name and makes a recording of plausible readings."""
     assert name in shipped_scenarios()
@@ -215,5 +215,5 @@ def test_typing_errors_are_named(read, change, sentence):
 
 def test_an_unknown_name_lists_the_shipped_scenarios():
     """A scenario that is neither a file nor shipped is answered with the names that are."""
-    with pytest.raises(InputError, match=r"no file wu_table_2, and no scenario .* auv, tumble_100_hz, wu_table_1"):
+    with pytest.raises(InputError, match=r"no file wu_table_2, and no scenario .* auv, tumble_100_hz, warming_up, wu_table_1"):
         read_scenario("wu_table_2")

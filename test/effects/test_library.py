@@ -1,0 +1,148 @@
+"""The effects that are installed, and one that another package brings."""
+
+import json
+import os
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.effects import library
+from tam_calibration.effects.effect import Effect
+from tam_calibration.effects.library import GROUP, effect_named, installed_effects
+from tam_calibration.problems import InputError
+
+NAMES = {
+    "temperature_drift",
+    "hysteresis",
+    "nonlinearity",
+    "time_skew",
+    "eddy_current",
+    "ambient_gradient",
+    "scalar_heading_error",
+    "geomagnetic_drift",
+    "bias_jump",
+    "current_interference",
+    "flexure",
+    "periodic_interference",
+    "outliers",
+    "noise_excess",
+    "quantization",
+    "saturation",
+}
+
+THIRD_PARTY = """
+import numpy as np
+from tam_calibration.effects.effect import Coefficient, LinearEffect, Term
+
+class Tide(LinearEffect):
+    name = "tide"
+    title = "readings that follow the tide"
+    physics = "Sea water that moves in the geomagnetic field carries currents (Longuet-Higgins 1949)."
+    excitation = "a record of hours"
+    shape_units = {"period_s": "s"}
+
+    def shapes(self, situation, misfit):
+        return ({"period_s": 40.0},)
+
+    def terms(self, situation, shape):
+        tide = np.sin(2 * np.pi * situation.time_s / shape["period_s"])
+        return [
+            Term.of_row(situation, row, "tide", [Coefficient("height", "T")], tide[:, None])
+            for row in range(situation.scalar_row)
+        ]
+"""
+
+USE = """
+import json, sys
+from dataclasses import replace
+import numpy as np
+from tam_calibration.effects.library import installed_effects
+from tam_calibration.files.scenario import read_scenario
+from tam_calibration.simulation import simulate
+
+plan = read_scenario(sys.argv[1])
+change = simulate(plan).recording.readings_T - simulate(replace(plan, effects=())).recording.readings_T
+print(json.dumps({"names": list(installed_effects()), "change_nT": (1e9 * np.abs(change).max(axis=0)).tolist()}))
+"""
+
+SCENARIO = """\
+array: {baseline_m: 0.5}
+site: {intensity_nT: 50000, inclination_deg: 60}
+motion: {kind: three_axis_turns}
+samples: 3
+rate_hz: 1
+effects:
+  - effect: tide
+    shape: {period_s: 4}
+    terms: [{sensor: 3, axis: y, term: tide, values: {height: 70 nT}}]
+"""
+
+
+def test_the_sixteen_effects_are_installed():
+    """Each has its name, and tells people what it is, why it is and what shows it."""
+    effects = installed_effects()
+    assert set(effects) >= NAMES
+    for name in NAMES:
+        effect = effect_named(name)
+        assert isinstance(effect, Effect) and effect.name == name
+        assert effect.title and effect.physics and effect.excitation
+
+
+def test_an_unknown_effect_is_told():
+    """The choice is named."""
+    with pytest.raises(InputError, match="there is no effect 'magic': choose one of ambient_gradient, bias_jump"):
+        effect_named("magic")
+
+
+@pytest.mark.parametrize(
+    ("point", "sentence"),
+    [
+        ("no_such_package.tide:Tide", "the effect tide of no_such_package.tide:Tide cannot be loaded"),
+        ("collections:OrderedDict", "the entry point tide = collections:OrderedDict is no effect of that name"),
+        ("tam_calibration.effects.outliers:Outliers", "is no effect of that name"),
+    ],
+)
+def test_a_broken_package_is_named(monkeypatch, point, sentence):
+    """An entry point that cannot be imported, or is something else, is told with its name."""
+    monkeypatch.setattr(library, "entry_points", lambda group: [EntryPoint("tide", point, group)])
+    installed_effects.cache_clear()
+    try:
+        with pytest.raises(InputError, match=sentence):
+            installed_effects()
+    finally:
+        installed_effects.cache_clear()
+
+
+@pytest.fixture
+def other_package(tmp_path):
+    """Return the folder in which another package with an effect is installed."""
+    (tmp_path / "sea.py").write_text(THIRD_PARTY)
+    information = tmp_path / "sea-1.0.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: sea\nVersion: 1.0\n")
+    (information / "entry_points.txt").write_text(f"[{GROUP}]\ntide = sea:Tide\n")
+    return tmp_path
+
+
+def python(folder, *arguments):
+    """Return what Python prints with a folder among those it imports from."""
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    done = subprocess.run([sys.executable, *arguments], env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_another_package_adds_an_effect(other_package):
+    """Installed beside ours, an effect is listed and simulated by its name, and our code knows nothing of it."""
+    scenario = other_package / "sea.yaml"
+    scenario.write_text(SCENARIO)
+    told = json.loads(python(other_package, "-c", USE, str(scenario)))
+    assert set(told["names"]) == NAMES | {"tide"}
+    assert "tide" not in installed_effects()
+    expected = np.zeros((4, 3))
+    expected[2, 1] = 70
+    assert_allclose(told["change_nT"], expected, atol=1e-6)
