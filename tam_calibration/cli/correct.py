@@ -1,17 +1,22 @@
 """`tam correct`: from raw readings to the centre vector and the gradient tensor."""
 
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from tam_calibration.array import OUTPUT_NAMES
 from tam_calibration.calibration import Calibration, Corrected
-from tam_calibration.cli.terminal import PATH, reading, showing_progress, tolerance_option
-from tam_calibration.files import read_array, read_calibration, read_samples, write_corrected
+from tam_calibration.cli.terminal import PATH, reading, showing_progress, tolerance_option, working
+from tam_calibration.files import read_array, read_calibration, read_pieces, write_corrected_pieces
 from tam_calibration.files.json_text import to_json
+from tam_calibration.files.samples import Samples
 from tam_calibration.problems import InputError
-from tam_calibration.units import to_nanotesla
+from tam_calibration.units import FloatArray, to_nanotesla
 
 
 @click.command()
@@ -36,13 +41,61 @@ def command(
     inputs = [path for path in (recording, calibration_path, array_path) if path is not None]
     if output.resolve() in (path.resolve() for path in inputs):
         raise InputError(f"{output} would be overwritten: choose another name for the output")
+    intensity = _Intensity()
     with showing_progress() as progress:
-        samples = read_samples(recording, calibration.errors.sensor_count, tolerance_s, reading(progress))
-        corrected = calibration.correct(samples.recording)
-        progress.add_task(f"writing {output}", total=None)
-        write_corrected(output, corrected, samples.stamps_ns, recording)
-    summary = _summarise(corrected, output)
+        pieces = read_pieces(recording, calibration.errors.sensor_count, tolerance_s, reading(progress))
+        corrected = _correct(pieces, calibration, intensity)
+        write_corrected_pieces(output, corrected, recording, working(progress, f"writing {output}"))
+    summary = _summarise(intensity, calibration, output)
     click.echo(to_json(summary) if as_json else _sentence(summary))
+
+
+@dataclass
+class _Intensity:
+    """Number, sum and sum of squares of the intensities, tesla, the sums of differences from the first."""
+
+    samples: int = 0
+    first_T: float = 0.0
+    sum_T: float = 0.0
+    squares_T2: float = 0.0
+
+    def add(self, outputs: FloatArray) -> None:
+        """Add the intensities of the (n, 9) outputs of a correction."""
+        intensity = np.linalg.norm(outputs[:, :3], axis=1)
+        self.first_T = self.first_T if self.samples else float(intensity[0])
+        difference = intensity - self.first_T
+        self.samples += len(difference)
+        self.sum_T += float(difference.sum())
+        self.squares_T2 += float((difference**2).sum())
+
+    @property
+    def mean_T(self) -> float:
+        """Mean, tesla."""
+        return self.first_T + self.sum_T / self.samples
+
+    @property
+    def standard_deviation_T(self) -> float:
+        """Standard deviation, tesla."""
+        return math.sqrt(max(0.0, self.squares_T2 / self.samples - (self.sum_T / self.samples) ** 2))
+
+
+def _correct(
+    pieces: Iterable[Samples], calibration: Calibration, intensity: _Intensity
+) -> Iterator[tuple[Corrected, NDArray[np.int64] | None]]:
+    """Yield the corrected pieces with their stamps; refuse at the end what is mostly not in tesla."""
+    wrong_units: list[InputError] = []
+    right_units = 0
+    for samples in pieces:
+        try:
+            samples.recording.check_units()
+            right_units += 1
+        except InputError as problem:
+            wrong_units.append(problem)
+        outputs = calibration.apply(samples.recording.readings_T)
+        intensity.add(outputs)
+        yield Corrected(samples.recording.time_s, outputs, calibration.output_standard_errors), samples.stamps_ns
+    if len(wrong_units) > right_units:
+        raise wrong_units[0]
 
 
 def _check_array(calibration: Calibration, array_path: Path) -> None:
@@ -50,15 +103,14 @@ def _check_array(calibration: Calibration, array_path: Path) -> None:
         raise InputError(f"the calibration is of another array than {array_path}: use the calibration of this array")
 
 
-def _summarise(corrected: Corrected, output: Path) -> dict[str, object]:
-    intensity = np.linalg.norm(corrected.outputs[:, :3], axis=1)
-    errors = to_nanotesla(corrected.standard_errors)
+def _summarise(intensity: _Intensity, calibration: Calibration, output: Path) -> dict[str, object]:
+    errors = to_nanotesla(calibration.output_standard_errors)
     units = ["nT" if name.startswith("b") else "nT_per_m" for name in OUTPUT_NAMES]
     return {
         "output": str(output),
-        "samples": len(corrected.outputs),
-        "intensity_mean_nT": to_nanotesla(float(intensity.mean())),
-        "intensity_standard_deviation_nT": to_nanotesla(float(intensity.std())),
+        "samples": intensity.samples,
+        "intensity_mean_nT": to_nanotesla(intensity.mean_T),
+        "intensity_standard_deviation_nT": to_nanotesla(intensity.standard_deviation_T),
         "standard_errors": {
             f"{name}_{unit}": float(error) for name, unit, error in zip(OUTPUT_NAMES, units, errors, strict=True)
         },

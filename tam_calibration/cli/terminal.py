@@ -41,7 +41,12 @@ def showing_progress() -> Iterator[Progress]:
 
 def reading(progress: Progress) -> ProgressCallback:
     """Return a callback that shows how much of the recording was read."""
-    task = progress.add_task("reading the recording", total=None)
+    return working(progress, "reading the recording")
+
+
+def working(progress: Progress, description: str) -> ProgressCallback:
+    """Return a callback that shows how many bytes of the recording are done."""
+    task = progress.add_task(description, total=None)
     return lambda done, total: progress.update(task, completed=done, total=total)
 
 

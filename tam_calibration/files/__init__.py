@@ -10,7 +10,14 @@ from tam_calibration.files.calibration_yaml import (
     write_calibration,
 )
 from tam_calibration.files.provenance import provenance
-from tam_calibration.files.recording_file import read_recording, read_samples, write_corrected, write_recording
+from tam_calibration.files.recording_file import (
+    read_pieces,
+    read_recording,
+    read_samples,
+    write_corrected,
+    write_corrected_pieces,
+    write_recording,
+)
 from tam_calibration.files.whole import write_whole
 
 __all__ = [
@@ -23,11 +30,13 @@ __all__ = [
     "provenance",
     "read_array",
     "read_calibration",
+    "read_pieces",
     "read_recording",
     "read_samples",
     "write_array",
     "write_calibration",
     "write_corrected",
+    "write_corrected_pieces",
     "write_recording",
     "write_whole",
 ]

@@ -1,18 +1,22 @@
 """Corrected data as the topics of the corrector node, beside everything else that was in the bag."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
-from rosbags.rosbag2 import Reader, Writer
+from rosbags.rosbag2 import Reader
 
 from tam_calibration.calibration import Corrected
-from tam_calibration.files.bag import open_bag, raw_messages, storage_of
+from tam_calibration.files.bag import open_bag, raw_blocks, storage_of
+from tam_calibration.files.bag_block_writing import BlockWriter
 from tam_calibration.files.bag_topics import find_topics
 from tam_calibration.files.bag_writing import TYPESTORE, header, write_bag
-from tam_calibration.files.cdr import StampedDoubles, fill
+from tam_calibration.files.cdr import fill, read_stamped_doubles
+from tam_calibration.files.raw_messages import IntArray, RawMessages, interleave
+from tam_calibration.files.samples import Progress
+from tam_calibration.files.samples import pieces as pieces_of
 from tam_calibration.pointcloud_layout import (
     FIELD_GRADIENT_COLUMNS,
     FLOAT64_SIZE,
@@ -22,6 +26,7 @@ from tam_calibration.pointcloud_layout import (
     center_covariance,
     field_offsets,
 )
+from tam_calibration.units import FloatArray
 
 MAGNETIC_FIELD, MULTI_ARRAY = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64MultiArray"
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -31,7 +36,10 @@ _TYPES = TYPESTORE.types
 
 
 def write_bag_corrected(
-    path: Path, corrected: Corrected, stamps_ns: NDArray[np.int64], source: Path | None = None
+    path: Path,
+    pieces: Iterable[tuple[Corrected, IntArray]],
+    source: Path | None = None,
+    progress: Progress = lambda done, total: None,
 ) -> None:
     """Write a bag with ``center``, ``gradient`` and ``field_gradient`` as the corrector publishes them.
 
@@ -39,47 +47,116 @@ def write_bag_corrected(
     ----------
     path : Path
         The bag to write.
-    corrected : Corrected
-        The results.
-    stamps_ns : (N,) array of int
-        Their stamps.
+    pieces : iterable of Corrected and (N,) array of int
+        The results and their stamps, piece by piece; one at least.
     source : Path, optional
         Bag of the raw readings, whose storage is kept and whose other topics are carried over unchanged; each
         result stands behind the reading of sensor 1 that it came from.
+    progress : callable
+        Called now and then with the bytes of the source that were carried over, and how many there are.
 
     Raises
     ------
     InputError
         When the source cannot be read or the bag cannot be written.
     """
-    results = _serialise(corrected, stamps_ns)
+    results = _Results(iter(pieces))
     with write_bag(path, "sqlite3" if source is None else storage_of(source)) as writer:
         if source is None:
-            connections = _add_topics(writer, "/", list(results))
-            for stamp_ns, row in zip(stamps_ns.tolist(), zip(*results.values(), strict=True), strict=True):
-                _write_row(writer, connections, stamp_ns, row)
+            topics = _Topics(writer, "/", results.first)
+            for stamps_ns, outputs in results.rest():
+                for piece in pieces_of(len(stamps_ns)):
+                    rows = topics.messages(stamps_ns[piece], outputs[piece], stamps_ns[piece])
+                    writer.write_block(interleave(rows, [np.arange(len(row)) for row in rows]))
         else:
             with open_bag(source) as reader:
-                _merge(reader, writer, stamps_ns, results)
+                _merge(reader, writer, results, progress)
 
 
-def _merge(reader: Reader, writer: Writer, stamps_ns: NDArray[np.int64], results: dict[str, Iterator[bytes]]) -> None:
-    topics = find_topics(reader.connections, None)
-    replaced = {topics.namespace + topic for topic in TOPIC_TYPES}
+def _merge(reader: Reader, writer: BlockWriter, results: "_Results", progress: Progress) -> None:
+    """Write the source's messages, and each result behind the reading of sensor 1 with its stamp."""
+    found = find_topics(reader.connections, None)
+    replaced = {found.namespace + topic for topic in TOPIC_TYPES}
     kept = [connection for connection in reader.connections if connection.topic not in replaced]
-    copies = {connection.id: _copy_connection(writer, connection) for connection in kept}
-    added = _add_topics(writer, topics.namespace, list(results))
-    rows = zip(stamps_ns.tolist(), zip(*results.values(), strict=True), strict=True)
-    pace, read = topics.connections["tam_1"].topic, StampedDoubles(3).read
-    due, row = next(rows)
-    for connection, recorded_ns, message in raw_messages(reader, kept):
-        writer.write(copies[connection.id], recorded_ns, message)
-        if connection.topic == pace and read(message)[0] == due:
-            _write_row(writer, added, recorded_ns, row)
-            due, row = next(rows, (None, ()))
+    copies = np.array([_copy_connection(writer, connection).id for connection in kept])
+    topics = _Topics(writer, found.namespace, results.first)
+    pace = kept.index(found.connections["tam_1"])
+    for block in raw_blocks(reader, kept, progress):
+        readings = np.flatnonzero(block.connection == pace)
+        stamps_ns, _ = read_stamped_doubles(block.take(readings), 3)
+        chosen, outputs = results.take(stamps_ns)
+        places = readings[chosen]
+        rows = topics.messages(stamps_ns[chosen], outputs, block.recorded_ns[places])
+        copied = replace(block, connection=copies[block.connection])
+        writer.write_block(interleave([copied, *rows], [np.arange(len(block)), *[places] * len(rows)]))
+    for _ in results.rest():
+        pass  # what is wrong with the readings may show at their end
 
 
-def _copy_connection(writer: Writer, connection: Connection) -> Connection:
+class _Results:
+    """Results that come in pieces, taken by their stamps."""
+
+    def __init__(self, pieces: Iterator[tuple[Corrected, IntArray]]) -> None:
+        self.first, self._stamps_ns = next(pieces)
+        self._outputs = self.first.outputs
+        self._pieces = pieces
+        self._last_ns = -1
+
+    def take(self, stamps_ns: IntArray) -> tuple[IntArray, FloatArray]:
+        """Return which of some readings have a result that was not taken yet, and those results."""
+        latest = int(stamps_ns.max(initial=-1))
+        while (not len(self._stamps_ns) or self._stamps_ns[-1] < latest) and (piece := next(self._pieces, None)):
+            self._stamps_ns = np.concatenate([self._stamps_ns, piece[1]])
+            self._outputs = np.concatenate([self._outputs, piece[0].outputs])
+        place = np.searchsorted(self._stamps_ns, stamps_ns)
+        is_result = np.append(self._stamps_ns, -1)[place] == stamps_ns
+        taken = np.maximum.accumulate(np.concatenate([[self._last_ns], np.where(is_result, stamps_ns, -1)]))
+        chosen = np.flatnonzero(is_result & (stamps_ns > taken[:-1]))
+        outputs = self._outputs[place[chosen]]
+        self._last_ns = int(taken[-1])
+        left = slice(int(np.searchsorted(self._stamps_ns, self._last_ns, "right")), None)
+        self._stamps_ns, self._outputs = self._stamps_ns[left], self._outputs[left]
+        return chosen, outputs
+
+    def rest(self) -> Iterator[tuple[IntArray, FloatArray]]:
+        """Yield stamps and outputs of what was not taken."""
+        yield self._stamps_ns, self._outputs
+        for corrected, stamps_ns in self._pieces:
+            yield stamps_ns, corrected.outputs
+
+
+class _Topics:
+    """The topics of the results in a bag that is written; without ``gradient`` where there is none."""
+
+    def __init__(self, writer: BlockWriter, namespace: str, first: Corrected) -> None:
+        self._standard_errors = first.standard_errors
+        self._templates = {
+            "center": _center_template(first.standard_errors),
+            "gradient": _gradient_template(),
+            "field_gradient": _cloud_template(),
+        }
+        if not np.isfinite(first.outputs[:, 3:]).any():
+            del self._templates["gradient"]
+        self._ids = {
+            topic: writer.add_connection(namespace + topic, TOPIC_TYPES[topic], typestore=TYPESTORE).id
+            for topic in self._templates
+        }
+
+    def messages(self, stamps_ns: IntArray, outputs: FloatArray, recorded_ns: IntArray) -> list[RawMessages]:
+        """Return for each topic a message for each result."""
+        errors = np.broadcast_to(self._standard_errors, outputs.shape)
+        parts = {
+            "center": (12 * FLOAT64_SIZE, outputs[:, :3], stamps_ns),
+            "gradient": (9 * FLOAT64_SIZE, outputs[:, GRADIENT_ROW_MAJOR], None),
+            "field_gradient": (18 * FLOAT64_SIZE + 1, np.hstack([outputs, errors]), stamps_ns),
+        }
+        return [
+            RawMessages.of_rows(self._ids[topic], recorded_ns, fill(template, *parts[topic]))
+            for topic, template in self._templates.items()
+        ]
+
+
+def _copy_connection(writer: BlockWriter, connection: Connection) -> Connection:
     assert isinstance(connection.ext, ConnectionExtRosbag2)
     return writer.add_connection(
         connection.topic,
@@ -91,32 +168,9 @@ def _copy_connection(writer: Writer, connection: Connection) -> Connection:
     )
 
 
-def _add_topics(writer: Writer, namespace: str, topics: list[str]) -> list[Connection]:
-    return [writer.add_connection(namespace + topic, TOPIC_TYPES[topic], typestore=TYPESTORE) for topic in topics]
-
-
-def _write_row(writer: Writer, connections: list[Connection], recorded_ns: int, row: tuple[bytes, ...]) -> None:
-    for connection, message in zip(connections, row, strict=True):
-        writer.write(connection, recorded_ns, message)
-
-
-def _serialise(corrected: Corrected, stamps_ns: NDArray[np.int64]) -> dict[str, Iterator[bytes]]:
-    outputs = corrected.outputs
-    errors = np.broadcast_to(corrected.standard_errors, outputs.shape)
-    center, gradient, cloud = _center_template(corrected), _gradient_template(), _cloud_template()
-    messages = {
-        "center": fill(center, 12 * FLOAT64_SIZE, outputs[:, :3], stamps_ns),
-        "gradient": fill(gradient, 9 * FLOAT64_SIZE, outputs[:, GRADIENT_ROW_MAJOR], None),
-        "field_gradient": fill(cloud, 18 * FLOAT64_SIZE + 1, np.hstack([outputs, errors]), stamps_ns),
-    }
-    if not np.isfinite(outputs[:, 3:]).any():
-        del messages["gradient"]
-    return messages
-
-
-def _center_template(corrected: Corrected) -> bytes:
+def _center_template(standard_errors: FloatArray) -> bytes:
     zero = _TYPES["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
-    message = _TYPES[MAGNETIC_FIELD](header(), zero, center_covariance(corrected.standard_errors))
+    message = _TYPES[MAGNETIC_FIELD](header(), zero, center_covariance(standard_errors))
     return bytes(TYPESTORE.serialize_cdr(message, MAGNETIC_FIELD))
 
 

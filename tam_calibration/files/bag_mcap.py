@@ -14,7 +14,9 @@ RECORD = np.dtype(
 )
 """What stands before the serialised message in the record of a message."""
 
-MESSAGE = 5
+MESSAGE, CHUNK, INDEX = 5, 6, 7
+"""Kinds of records."""
+
 SIZE_BEYOND_MESSAGE = 22
 """Bytes of a record that its size counts beside the message."""
 

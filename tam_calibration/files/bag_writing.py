@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
+from tam_calibration.files.bag_block_writing import BlockWriter
 from tam_calibration.files.bag_topics import (
     CHANNEL_TOPICS,
     FLOAT64,
@@ -20,7 +21,8 @@ from tam_calibration.files.bag_topics import (
     sensor_topic,
 )
 from tam_calibration.files.cdr import fill
-from tam_calibration.files.samples import stamps_of
+from tam_calibration.files.raw_messages import ByteArray, RawMessages, interleave
+from tam_calibration.files.samples import pieces, stamps_of
 from tam_calibration.files.whole import write_whole
 from tam_calibration.pointcloud_layout import FRAME_ID
 from tam_calibration.problems import InputError
@@ -34,7 +36,7 @@ _TYPES = TYPESTORE.types
 
 
 @contextmanager
-def write_bag(path: Path, storage: str) -> Iterator[Writer]:
+def write_bag(path: Path, storage: str) -> Iterator[BlockWriter]:
     """Give a writer of a bag that appears whole: a folder, or a single file for the suffix .mcap.
 
     Raises
@@ -46,7 +48,7 @@ def write_bag(path: Path, storage: str) -> Iterator[Writer]:
         is_single = path.suffix == ".mcap"
         folder = beside.with_name("bag") if is_single else beside
         try:
-            with Writer(folder, version=9, storage_plugin=STORAGES["mcap" if is_single else storage]) as writer:
+            with BlockWriter(folder, version=9, storage_plugin=STORAGES["mcap" if is_single else storage]) as writer:
                 yield writer
         except sqlite3.Error as problem:
             raise InputError(f"{path} cannot be written: {problem}") from problem
@@ -76,22 +78,26 @@ def write_bag_recording(path: Path, recording: Recording, storage: str = "sqlite
         if values is not None:
             topics.append((CHANNEL_TOPICS[channel], msgtype, values.reshape(len(values), -1)))
     with write_bag(path, storage) as writer:
-        write_rows(writer, stamps_ns, [(f"/{topic}", msgtype, values) for topic, msgtype, values in topics])
+        _write_rows(writer, stamps_ns, [(f"/{topic}", msgtype, values) for topic, msgtype, values in topics])
 
 
-def write_rows(writer: Writer, stamps_ns: NDArray[np.int64], topics: Sequence[tuple[str, str, FloatArray]]) -> None:
+def _write_rows(
+    writer: BlockWriter, stamps_ns: NDArray[np.int64], topics: Sequence[tuple[str, str, FloatArray]]
+) -> None:
     """Write a message for each row of each topic, sample by sample; rows with NaN are left out."""
-    connections = [writer.add_connection(topic, msgtype, typestore=TYPESTORE) for topic, msgtype, _ in topics]
-    messages = [serialise(msgtype, values, stamps_ns) for _, msgtype, values in topics]
-    is_known = np.column_stack([np.isfinite(values).all(axis=1) for _, _, values in topics]).tolist()
-    for stamp_ns, known, row in zip(stamps_ns.tolist(), is_known, zip(*messages, strict=True), strict=True):
-        for connection, is_there, message in zip(connections, known, row, strict=True):
-            if is_there:
-                writer.write(connection, stamp_ns, message)
+    ids = [writer.add_connection(topic, msgtype, typestore=TYPESTORE).id for topic, msgtype, _ in topics]
+    for piece in pieces(len(stamps_ns)):
+        parts, places = [], []
+        for number, (_, msgtype, values) in zip(ids, topics, strict=True):
+            known = np.flatnonzero(np.isfinite(values[piece]).all(axis=1))
+            stamps = stamps_ns[piece][known]
+            parts.append(RawMessages.of_rows(number, stamps, serialise(msgtype, values[piece][known], stamps)))
+            places.append(known)
+        writer.write_block(interleave(parts, places))
 
 
-def serialise(msgtype: str, values: FloatArray, stamps_ns: NDArray[np.int64]) -> Iterator[bytes]:
-    """Yield serialised messages of a sensor's type, one for each row of values."""
+def serialise(msgtype: str, values: FloatArray, stamps_ns: NDArray[np.int64]) -> ByteArray:
+    """Return (N, bytes) serialised messages of a sensor's type, one for each row of values."""
     template, from_end, has_header = _TEMPLATES[msgtype]
     return fill(template, from_end, values, stamps_ns if has_header else None)
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.files.raw_messages import IntArray, RawMessages, windows
+from tam_calibration.files.raw_messages import ByteArray, IntArray, RawMessages, windows
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
@@ -120,8 +120,8 @@ def _take(messages: RawMessages, begin: IntArray, size: int) -> NDArray[Any]:
     return taken
 
 
-def fill(template: bytes, from_end: int, values: FloatArray, stamps_ns: NDArray[np.int64] | None) -> Iterator[bytes]:
-    """Yield copies of a serialised message (little-endian) with other numbers and stamps.
+def fill(template: bytes, from_end: int, values: FloatArray, stamps_ns: IntArray | None) -> ByteArray:
+    """Return (N, bytes) copies of a serialised message (little-endian) with other numbers and stamps.
 
     Parameters
     ----------
@@ -131,17 +131,16 @@ def fill(template: bytes, from_end: int, values: FloatArray, stamps_ns: NDArray[
         Bytes from the first double that changes to the end of the message.
     values : (N, n) array
         Doubles of each message.
-    stamps_ns : (N,) array, optional
+    stamps_ns : (N,) array of int, optional
         Stamps of the header; None for a message without.
     """
     copies = np.tile(np.frombuffer(template, np.uint8), (len(values), 1))
     start = len(template) - from_end
     copies[:, start : start + 8 * values.shape[1]] = np.ascontiguousarray(values, "<f8").view(np.uint8)
     if stamps_ns is not None:
-        seconds, nanoseconds = np.divmod(stamps_ns, 1_000_000_000)
-        stamp = np.column_stack([seconds.astype("<i4"), nanoseconds.astype("<i4")])
-        copies[:, _BODY : _BODY + 8] = np.ascontiguousarray(stamp).view(np.uint8)
-    return (copy.tobytes() for copy in copies)
+        stamp = np.column_stack(np.divmod(stamps_ns, 1_000_000_000)).astype("<i4")
+        copies[:, _BODY : _BODY + 8] = stamp.view(np.uint8)
+    return copies
 
 
 def _align(size: int) -> int:

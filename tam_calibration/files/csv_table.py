@@ -1,7 +1,7 @@
 """Tables of numbers as text: a header of column names, then one line a row, separated by commas."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +54,12 @@ def _describe_fault(path: Path, names: Sequence[str], lines: list[str]) -> str:
 
 def write_table(path: Path, names: Sequence[str], rows: FloatArray) -> None:
     """Write a table with the shortest decimals that read back as the same numbers."""
+    write_blocks(path, names, [rows])
+
+
+def write_blocks(path: Path, names: Sequence[str], blocks: Iterable[FloatArray]) -> None:
+    """Write a table as `write_table` does, from rows that come block by block."""
     with write_whole(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(names) + "\n")
-        file.writelines(",".join(map(repr, row)) + "\n" for row in np.asarray(rows, dtype=float).tolist())
+        for rows in blocks:
+            file.writelines(",".join(map(repr, row)) + "\n" for row in np.asarray(rows, dtype=float).tolist())

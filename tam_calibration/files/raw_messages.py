@@ -39,6 +39,13 @@ class RawMessages:
         block = np.frombuffer(b"".join(messages), np.uint8)
         return cls(np.array(connection), np.array(recorded_ns), np.cumsum(size) - size, size, block)
 
+    @classmethod
+    def of_rows(cls, connection: int, recorded_ns: IntArray, rows: ByteArray) -> "RawMessages":
+        """Return the (n, bytes) messages of one connection."""
+        count, size = rows.shape
+        start = np.arange(count) * size
+        return cls(np.full(count, connection), recorded_ns, start, np.full(count, size), rows.ravel())
+
     def __len__(self) -> int:
         """Return the number of messages."""
         return len(self.start)
@@ -69,3 +76,8 @@ def join(parts: Sequence[RawMessages]) -> RawMessages:
 def windows(block: ByteArray, size: int) -> NDArray[np.void]:
     """Return the bytes from each place of a block on as one item, without a copy: made to be indexed."""
     return np.ndarray(max(len(block) - size + 1, 0), f"V{size}", block, strides=(1,))
+
+
+def interleave(parts: Sequence[RawMessages], places: Sequence[IntArray]) -> RawMessages:
+    """Return several as one in the order of the places of their messages; at equal places in the order of the parts."""
+    return join(parts).take(np.argsort(np.concatenate(places), kind="stable"))

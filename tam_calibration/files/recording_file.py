@@ -1,5 +1,6 @@
 """Recordings and corrected data in whichever format: bags (folders, .mcap, .db3) or CSV."""
 
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +79,30 @@ def read_samples(
     return Samples(recording)
 
 
+def read_pieces(
+    path: Path,
+    sensor_count: int | None = None,
+    tolerance_s: float = TOLERANCE_S,
+    progress: Progress = lambda done, total: None,
+) -> Iterator[Samples]:
+    """Yield a recording as `read_samples` returns it, a bag in pieces of bounded size.
+
+    A channel without a value in a whole piece is None in that piece.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or holds no recording; pieces before the fault have been yielded by then.
+    """
+    path = Path(path)
+    if is_bag(path):
+        from tam_calibration.files.bag import read_bag_pieces  # late: a CSV file does not need rosbags
+
+        yield from read_bag_pieces(path, sensor_count, round(tolerance_s * 1e9), progress)
+    else:
+        yield read_samples(path, sensor_count, tolerance_s, progress)
+
+
 def write_recording(path: Path, recording: Recording, storage: str = "sqlite3") -> None:
     """Write a recording: CSV for the suffix .csv, a single mcap file for .mcap, else a bag's folder.
 
@@ -126,11 +151,27 @@ def write_corrected(
     InputError
         When it cannot be written.
     """
+    write_corrected_pieces(path, [(corrected, stamps_ns)], source)
+
+
+def write_corrected_pieces(
+    path: Path,
+    pieces: Iterable[tuple[Corrected, NDArray[np.int64] | None]],
+    source: Path | None = None,
+    progress: Progress = lambda done, total: None,
+) -> None:
+    """Write corrected data as `write_corrected` does, from results and stamps that come piece by piece.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written.
+    """
     path = Path(path)
     if path.suffix == ".csv":
-        write_csv_corrected(path, corrected)
+        write_csv_corrected(path, (corrected for corrected, _ in pieces))
     else:
         from tam_calibration.files.bag_corrected import write_bag_corrected  # late: a CSV file does not need rosbags
 
-        stamps = stamps_of(corrected.time_s) if stamps_ns is None else stamps_ns
-        write_bag_corrected(path, corrected, stamps, source if source and is_bag(source) else None)
+        stamped = ((each, stamps_of(each.time_s) if stamps is None else stamps) for each, stamps in pieces)
+        write_bag_corrected(path, stamped, source if source and is_bag(source) else None, progress)

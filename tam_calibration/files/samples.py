@@ -1,6 +1,6 @@
 """Samples of a recording with the exact stamps of their messages."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,15 @@ from tam_calibration.units import FloatArray
 
 Progress = Callable[[int, int], None]
 """Called now and then with the bytes that are done, and how many there are to do."""
+
+
+_PIECE = 16_384
+
+
+def pieces(sample_count: int) -> Iterator[slice]:
+    """Yield the slices that cut so many samples into pieces, so that what is written of a piece stays small."""
+    for start in range(0, sample_count, _PIECE):
+        yield slice(start, min(start + _PIECE, sample_count))
 
 
 @dataclass(frozen=True, eq=False)
