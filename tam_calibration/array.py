@@ -31,9 +31,9 @@ class Array:
     scalar_position_m : (3,) array, optional
         Position of the scalar magnetometer in the array frame, metres; None means at the centre. It matters only
         where a fit takes the ambient field to have a gradient.
-    axis_offsets_m : (3, 3) array, optional
-        Where the elements of axis x, y and z sit beside the position of their sensor, alike in all sensors: a row for
-        each axis, array frame, metres; None means all three at the position.
+    axis_offsets_m : (K, 3, 3) array, optional
+        Where the elements of axis x, y and z of each sensor sit beside its position: a row for each axis, array frame,
+        metres; None means all three at the position.
 
     Raises
     ------
@@ -73,8 +73,11 @@ class Array:
             object.__setattr__(self, "scalar_position_m", position)
         if self.axis_offsets_m is not None:
             offsets = np.asarray(self.axis_offsets_m, dtype=float)
-            if offsets.shape != (3, 3) or not np.isfinite(offsets).all():
-                raise InputError("the offsets of the axes must be three rows of three finite numbers x, y, z")
+            if offsets.shape != (len(positions), 3, 3) or not np.isfinite(offsets).all():
+                raise InputError(
+                    "the offsets of the axes must be finite, three rows of x, y, z for each of "
+                    f"{len(positions)} sensors; their shape is {offsets.shape}"
+                )
             object.__setattr__(self, "axis_offsets_m", offsets)
 
     @classmethod
@@ -102,7 +105,7 @@ class Array:
     @cached_property
     def element_positions_m(self) -> FloatArray:
         """(K, 3, 3) positions of the elements of each sensor's axes x, y, z in the array frame, metres."""
-        offsets = np.zeros((3, 3)) if self.axis_offsets_m is None else self.axis_offsets_m
+        offsets = np.zeros((self.sensor_count, 3, 3)) if self.axis_offsets_m is None else self.axis_offsets_m
         positions: FloatArray = self.positions_m[:, None] + offsets
         return positions
 

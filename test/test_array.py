@@ -125,7 +125,7 @@ def test_impossible_arrays_are_refused(make, sentence):
 
 def test_axes_that_are_not_in_one_place_are_allowed_for():
     """In a linear field, each axis reading it where its element sits, centre and tensor are exact; otherwise not."""
-    offsets = np.array([[0.02, 0, 0.01], [0, -0.01, 0], [0.005, 0, -0.02]])
+    offsets = 0.02 * np.random.default_rng(5).uniform(-1, 1, (4, 3, 3))
     array = Array(Array.cross(0.5).positions_m, axis_offsets_m=offsets)
     center = np.array([1.0, -2.0, 3.0])
     tensor = np.array([[1.0, 0.5, -0.3], [0.5, -2.0, 0.7], [-0.3, 0.7, 1.0]])

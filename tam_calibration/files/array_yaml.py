@@ -13,6 +13,8 @@ from tam_calibration.files.yaml_document import Document, check, dump_mapping, p
 from tam_calibration.problems import InputError
 from tam_calibration.units import from_nanotesla
 
+_Offsets = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+
 
 class ArrayFile(Document):
     """What an array file may hold; a noise that is not stated is estimated from the recording.
@@ -29,8 +31,8 @@ class ArrayFile(Document):
         Noise of the scalar magnetometer.
     scalar_position_m : [x, y, z], optional
         Where the scalar magnetometer sits when it is not at the centre.
-    axis_offsets_m : list of [x, y, z], optional
-        Where the elements of axis x, y and z sit beside the position of their sensor; as ``tam calibrate --source``
+    axis_offsets_m : list of three [x, y, z], optional
+        For each sensor where the elements of its axes x, y and z sit beside its position; ``tam calibrate --source``
         finds them.
     notes, recording
         Anything; not read.
@@ -41,7 +43,7 @@ class ArrayFile(Document):
     vector_noise_nT: float | list[float] | None = None
     scalar_noise_nT: float | None = None
     scalar_position_m: tuple[float, float, float] | None = None
-    axis_offsets_m: list[tuple[float, float, float]] | None = None
+    axis_offsets_m: list[_Offsets] | None = None
     notes: Any = None
     recording: Any = None
 
