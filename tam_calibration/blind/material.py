@@ -18,13 +18,16 @@ from tam_calibration.blind.motion import about
 from tam_calibration.blind.scene import Scene
 from tam_calibration.units import FloatArray
 
-FINE = 8
-"""Steps of integration to a sample."""
+FINE = 8000
+"""Steps of the heat's integration."""
+
+SMALL_STEP = 0.02
+"""Of the field that magnetises, as a share of the intensity."""
 
 
 def temperature_drift(rng: Generator, scene: Scene) -> Disturbance:
     """Heat goes through the housing into the sensor; bias and gain follow its temperature, with a quadratic part."""
-    fine_s = np.linspace(-0.2 * scene.duration_s, scene.duration_s, FINE * 1000)
+    fine_s = np.linspace(-0.2 * scene.duration_s, scene.duration_s, FINE)
     outside_C = scene.temperature(fine_s)
     everywhere = scene.sensor_count > 1 and rng.random() < 0.25
     chosen = range(scene.sensor_count) if everywhere else [draw_sensor(rng, scene)]
@@ -83,13 +86,14 @@ def _preisach(rng: Generator, drive: FloatArray) -> tuple[FloatArray, dict[str, 
 def _bouc_wen(rng: Generator, drive: FloatArray) -> tuple[FloatArray, dict[str, object]]:
     """Integrate dz = (1 - |z|^n (beta sign(du z) + gamma)) du / width."""
     width, sharpness, beta = rng.uniform(0.15, 0.5), rng.uniform(1, 2.5), rng.uniform(0.5, 0.95)
-    fine = np.interp(np.arange((len(drive) - 1) * FINE + 1) / FINE, np.arange(len(drive)), drive)
+    steps = int(np.ceil(np.abs(np.diff(drive)).max() / SMALL_STEP))
+    fine = np.interp(np.arange((len(drive) - 1) * steps + 1) / steps, np.arange(len(drive)), drive)
     z, path = 0.0, [0.0]
     for step in np.diff(fine).tolist():
         turn = 1.0 if step * z > 0 else -1.0
         z += step / width * (1 - abs(z) ** sharpness * (beta * turn + 1 - beta))
         path.append(z)
-    return np.array(path)[::FINE], {"law": "Bouc-Wen", "width": width, "sharpness": sharpness, "beta": beta}
+    return np.array(path)[::steps], {"law": "Bouc-Wen", "width": width, "sharpness": sharpness, "beta": beta}
 
 
 def eddy_current(rng: Generator, scene: Scene) -> Disturbance:
@@ -97,7 +101,7 @@ def eddy_current(rng: Generator, scene: Scene) -> Disturbance:
     sensor = draw_sensor(rng, scene)
     time_constant_s = scene.step_s * 10 ** rng.uniform(-0.5, 0.7)
     settle_s = 6 * time_constant_s + scene.step_s
-    fine_s = np.arange(-settle_s, scene.duration_s, min(scene.step_s / 3, time_constant_s / 3))
+    fine_s = np.arange(-settle_s, scene.duration_s + scene.step_s, min(scene.step_s / 3, time_constant_s / 3))
     field_T = scene.field_at(fine_s)
     answer = field_T - np.stack([_low_pass(one, time_constant_s, fine_s) for one in field_T.T], axis=1)
     sampled = np.stack([np.interp(scene.time_s, fine_s, one) for one in answer.T], axis=1)
@@ -123,7 +127,7 @@ def flexure(rng: Generator, scene: Scene) -> Disturbance:
         force = weight + spin * np.cross(np.cross(rate, arm), rate) / 9.81
         bend = np.cross(along, force) @ np.diag(rng.uniform(0.5, 1.5, 3))
         twist = np.outer(force @ draw_direction(rng), along) * rng.uniform(0, 0.6)
-        bends[sensor] = (bend + twist) * (1 - rng.uniform(0, 0.25) * norm(force, axis=1)[:, None] ** 2 / 2)
+        bends[sensor] = (bend + twist) * (1 - rng.uniform(0, 0.15) * norm(bend, axis=1)[:, None] ** 2)
 
     def change(amplitude: float, _seen: object) -> tuple[FloatArray, FloatArray]:
         rows = {}

@@ -1,0 +1,22 @@
+import numpy as np
+import pytest
+
+from tam_calibration.blind.motion import MOTIONS
+from tam_calibration.blind.scene import Wish, draw_scene
+
+
+@pytest.fixture
+def draw():
+    """Return a function that draws a scene with all channels."""
+
+    def drawing(seed, samples=400, sensor_count=4, motions=("tumbling",), with_scalar=True):
+        wish = Wish(samples, sensor_count, motions, with_scalar, False, ("attitude", "current", "temperature"))
+        return draw_scene(np.random.default_rng(seed), wish)
+
+    return drawing
+
+
+@pytest.fixture(params=MOTIONS)
+def motion(request):
+    """Return each kind of motion in turn."""
+    return request.param
