@@ -8,7 +8,7 @@ from statistics import median
 
 from tam_calibration.blind.catalogue import CATALOGUE
 from tam_calibration.blind.outcome import EXPLAINED, NO_GAP, UNEXPLAINED, Outcome
-from tam_calibration.blind.statistics import Bin, Rate, calibration_error, reliability_curve
+from tam_calibration.blind.rates import Bin, Rate, calibration_error, reliability_curve
 
 LEAST_PROBABILITY = 0.01
 """What is given less is no statement; the many that are given nothing would make any curve look good."""

@@ -8,8 +8,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from tam_calibration.blind.rates import Rate
 from tam_calibration.blind.score import Row, Score
-from tam_calibration.blind.statistics import Rate
 
 HEADER = ("figure", "gaps", "asked", "measured", "95 % interval", "cases", "met")
 

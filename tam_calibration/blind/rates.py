@@ -3,10 +3,11 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import sqrt
+from statistics import NormalDist
 
 import numpy as np
 
-WITHIN_95 = 1.959964
+WITHIN_95 = NormalDist().inv_cdf(0.975)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,99 @@
+"""The command `tam blind`."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from tam_calibration.cli.main import main
+from tam_calibration.files import read_array, read_recording
+
+
+def run(*words):
+    """Run `tam blind`."""
+    return CliRunner().invoke(main, ["blind", *map(str, words)])
+
+
+@pytest.fixture(scope="module")
+def cases(tmp_path_factory):
+    """Return a folder of eight cases."""
+    folder = tmp_path_factory.mktemp("blind") / "cases"
+    result = run("make", folder, "--cases", 8, "--seed", 3, "--jobs", 1)
+    assert result.exit_code == 0, result.output
+    return folder
+
+
+def answer_all(folder, verdict):
+    """Answer each case alike."""
+    for case in folder.glob("case_*"):
+        (case / "answer.json").write_text(json.dumps({"verdict": verdict, "causes": [], "considered": []}))
+
+
+def test_cases_are_recordings_of_their_arrays(cases):
+    """Every case is read as any recording is, and its folder holds nothing that tells its key."""
+    folders = sorted(cases.glob("case_*"))
+    assert [folder.name for folder in folders] == [f"case_{number:04d}" for number in range(1, 9)]
+    keys = json.loads((cases / "keys.json").read_text())
+    for folder in folders:
+        recording, array = read_recording(folder / "data.csv"), read_array(folder / "spec.yaml")
+        assert {path.name for path in folder.iterdir()} == {"data.csv", "spec.yaml"}
+        assert recording.sensor_count == array.sensor_count == keys[folder.name]["sensors"]
+        assert recording.sample_count == keys[folder.name]["samples"]
+
+
+def test_the_same_seed_makes_the_same_files(cases, tmp_path):
+    """A set can be made again by anyone, in any number of processes."""
+    assert run("make", tmp_path / "again", "--cases", 8, "--seed", 3, "--jobs", 2).exit_code == 0
+    for path in cases.glob("case_*/data.csv"):
+        assert (tmp_path / "again" / path.parent.name / "data.csv").read_bytes() == path.read_bytes()
+
+
+def test_no_case_is_mixed_with_older_ones(cases):
+    """A folder that is not empty is not written to."""
+    result = run("make", cases, "--seed", 1)
+    assert result.exit_code == 2
+    assert "is not empty: name a new folder" in result.stderr
+
+
+def test_score(cases, tmp_path):
+    """The score is printed, and written as JSON and as a page."""
+    answer_all(cases, "unexplained")
+    result = run("score", cases, "--json", tmp_path / "score.json", "--report", tmp_path / "score.html")
+    assert result.exit_code == 0, result.output
+    assert "first cause right, verdict right" in result.output
+    figures = json.loads((tmp_path / "score.json").read_text())["figures"]
+    assert {"clean data → no_gap", "among the first three"} <= {figure["name"] for figure in figures}
+    assert "The check on withheld effects" in (tmp_path / "score.html").read_text()
+
+
+def test_failures_are_listed(cases):
+    """Each case that went wrong is one line with key and answer."""
+    answer_all(cases, "unexplained")
+    lines = run("score", cases, "--failures").output.splitlines()
+    assert lines and all(line.startswith("case_") and "→ unexplained" in line for line in lines)
+
+
+def test_an_altered_key_is_refused(cases, tmp_path):
+    """The scorer does not open keys that were changed after the commitment."""
+    answer_all(cases, "unexplained")
+    keys = json.loads((cases / "keys.json").read_text())
+    keys["case_0001"]["visible_gap"] = 7.0
+    (tmp_path / "keys.json").write_text(json.dumps(keys))
+    result = run("score", cases, "--keys", tmp_path / "keys.json")
+    assert result.exit_code == 1
+    assert "the key of case_0001 is not the one that was committed to" in result.stderr
+
+
+def test_without_answers_there_is_no_score(tmp_path):
+    """The next step is told."""
+    assert run("make", tmp_path / "cases", "--cases", 1, "--seed", 1, "--jobs", 1).exit_code == 0
+    result = run("score", tmp_path / "cases")
+    assert result.exit_code == 1
+    assert "run tam blind answer" in result.stderr
+
+
+def test_a_folder_without_cases(tmp_path):
+    """There must be a case to answer."""
+    result = run("answer", tmp_path)
+    assert result.exit_code == 2
+    assert "holds no case" in result.stderr
