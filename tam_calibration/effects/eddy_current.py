@@ -11,6 +11,9 @@ from tam_calibration.effects.motion import jumps, rates
 from tam_calibration.units import FloatArray
 
 _SHORTEST_STEPS, _LONGEST_S, _LONGEST_PART, _COUNT = 0.3, 10.0, 0.1, 7
+_SLOWER = 5.0
+"""Ratio of the time constant of the second mode to that of the first."""
+
 _NAMES = tuple(f"{axis} of the field on {row}" for row in "xyz" for axis in "xyz")
 
 
@@ -40,26 +43,23 @@ class EddyCurrent(LinearEffect):
         return [{"time_constant_s": float(constant)} for constant in np.geomspace(shortest, longest, _COUNT)]
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return what each sensor gets of the currents, and of a second mode with more than one time constant."""
+        """Return what each sensor gets of the currents, and of a second mode that decays more slowly."""
         constant = shape["time_constant_s"]
-        late = _late(situation, situation.field_T, rates(situation)[0], constant)
-        # The lag's own rate of change is what it lacks to its drive over the time constant.
-        missing = situation.field_T - late
-        later = _late(situation, late, missing / constant, constant)
         columns = np.arange(9)
         terms = []
-        for name, change in (("first mode", missing), ("second mode", late - later)):
-            features = np.tile(change, 3)
+        for name, ratio in (("first mode", 1.0), ("second mode", _SLOWER)):
+            features = np.tile(situation.field_T - _late(situation, ratio * constant), 3)
             parts = tuple(Coefficient(f"{name}, {of}", "1") for of in _NAMES)
             for sensor in range(situation.sensor_count):
                 terms.append(Term(sensor, None, name, parts, features, 3 * sensor + columns // 3, columns))
         return terms
 
 
-def _late(situation: Situation, values: FloatArray, rate: FloatArray, time_constant_s: float) -> FloatArray:
-    """Return values after a first-order lag, settled anew behind every hole."""
+def _late(situation: Situation, time_constant_s: float) -> FloatArray:
+    """Return the field after a first-order lag, settled anew behind every hole."""
+    field, rate = situation.field_T, rates(situation)
     parts = [
-        lagged_smooth(values[stretch], rate[stretch], situation.time_s[stretch], time_constant_s)
+        lagged_smooth(field[stretch], rate[stretch], situation.time_s[stretch], time_constant_s)
         for stretch in situation.stretches
     ]
     return np.concatenate(parts)

@@ -7,25 +7,30 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.lag import follow
 from tam_calibration.effects.memory import Memory
 from tam_calibration.effects.nonlinearity import full_scale
 from tam_calibration.units import FloatArray
 
-_WIDTHS = {"loop": (0.15, 0.5), "shape of the loop": (0.06, 0.3, 0.75)}
-"""Fields that must be turned back before a part follows, as parts of the full scale."""
+_PLAYS = (0.15, 0.4)
+_ROUNDED = (0.1, 0.5)
+"""Fields that must be turned back before a loop closes, as parts of the full scale."""
+
+_STILL = 0.01
+"""Part of the full scale below which a change is taken for noise, which must not wear off what is remembered."""
 
 _LEAST_SPREAD = 0.1
 
 
 class Hysteresis(LinearEffect):
-    """The reading follows the field with plays of several widths, without depending on the rate."""
+    """The reading follows the field in loops of several widths, without depending on the rate."""
 
     name: ClassVar[str] = "hysteresis"
     title: ClassVar[str] = "reading that depends on where the field came from"
     physics: ClassVar[str] = (
-        "Domain walls stick in cores and in soft iron nearby until the field has turned back by more than their width; "
-        "a sum of play operators of several widths describes it (Kuhnen, Modeling, identification and compensation of "
-        "complex hysteretic nonlinearities, Eur. J. Control 9, 2003, p. 407), with a curve for what saturates."
+        "Domain walls in cores and in soft iron nearby stick until the field has turned back by more than their width; "
+        "functions of play operators of several widths describe it (Kuhnen, Modeling, identification and compensation "
+        "of complex hysteretic nonlinearities, Eur. J. Control 9, 2003, p. 407), with a curve for what saturates."
     )
     excitation: ClassVar[str] = "turn each axis along and against the field and back, in large and in small swings"
     shape_units: ClassVar[dict[str, str]] = {"full_scale_T": "T"}
@@ -45,20 +50,41 @@ class Hysteresis(LinearEffect):
         return ({"full_scale_T": full_scale(situation)},)
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return what each axis lacks to the plays of several widths, and polynomials of degree 2 and 3."""
+        """Return plays, loops that are rounded and loops that saturate of each axis, and a curve."""
         scale = shape["full_scale_T"]
+        states = play(situation.sensed_T, scale * np.array([_STILL, *_PLAYS]), situation.memory)
+        rounded = [rounded_loop(states[:, :, 0], scale * width, situation.memory) for width in _ROUNDED]
         terms = []
-        for name, parts_of_scale in _WIDTHS.items():
-            widths = scale * np.array(parts_of_scale)
-            states = play(situation.sensed_T, widths, situation.memory)
-            parts = [Coefficient(f"width {part}", "1") for part in parts_of_scale]
-            for row in range(situation.scalar_row):
-                behind = states[:, row] - situation.sensed_T[:, row, None]
-                terms.append(Term.of_row(situation, row, name, parts, behind))
         for row in range(situation.scalar_row):
-            curves = legvander(situation.sensed_T[:, row] / scale, 3)[:, 2:]
-            terms.append(Term.of_row(situation, row, "curve", [Coefficient("P2", "T"), Coefficient("P3", "T")], curves))
+            sensed = situation.sensed_T[:, row]
+            loops = states[:, row, 1:]
+            saturating = [legvander(loop / scale, 5)[:, order] for loop in loops.T for order in (3, 5)]
+            for name, unit, names, features in (
+                ("loop", "1", [f"play {width}" for width in _PLAYS], [loop - sensed for loop in loops.T]),
+                ("rounded loop", "1", [f"width {width}" for width in _ROUNDED], [loop[:, row] for loop in rounded]),
+                (
+                    "saturating loop",
+                    "T",
+                    [f"P{order} of play {width}" for width in _PLAYS for order in (3, 5)],
+                    saturating,
+                ),
+                ("curve", "T", ["P2", "P3"], [*legvander(sensed / scale, 3)[:, 2:].T]),
+            ):
+                parts = [Coefficient(own, unit) for own in names]
+                terms.append(Term.of_row(situation, row, name, parts, np.column_stack(features)))
         return terms
+
+
+def rounded_loop(drive: FloatArray, width: float, memory: Memory | None = None) -> FloatArray:
+    """Return x (N, R) of dx = ds - |ds| x / width for drives s (N, R), from rest at zero (Dahl's model of friction)."""
+    before = None if memory is None else memory.recall()
+    path, state = (drive[:1], np.zeros(drive.shape[1])) if before is None else before
+    change = np.diff(np.concatenate([path, drive]), axis=0)
+    limit = width * np.sign(change)
+    loop = follow(limit, limit, state, np.abs(change) / width)[1:]
+    if memory is not None:
+        memory.keep((drive[-1:], loop[-1]))
+    return loop
 
 
 def play(drive: FloatArray, widths: FloatArray, memory: Memory | None = None) -> FloatArray:

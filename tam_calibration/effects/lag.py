@@ -34,7 +34,7 @@ def _lagged(drive: FloatArray, time_s: FloatArray, time_constant_s: float, initi
     step = np.diff(time_s)[:, None]
     behind = time_constant_s * np.diff(values, axis=0) / step
     first = initial.reshape(-1)
-    return _follow(values[1:] - behind, values[:-1] - behind, first, step[:, 0] / time_constant_s, drive.shape)
+    return follow(values[1:] - behind, values[:-1] - behind, first, step / time_constant_s).reshape(drive.shape)
 
 
 def lagged_smooth(drive: FloatArray, rate: FloatArray, time_s: FloatArray, time_constant_s: float) -> FloatArray:
@@ -54,18 +54,20 @@ def lagged_smooth(drive: FloatArray, rate: FloatArray, time_s: FloatArray, time_
     # A cubic p is followed by p - τ p' + τ² p'' - τ³ p''' and a transient.
     end = drive[1:] - tau * (last - tau * (second_at_end - tau * third))
     start = drive[:-1] - tau * (first - tau * (second - tau * third))
-    return _follow(end, start, drive[0] - tau * rate[0], step[:, 0] / tau, drive.shape)
+    return follow(end, start, drive[0] - tau * rate[0], step / tau)
 
 
-def _follow(
-    end: FloatArray, start: FloatArray, initial: FloatArray, ratio: FloatArray, shape: tuple[int, ...]
-) -> FloatArray:
-    """Return x of x_n = end_n + exp(-ratio_n) (x_{n-1} - start_n), by doubling the reach of each sample."""
-    factor = np.append(0.0, np.exp(-ratio))
-    state = np.concatenate([initial[None], end - factor[1:, None] * start])
+def follow(end: FloatArray, start: FloatArray, initial: FloatArray, ratio: FloatArray) -> FloatArray:
+    """Return x (N, C) of x_n = end_n + exp(-ratio_n) (x_{n-1} - start_n), by doubling the reach of each sample.
+
+    Ends and starts are (N - 1, C), of the samples after the first; ratios the same or (N - 1, 1).
+    """
+    decay = np.exp(-ratio)
+    factor = np.concatenate([np.zeros_like(decay[:1]), decay]) if len(decay) else np.zeros((1, 1))
+    state = np.concatenate([initial[None], end - decay * start])
     reach = 1
     while reach < len(state) and factor[reach:].max() > _FORGOTTEN:
-        state[reach:] += factor[reach:, None] * state[:-reach]
+        state[reach:] += factor[reach:] * state[:-reach]
         factor[reach:] *= factor[:-reach].copy()
         reach *= 2
-    return state.reshape(shape)
+    return state

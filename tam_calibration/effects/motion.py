@@ -13,7 +13,7 @@ _NEIGHBOURS = 6
 _LARGEST_WEIGHT = 50.0
 """Of a neighbour in a derivative, per step of time; more means samples that nearly coincide."""
 
-_KNOWN: WeakKeyDictionary[Situation, tuple[FloatArray, FloatArray]] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[Situation, FloatArray] = WeakKeyDictionary()
 
 _PIECE = 32_768
 
@@ -21,28 +21,27 @@ _JUMP = 0.35
 _BLOCKS = (1, 2, 4, 8, 16)
 
 
-def rates(situation: Situation) -> tuple[FloatArray, FloatArray]:
-    """Return the first and second derivatives (N, 3) of the field by time, per stretch between holes.
+def rates(situation: Situation) -> FloatArray:
+    """Return the derivative (N, 3) of the field by time, per stretch between holes.
 
     That of the polynomial through three neighbours on both sides, at an end of a stretch through the nearest six; a
-    sample's own noise is not in its derivatives. Zero in stretches of less than three samples.
+    sample's own noise is not in its derivative. Zero in stretches of less than three samples.
     """
     if situation in _KNOWN:
         return _KNOWN[situation]
-    first, second = np.zeros_like(situation.field_T), np.zeros_like(situation.field_T)
+    rate = np.zeros_like(situation.field_T)
     for stretch in situation.stretches:
         if stretch.stop - stretch.start < 3:
             continue
         neighbours, here = _neighbours(stretch), np.arange(stretch.start, stretch.stop)
         for first_of_piece in range(0, len(here), _PIECE):
             nodes, own = neighbours[first_of_piece:][:_PIECE], here[first_of_piece:][:_PIECE]
-            _, slope, curvature = _weights(situation.time_s[nodes] - situation.time_s[own, None])
+            _, slope = _weights(situation.time_s[nodes] - situation.time_s[own, None])
             wild = np.abs(slope).max(axis=1) * situation.step_s > _LARGEST_WEIGHT
-            slope[wild], curvature[wild] = 0, 0
-            first[own] = _combined(slope, situation.field_T, nodes)
-            second[own] = _combined(curvature, situation.field_T, nodes)
-    _KNOWN[situation] = first, second
-    return first, second
+            slope[wild] = 0
+            rate[own] = _combined(slope, situation.field_T, nodes)
+    _KNOWN[situation] = rate
+    return rate
 
 
 def jumps(situation: Situation) -> str | None:
@@ -59,7 +58,7 @@ def jumps(situation: Situation) -> str | None:
             time = situation.time_s[part].reshape(count, size).mean(axis=1)
             field = situation.field_T[part].reshape(count, size, 3).mean(axis=1)
             nodes = _neighbours(slice(0, count))
-            weight, _, _ = _weights(time[nodes] - time[:, None])
+            weight, _ = _weights(time[nodes] - time[:, None])
             steps.append(norm(np.diff(field, axis=0), axis=1))
             misses.append(norm(field - _combined(weight, field, nodes), axis=1)[_NEIGHBOURS // 2 : -_NEIGHBOURS // 2])
         if steps and np.quantile(np.concatenate(misses), 0.75) < _JUMP * np.quantile(np.concatenate(steps), 0.75):
@@ -78,8 +77,8 @@ def _neighbours(stretch: slice) -> NDArray[np.intp]:
     return around
 
 
-def _weights(offset: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the weights (n, m) of value, first and second derivative at 0 of the polynomials through nodes (n, m)."""
+def _weights(offset: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the weights (n, m) of value and derivative at 0 of the polynomials through nodes (n, m)."""
     difference = offset[:, :, None] - offset[:, None, :]
     same = np.eye(offset.shape[1], dtype=bool)
     difference[:, same] = 1
@@ -88,8 +87,7 @@ def _weights(offset: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     value = np.prod(ratio, axis=2)
     inverse = np.broadcast_to(-1 / offset[:, None, :], ratio.shape).copy()
     inverse[:, same] = 0
-    slope = inverse.sum(axis=2)
-    return value, value * slope, value * (slope**2 - np.sum(inverse**2, axis=2))
+    return value, value * inverse.sum(axis=2)
 
 
 def _combined(weight: FloatArray, values: FloatArray, nodes: NDArray[np.intp]) -> FloatArray:

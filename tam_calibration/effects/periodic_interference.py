@@ -86,7 +86,7 @@ def _lines(misfit: Misfit) -> list[float]:
     found: list[float] = []
     while len(found) < _LINES and power.max() > 0:
         best = int(power.argmax())
-        found.append(_refined(score[:, row_of[best]], time, frequency[best], frequency[1]))
+        found.append(_refined(score[:, row_of[best]], time, float(frequency[best]), float(frequency[1])))
         power[max(best - 3 * _FINER, 0) : best + 3 * _FINER + 1] = 0
     return found
 

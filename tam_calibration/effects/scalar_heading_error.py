@@ -21,6 +21,10 @@ _AXES = 3
 _APART = 0.3
 """Least angle between two axes that are tried, radians."""
 
+_CLIMBS = (0.1, 0.04, 0.016, 0.006)
+_CLIMB_GRID = 30
+"""Sizes of the caps, radians, and number of axes in each, in which an axis is refined."""
+
 _LEAST_FRACTION = 1e-3
 _PRECISE = 1e-9
 
@@ -126,8 +130,6 @@ class _Search:
 
 def _axes(misfit: Misfit) -> list[tuple[float, float]]:
     """Return azimuth and elevation of the axes that explain most, best first."""
-    from scipy.optimize import minimize
-
     used = misfit.is_counted & np.isfinite(misfit.common_mode)
     if used.sum() < 2 * _NUISANCE_COUNT:
         return []
@@ -138,22 +140,36 @@ def _axes(misfit: Misfit) -> list[tuple[float, float]]:
     information = functions.T @ functions
     left = _without_lower(np.column_stack([information, score]))
     search = _Search(left[:, :-1], left[:, -1])
-    # A spiral of equal areas over half the sphere: the other half has the same polynomials but for their signs.
-    height = (np.arange(_GRID) + 0.5) / _GRID
-    azimuth = np.pi * (1 + np.sqrt(5)) * np.arange(_GRID)
-    flat = np.sqrt(1 - height**2)
-    grid = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), height])
-    gain = search.gain(grid)
-    found: list[tuple[float, float]] = []
-    for best in np.argsort(-gain):
-        if any(abs(grid[best] @ _axis(*axis)) > np.cos(_APART) for axis in found):
-            continue
-        start = np.array([np.arctan2(grid[best, 1], grid[best, 0]), np.arcsin(grid[best, 2])])
-        refined = minimize(lambda angles: -search.gain(_axis(*angles)[None])[0], start, method="Nelder-Mead").x
-        found.append((float(refined[0]), float(refined[1])))
+    grid = _spiral(_GRID, 1.0)
+    found: list[FloatArray] = []
+    for best in np.argsort(-search.gain(grid)):
+        if all(abs(grid[best] @ axis) < np.cos(_APART) for axis in found):
+            found.append(_climbed(search, grid[best]))
         if len(found) == _AXES:
             break
-    return found
+    return [(float(np.arctan2(axis[1], axis[0])), float(np.arcsin(axis[2]))) for axis in found]
+
+
+def _climbed(search: _Search, axis: FloatArray) -> FloatArray:
+    """Return the axis near another that explains most."""
+    for size in _CLIMBS:
+        cap = _spiral(_CLIMB_GRID, 1 - np.cos(size))
+        # Any rotation that brings the z axis to the axis so far.
+        basis, _ = np.linalg.qr(np.column_stack([axis, np.eye(3)[np.argsort(np.abs(axis))[:2]].T]))
+        near = np.vstack([axis, cap @ np.column_stack([basis[:, 1:], axis]).T])
+        axis = near[np.argmax(search.gain(near))]
+    return axis
+
+
+def _spiral(count: int, height: float) -> FloatArray:
+    """Return directions (count, 3) evenly over the cap of a height about z; that of 1 is half the sphere.
+
+    Legendre polynomials about opposite axes are the same but for signs.
+    """
+    z = 1 - height * (np.arange(count) + 0.5) / count
+    azimuth = np.pi * (1 + np.sqrt(5)) * np.arange(count)
+    flat = np.sqrt(1 - z**2)
+    return np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), z])
 
 
 def _without_lower(information: FloatArray) -> FloatArray:

@@ -12,6 +12,9 @@ _LEAST_CHANGE_K = 0.2
 _SHORTEST, _LONGEST, _COUNT = 1 / 200, 1 / 3, 6
 """Time constants as parts of the record's span."""
 
+_SLOWER = 6.0
+"""Ratio of a second time constant to the first."""
+
 
 class TemperatureDrift(LinearEffect):
     """Bias and scale factor of an axis follow the temperature, with a lag."""
@@ -44,25 +47,22 @@ class TemperatureDrift(LinearEffect):
         return [{"time_constant_s": constant, "reference_C": reference} for constant in constants]
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return drifts of offset and scale, their second order in temperature, and a faster and a slower response."""
+        """Return drifts of offset and scale, the second order of the offset, and an offset with a slower lag."""
         assert situation.temperature_C is not None
         direct = situation.temperature_C - shape["reference_C"]
         constant = shape["time_constant_s"]
         change = lagged(direct, situation.time_s, constant, situation.memory)
+        slower = lagged(direct, situation.time_s, _SLOWER * constant, situation.memory)
+        parts = (Coefficient("slower offset", "T/K"), Coefficient("slower quadratic offset", "T/K²"))
         terms = []
-        if constant > 0:
-            slower = lagged(change, situation.time_s, constant, situation.memory)
-            response = np.column_stack([direct - change, change - slower])
-            parts = (Coefficient("faster offset", "T/K"), Coefficient("slower offset", "T/K"))
         for row in range(situation.scalar_row):
             sensed = situation.sensed_T[:, row]
             for name, unit, feature in (
                 ("offset", "T/K", change),
                 ("scale", "1/K", change * sensed),
                 ("quadratic offset", "T/K²", change**2),
-                ("quadratic scale", "1/K²", change**2 * sensed),
             ):
                 terms.append(Term.of_row(situation, row, name, [Coefficient(name, unit)], feature[:, None]))
             if constant > 0:
-                terms.append(Term.of_row(situation, row, "response", parts, response))
+                terms.append(Term.of_row(situation, row, "slower offset", parts, np.column_stack([slower, slower**2])))
         return terms

@@ -8,11 +8,10 @@ from tam_calibration.effects.effect import Coefficient, LinearEffect, Shape, Sit
 from tam_calibration.effects.motion import jumps, rates
 
 _DELAY = Coefficient("delay", "s")
-_SQUARE = Coefficient("delay squared", "s²")
 
 
 class TimeSkew(LinearEffect):
-    """What is read was sensed a delay before: b(t - δ) = b - δ db/dt + δ²/2 d²b/dt²; uses samples on both sides."""
+    """What is read was sensed a delay before: b(t - δ) = b - δ db/dt; uses samples on both sides."""
 
     name: ClassVar[str] = "time_skew"
     title: ClassVar[str] = "sensor or axis that is sampled late"
@@ -30,14 +29,12 @@ class TimeSkew(LinearEffect):
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return delays of a sensor, of a single axis and of the scalar magnetometer."""
-        field_rate, field_curvature = rates(situation)
-        matrix = situation.errors.matrix.reshape(-1, 3)
-        late, curved = -field_rate @ matrix.T, field_curvature @ matrix.T / 2
+        field_rate = rates(situation)
+        late = -field_rate @ situation.errors.matrix.reshape(-1, 3).T
         terms = []
         for sensor in range(situation.sensor_count):
             rows = np.arange(3 * sensor, 3 * sensor + 3)
-            for name, coefficient, feature in (("delay", _DELAY, late), ("delay squared", _SQUARE, curved)):
-                terms.append(Term(sensor, None, name, (coefficient,), feature[:, rows], rows, np.zeros(3, dtype=int)))
+            terms.append(Term(sensor, None, "delay", (_DELAY,), late[:, rows], rows, np.zeros(3, dtype=int)))
         for row in range(situation.scalar_row):
             terms.append(Term.of_row(situation, row, "delay of the axis", [_DELAY], late[:, row, None]))
         intensity_rate = np.sum(situation.field_T * field_rate, axis=1) / situation.intensity_T
