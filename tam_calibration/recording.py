@@ -1,7 +1,8 @@
-"""The data of one run, checked."""
+"""The data of one run, checked, and what the fits need of any source of samples."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -14,13 +15,51 @@ EARTH_FIELD_T = (15e-6, 100e-6)
 CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude")
 """What may be recorded beside the sensors; a channel that holds nothing but NaN is absent."""
 
-_PIECE = 32_768
+BLOCK = 16_384
+"""Samples that are worked on at once: what is worked out of them stays in the processor's cache."""
+
+SKETCH = 100_000
+"""Samples at most that are looked at where more would not change the judgement."""
 
 
-def pieces(sample_count: int) -> Iterator[slice]:
-    """Yield the slices that cut so many samples into pieces, so that what is worked out of a piece stays small."""
-    for start in range(0, sample_count, _PIECE):
-        yield slice(start, min(start + _PIECE, sample_count))
+class Block(NamedTuple):
+    """Some samples that follow each other, as in ``Recording``; no scalar where the whole run has none."""
+
+    time_s: FloatArray
+    readings_T: FloatArray
+    scalar_T: FloatArray | None
+
+
+class SampleSource(Protocol):
+    """The samples of one run, in memory or on disk: a ``Recording``, or what is read again for every pass."""
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples N."""
+
+    @property
+    def sensor_count(self) -> int:
+        """Number of sensors K."""
+
+    @property
+    def scalar_count(self) -> int | None:
+        """Number of samples with a scalar reading; None for a run without scalar magnetometer."""
+
+    @property
+    def time_span_s(self) -> tuple[float, float]:
+        """First and last time stamp, seconds."""
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield all samples in the order of time, ``BLOCK`` at once but for the last."""
+
+    def thinned(self, most: int) -> "Recording":
+        """Return every n-th sample, so that there are at most so many."""
+
+    def take(self, index: np.ndarray) -> "SampleSource":
+        """Return the samples that a mask (N,) selects."""
+
+    def whole(self) -> "Recording":
+        """Return all samples in memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +153,32 @@ class Recording:
     def sensor_count(self) -> int:
         """Number of sensors K."""
         return int(self.readings_T.shape[1])
+
+    @property
+    def scalar_count(self) -> int | None:
+        """Number of samples with a scalar reading; None for a run without scalar magnetometer."""
+        return None if self.scalar_T is None else int(np.isfinite(self.scalar_T).sum())
+
+    @property
+    def time_span_s(self) -> tuple[float, float]:
+        """First and last time stamp, seconds."""
+        return float(self.time_s[0]), float(self.time_s[-1])
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield all samples in the order of time, ``BLOCK`` at once but for the last."""
+        for start in range(0, self.sample_count, BLOCK):
+            part = slice(start, start + BLOCK)
+            scalar = None if self.scalar_T is None else self.scalar_T[part]
+            yield Block(self.time_s[part], self.readings_T[part], scalar)
+
+    def thinned(self, most: int) -> "Recording":
+        """Return every n-th sample, so that there are at most so many."""
+        stride = -(-self.sample_count // most)
+        return self if stride == 1 else self.take(slice(None, None, stride))
+
+    def whole(self) -> "Recording":
+        """Return the recording itself."""
+        return self
 
     def take(self, index: slice | np.ndarray) -> "Recording":
         """Return the recording of the samples that a slice, mask or increasing index selects."""

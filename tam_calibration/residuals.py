@@ -7,7 +7,7 @@ from numpy.linalg import inv, norm
 
 from tam_calibration.array import TENSOR_OUTPUTS, Array
 from tam_calibration.errors import SensorErrors
-from tam_calibration.recording import Recording, pieces
+from tam_calibration.recording import Block, Recording, SampleSource
 from tam_calibration.units import FloatArray
 
 
@@ -54,15 +54,13 @@ class Residuals:
         return float(norm(self.tensor_T_per_m))
 
 
-def residual_series(
-    errors: SensorErrors, array: Array, recording: Recording, intensity_T: float, part: slice = slice(None)
-) -> ResidualSeries:
-    """Return the residuals of samples of a recording in a uniform field, corrected with given errors.
+def residual_series(errors: SensorErrors, array: Array, recording: Recording, intensity_T: float) -> ResidualSeries:
+    """Return the residuals of the samples of a recording in a uniform field, corrected with given errors.
 
-    ``intensity_T`` stands in where the recording has no scalar channel; ``part`` selects samples, by default all.
+    ``intensity_T`` stands in where the recording has no scalar channel.
     """
-    corrected = errors.restore(recording.readings_T[part])
-    scalar = np.full(len(corrected), intensity_T) if recording.scalar_T is None else recording.scalar_T[part]
+    corrected = errors.restore(recording.readings_T)
+    scalar = np.full(len(corrected), intensity_T) if recording.scalar_T is None else recording.scalar_T
     outputs = corrected.reshape(len(corrected), -1) @ array.operator.T
     return ResidualSeries(
         norm(corrected, axis=2) - scalar[:, None],
@@ -71,21 +69,62 @@ def residual_series(
     )
 
 
-def measure_residuals(errors: SensorErrors, array: Array, recording: Recording, intensity_T: float) -> Residuals:
+class ResidualSums:
+    """The sums of the squared residuals of corrected readings, block by block, as in ``residual_series``.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        What the readings are corrected with.
+    array : Array
+        Geometry.
+    intensity_T : float
+        Stands in where there is no scalar channel.
+    """
+
+    def __init__(self, errors: SensorErrors, array: Array, intensity_T: float) -> None:
+        self._intensity_T, self._sensors = intensity_T, errors.sensor_count
+        unmix = block_diagonal(inv(errors.matrix))
+        self._map = np.concatenate([unmix, array.operator[[0, 1, 2, *TENSOR_OUTPUTS]] @ unmix])
+        self._offset = -self._map @ errors.bias_T.reshape(-1, 1)
+        self._intensity, self._known = np.zeros(self._sensors + 1), 0
+        self._tensor, self._all = np.zeros(len(TENSOR_OUTPUTS)), 0
+
+    def add(self, block: Block) -> None:
+        """Add the samples of a block."""
+        outputs = self._map @ block.readings_T.reshape(len(block.readings_T), -1).T
+        outputs += self._offset
+        square = outputs * outputs
+        vectors = square[: 3 * self._sensors + 3].reshape(self._sensors + 1, 3, -1)
+        misfit = np.sqrt(vectors[:, 0] + vectors[:, 1] + vectors[:, 2])
+        misfit -= self._intensity_T if block.scalar_T is None else block.scalar_T
+        known = np.isfinite(misfit[-1])
+        if not known.all():
+            misfit = misfit[:, known]
+        self._intensity += np.einsum("kn,kn->k", misfit, misfit)
+        self._known += misfit.shape[1]
+        self._tensor += square[3 * self._sensors + 3 :].sum(axis=1)
+        self._all += square.shape[1]
+
+    def result(self) -> Residuals:
+        """Return the root mean squares of what was added."""
+        intensity = np.sqrt(self._intensity / self._known)
+        return Residuals(intensity[:-1], float(intensity[-1]), np.sqrt(self._tensor / self._all))
+
+
+def measure_residuals(errors: SensorErrors, array: Array, source: SampleSource, intensity_T: float) -> Residuals:
     """Return the root mean square residuals of a recording, as in ``residual_series``."""
-    sensors, center, tensor, known_count = np.zeros(errors.sensor_count), 0.0, np.zeros(len(TENSOR_OUTPUTS)), 0
-    for part in pieces(recording.sample_count):
-        series = residual_series(errors, array, recording, intensity_T, part)
-        known = np.isfinite(series.center_intensity_T)
-        sensors += np.sum(series.sensor_intensity_T[known] ** 2, axis=0)
-        center += float(np.sum(series.center_intensity_T[known] ** 2))
-        tensor += np.sum(series.tensor_T_per_m**2, axis=0)
-        known_count += int(known.sum())
-    return Residuals(
-        np.sqrt(sensors / known_count),
-        float(np.sqrt(center / known_count)),
-        np.sqrt(tensor / recording.sample_count),
-    )
+    sums = ResidualSums(errors, array, intensity_T)
+    for block in source.blocks():
+        sums.add(block)
+    return sums.result()
+
+
+def block_diagonal(matrices: FloatArray) -> FloatArray:
+    """Return the (3K, 3K) matrix that applies (K, 3, 3) matrices to the vectors of each sensor."""
+    count = len(matrices)
+    blocks: FloatArray = np.einsum("kl,kij->kilj", np.eye(count), matrices).reshape(3 * count, 3 * count)
+    return blocks
 
 
 def noise_floor(errors: SensorErrors, array: Array, scalar_noise_T: float) -> Residuals:

@@ -12,7 +12,7 @@ from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.attitude_frame import find_turn
 from tam_calibration.fit.channels import Turning
 from tam_calibration.problems import InputError
-from tam_calibration.recording import Recording
+from tam_calibration.recording import Recording, SampleSource
 from tam_calibration.units import FloatArray, from_degrees, to_degrees
 
 _OPEN = 1e-12
@@ -71,9 +71,9 @@ def turning_of(recording: Recording, array: Array, field: FloatArray) -> Turning
 
 
 def as_if_uniform(
-    recording: Recording, errors: SensorErrors, array: Array, gradient: AmbientGradient | None
-) -> Recording:
-    """Return the recording as it would be in a uniform field, its attitudes aligned; itself without a gradient.
+    source: SampleSource, errors: SensorErrors, array: Array, gradient: AmbientGradient | None
+) -> SampleSource:
+    """Return samples as they would be in a uniform field, their attitudes aligned; themselves without a gradient.
 
     Raises
     ------
@@ -81,8 +81,8 @@ def as_if_uniform(
         When there is a gradient and the recording has no attitude that belongs to it.
     """
     if gradient is None:
-        return recording
-    known = require_attitude(recording)
+        return source
+    known = require_attitude(source.whole())
     assert known.attitude is not None
     attitude = aligned(known.attitude, errors.restore(known.readings_T).mean(axis=1))
     return without_gradient(replace(known, attitude=attitude), errors, array, gradient.tensor_T_per_m)

@@ -18,11 +18,11 @@ from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import into_frame_of_first
 from tam_calibration.fit.moments import finish, gather
 from tam_calibration.problems import InputError
-from tam_calibration.recording import Recording
+from tam_calibration.recording import SampleSource
 from tam_calibration.units import FloatArray
 
 
-def artificial_vector(recording: Recording, array: Array) -> Calibration:
+def artificial_vector(recording: SampleSource, array: Array) -> Calibration:
     """Fit the errors of the sensors by Li 2018a.
 
     The ellipsoid has nine unknowns about its centre, and its intensity may vary: the ten unknowns of eqs. 18 and 19
@@ -30,7 +30,7 @@ def artificial_vector(recording: Recording, array: Array) -> Calibration:
 
     Parameters
     ----------
-    recording : Recording
+    recording : SampleSource
         Samples in a uniform field; those without a scalar reading are left out where others have one.
     array : Array
         Geometry and noise.

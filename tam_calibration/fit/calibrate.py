@@ -19,10 +19,10 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.simplified_linear import simplified_linear
 from tam_calibration.fit.two_step_linear import two_step_linear
 from tam_calibration.problems import InputError
-from tam_calibration.recording import Recording
+from tam_calibration.recording import SKETCH, SampleSource
 from tam_calibration.residuals import Residuals, measure_residuals
 
-Fit = Callable[[Recording, Array], Calibration]
+Fit = Callable[[SampleSource, Array], Calibration]
 
 METHODS: dict[str, Fit] = {
     "maximum_likelihood": maximum_likelihood,
@@ -44,13 +44,13 @@ BLOCKS_PER_FOLD = 10
 
 
 def calibrate(
-    recording: Recording, array: Array, method: str = DEFAULT_METHOD, *, ambient_gradient: bool = False
+    recording: SampleSource, array: Array, method: str = DEFAULT_METHOD, *, ambient_gradient: bool = False
 ) -> Calibration:
     """Fit the errors of an array's sensors and judge the fit.
 
     Parameters
     ----------
-    recording : Recording
+    recording : SampleSource
         Samples in a uniform field, the array turned through many directions.
     array : Array
         Geometry and noise.
@@ -84,7 +84,7 @@ def calibrate(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
             "use the array file of this recording"
         )
-    recording.check_plausible()
+    recording.thinned(SKETCH).check_plausible()
     require_determined(recording, array, is_uniform=not ambient_gradient)
     try:
         calibration = fit(recording, array)
@@ -98,7 +98,7 @@ def calibrate(
     return replace(calibration, warnings=warnings, held_out=_held_out(recording, array, fit))
 
 
-def _held_out(recording: Recording, array: Array, fit: Fit) -> Residuals | None:
+def _held_out(recording: SampleSource, array: Array, fit: Fit) -> Residuals | None:
     """Return the residuals of every sample, each corrected by a fit to the other folds of blocks of time."""
     count = recording.sample_count
     block = np.arange(count) * FOLDS * BLOCKS_PER_FOLD // count

@@ -4,6 +4,9 @@ The three principal components of the whitened channels give the field up to an 
 their scores against the scalar reference fixes that map up to a rotation.
 """
 
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.linalg import inv
 
@@ -13,7 +16,6 @@ from tam_calibration.fit.scale import Normalized
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
-_PIECE = 8192
 _SMALLEST_SPREAD = 1e-12  # of readings that are not all in a plane, over the largest
 
 
@@ -42,18 +44,17 @@ def closed_form(data: Normalized, vector_noise: FloatArray, scalar_noise: float)
     InputError
         When the readings determine no ellipsoid.
     """
-    points = data.points.reshape(len(data.points), -1)
     precision = 1 / np.repeat(vector_noise, 3)
     weight = precision / precision.mean()
-    mean = points.mean(axis=0)
-    spread = weight[:, None] * (points.T @ points / len(points) - np.outer(mean, mean)) * weight
+    count = data.moments[-1, -1]
+    mean = data.moments[-1, :-1] / count
+    spread = weight[:, None] * (data.moments[:-1, :-1] / count - np.outer(mean, mean)) * weight
     values, vectors = np.linalg.eigh(spread)
     if values[-3] < _SMALLEST_SPREAD * values[-1]:
         raise InputError(ellipsoid.NO_ELLIPSOID)
     components = vectors[:, -3:]
-    known = np.isfinite(data.intensity)
-    scores, intensity = (points[known] - mean) @ (weight[:, None] * components), data.intensity[known]
-    center, shape = _weighted_ellipsoid(scores, intensity, 1 / precision.mean(), scalar_noise)
+    scores = _Scores(data, (weight[:, None] * components).T, mean)
+    center, shape = _weighted_ellipsoid(scores, 1 / precision.mean(), scalar_noise)
     matrix = (components @ inv(shape) / weight[:, None]).reshape(-1, 3, 3)
     bias = mean + components @ center / weight
     if np.linalg.det(matrix[0]) < 0:
@@ -61,27 +62,53 @@ def closed_form(data: Normalized, vector_noise: FloatArray, scalar_noise: float)
     return _into_frame_of_first(matrix), bias.reshape(-1, 3)
 
 
-def _weighted_ellipsoid(
-    scores: FloatArray, intensity: FloatArray, noise: float, scalar_noise: float
-) -> tuple[FloatArray, FloatArray]:
+@dataclass(frozen=True, eq=False)
+class _Scores:
+    """Three principal components of readings about their mean, and the intensities there are."""
+
+    data: Normalized
+    projection: FloatArray
+    mean: FloatArray
+
+    def blocks(self) -> Iterator[tuple[FloatArray, FloatArray]]:
+        offset = (self.projection @ self.mean)[:, None]
+        for points, intensity in self.data.blocks():
+            scores = self.projection @ points
+            scores -= offset
+            known = np.isfinite(intensity)
+            yield (scores, intensity) if known.all() else (scores[:, known], intensity[known])
+
+
+def _weighted_ellipsoid(scores: _Scores, noise: float, scalar_noise: float) -> tuple[FloatArray, FloatArray]:
     """Return the centre o and the square root Ω of the ellipsoid |Ω (p - o)| = s of scores with equal noise."""
-    center, shape = _ellipsoid(scores, intensity, np.ones(len(scores)))
-    field = (scores - center) @ shape.T
-    of_length = noise**2 * np.sum((field @ shape) ** 2, axis=1) / np.sum(field**2, axis=1)
+    center, shape = _ellipsoid(_moments(scores, lambda points: 1.0))
+
+    def variance(points: FloatArray) -> FloatArray:
+        field = shape @ (points - center[:, None])
+        along = shape.T @ field
+        square = np.einsum("in,in->n", along, along) / np.einsum("in,in->n", field, field)
+        of_length: FloatArray = noise**2 * square + scalar_noise**2
+        return of_length
+
     try:
-        return _ellipsoid(scores, intensity, of_length + scalar_noise**2)
+        return _ellipsoid(_moments(scores, variance))
     except InputError:
         # Readings that hardly determine an ellipsoid do not tell the weights either.
         return center, shape
 
 
-def _ellipsoid(scores: FloatArray, intensity: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the centre o and the square root Ω of the ellipsoid |Ω (p - o)| = s of samples of given variances."""
+def _moments(scores: _Scores, variance: Callable[[FloatArray], FloatArray | float]) -> FloatArray:
+    """Return the (11, 11) moments of the monomials, each sample over its variance."""
     moments = np.zeros((11, 11))
-    for start in range(0, len(scores), _PIECE):
-        part = slice(start, start + _PIECE)
-        columns = ellipsoid.monomial_columns(scores[part].T, intensity[part])
-        moments += columns / variance[part] @ columns.T
+    for points, intensity in scores.blocks():
+        columns = ellipsoid.monomial_columns(points, intensity)
+        columns *= 1 / np.sqrt(variance(points))
+        moments += columns @ columns.T
+    return moments
+
+
+def _ellipsoid(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the centre o and the square root Ω of the ellipsoid |Ω (p - o)| = s."""
     center = ellipsoid.center_of(moments)
     return center, ellipsoid.square_root(ellipsoid.shape_about(moments, center))
 

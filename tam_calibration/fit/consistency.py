@@ -1,4 +1,7 @@
-"""Whether one calibration describes a whole recording, and what speaks against trusting it."""
+"""Whether one calibration describes a whole recording, and what speaks against trusting it.
+
+Of a recording of more than ``SKETCH`` samples every n-th one is looked at.
+"""
 
 from dataclasses import dataclass
 
@@ -9,7 +12,7 @@ from tam_calibration.calibration import Calibration
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES
 from tam_calibration.fit.scale import normalize, sphere_of_most
 from tam_calibration.problems import Refused
-from tam_calibration.recording import EARTH_FIELD_T, Recording
+from tam_calibration.recording import EARTH_FIELD_T, SKETCH, SampleSource
 from tam_calibration.residuals import residual_series
 from tam_calibration.units import FloatArray, to_nanotesla
 
@@ -47,7 +50,7 @@ class _Parts:
         return f"{residual_nT:.3g} nT between {self.start_s[part]:.1f} and {self.end_s[part]:.1f} s"
 
 
-def require_one_calibration(recording: Recording, calibration: Calibration) -> None:
+def require_one_calibration(recording: SampleSource, calibration: Calibration) -> None:
     """Check that a fit is of a field on Earth and leaves the same residual throughout the recording.
 
     Raises
@@ -66,7 +69,7 @@ def require_one_calibration(recording: Recording, calibration: Calibration) -> N
         )
 
 
-def require_one_sphere(recording: Recording) -> None:
+def require_one_sphere(recording: SampleSource) -> None:
     """Check, where a fit has failed, that the readings do not leave the sphere of most of them for a part of the time.
 
     Raises
@@ -74,17 +77,18 @@ def require_one_sphere(recording: Recording) -> None:
     Refused
         With the times at which the distance from the sphere is smallest and largest.
     """
-    data = normalize(recording)
-    distance = np.zeros(recording.sample_count)
-    for sensor in range(recording.sensor_count):
-        center, radius = sphere_of_most(data.points[:, sensor])
-        distance = np.maximum(distance, np.abs(norm(data.points[:, sensor] - center, axis=1) - radius))
-    parts = _in_parts(data.radius_T * distance, recording.time_s)
+    some = recording.thinned(SKETCH)
+    data = normalize(some)
+    distance = np.zeros(some.sample_count)
+    for points in np.swapaxes(data.points, 0, 1):
+        center, radius = sphere_of_most(points)
+        distance = np.maximum(distance, np.abs(norm(points - center, axis=1) - radius))
+    parts = _in_parts(data.radius_T * distance, some.time_s)
     if parts is not None and parts.exceeds(_LARGEST_DISTANCE * data.radius_T):
         raise Refused(f"the recording is not one calibration: {parts.sentence()}; calibrate the parts apart")
 
 
-def find_warnings(recording: Recording, calibration: Calibration) -> tuple[str, ...]:
+def find_warnings(recording: SampleSource, calibration: Calibration) -> tuple[str, ...]:
     """Return what speaks against trusting a calibration, one sentence each."""
     warnings = []
     names = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
@@ -101,10 +105,11 @@ def find_warnings(recording: Recording, calibration: Calibration) -> tuple[str, 
     return tuple(warnings)
 
 
-def _residual_in_parts(recording: Recording, calibration: Calibration) -> _Parts | None:
-    series = residual_series(calibration.errors, calibration.array, recording, calibration.intensity_T)
+def _residual_in_parts(recording: SampleSource, calibration: Calibration) -> _Parts | None:
+    some = recording.thinned(SKETCH)
+    series = residual_series(calibration.errors, calibration.array, some, calibration.intensity_T)
     known = np.isfinite(series.center_intensity_T)
-    return _in_parts(np.abs(series.sensor_intensity_T[known]).max(axis=1), recording.time_s[known])
+    return _in_parts(np.abs(series.sensor_intensity_T[known]).max(axis=1), some.time_s[known])
 
 
 def _in_parts(residual: FloatArray, time: FloatArray) -> _Parts | None:

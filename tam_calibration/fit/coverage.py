@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.scale import sphere_center
-from tam_calibration.recording import Recording, pieces
+from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 IntArray = NDArray[np.integer[Any]]
@@ -82,15 +82,13 @@ def measure_coverage(field_T: FloatArray) -> Coverage:
     direction = np.divide(field_T, length, out=np.zeros_like(field_T), where=length > 0)
     cell = cell_of(direction)
     counts: IntArray = np.bincount(cell, minlength=CELLS)
-    sums = np.zeros((CELLS, 3))
-    np.add.at(sums, cell, direction)
+    sums: FloatArray = np.stack([np.bincount(cell, component, CELLS) for component in direction.T], axis=1)
     return _judge(counts, sums)
 
 
 def field_of(recording: Recording, errors: SensorErrors) -> FloatArray:
     """Return the (N, 3) field of a recording: the mean of its restored sensors."""
-    parts = pieces(recording.sample_count)
-    return np.concatenate([errors.restore(recording.readings_T[part]).mean(axis=1) for part in parts])
+    return np.concatenate([errors.restore(block.readings_T).mean(axis=1) for block in recording.blocks()])
 
 
 class LiveCoverage:

@@ -17,13 +17,14 @@ NO_ELLIPSOID = (
 )
 
 
-def monomial_columns(points: FloatArray, intensity: FloatArray) -> FloatArray:
-    """Return the (11, N) monomials of points (3, N) and intensities (N,)."""
-    columns = np.empty((11, points.shape[1]))
-    x, y, z = columns[6:9] = points
+def monomial_columns(points: FloatArray, intensity: FloatArray, out: FloatArray | None = None) -> FloatArray:
+    """Return the (11, N) monomials of points (3, N) and intensities (N,), in ``out`` where that is given."""
+    columns = np.empty((11, points.shape[1])) if out is None else out
     np.multiply(points, points, out=columns[:3])
-    np.multiply(2 * x, points[1:], out=columns[3:5])
-    np.multiply(2 * y, z, out=columns[5])
+    np.multiply(points[0], points[1:], out=columns[3:5])
+    np.multiply(points[1], points[2], out=columns[5])
+    columns[3:6] *= 2
+    columns[6:9] = points
     columns[9] = 1
     np.multiply(intensity, intensity, out=columns[10])
     return columns

@@ -17,19 +17,19 @@ from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.moments import finish, gather
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.problems import InputError
-from tam_calibration.recording import Recording
+from tam_calibration.recording import SKETCH, Recording, SampleSource
 from tam_calibration.units import FloatArray
 
 _NOISE_MARGIN = 10.0
 _ROUNDING = 1e-9
 
 
-def fast_rotation(recording: Recording, array: Array) -> Calibration:
+def fast_rotation(recording: SampleSource, array: Array) -> Calibration:
     """Fit the errors of the sensors by Li 2018b, where the turns determine them.
 
     Parameters
     ----------
-    recording : Recording
+    recording : SampleSource
         Samples in a uniform field, turned about three axes; those without a scalar reading are left out where others
         have one.
     array : Array
@@ -46,7 +46,7 @@ def fast_rotation(recording: Recording, array: Array) -> Calibration:
         When the turns leave parameters open, as one turn about one axis does; it names them. When a sensor is
         left-handed.
     """
-    _require_turns(recording, array)
+    _require_turns(recording.thinned(SKETCH), array)
     moments = gather(recording, "fast rotation", with_platform=True)
     center = ellipsoid.center_of(moments.quartic)
     unmix = ellipsoid.square_root(ellipsoid.shape_about(moments.quartic, center))

@@ -9,7 +9,7 @@ from tam_calibration.fit.bound import bound
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.fit.scale import Normalized, normalize
 from tam_calibration.problems import InputError
-from tam_calibration.recording import Recording
+from tam_calibration.recording import SKETCH, SampleSource
 from tam_calibration.units import FloatArray
 
 FEWEST_SAMPLES = 9
@@ -20,7 +20,7 @@ _LARGEST_RELATIVE_ERROR = 0.005
 _SAMPLES = 5000
 
 
-def require_determined(recording: Recording, array: Array, is_uniform: bool = True) -> None:
+def require_determined(recording: SampleSource, array: Array, is_uniform: bool = True) -> None:
     """Check, before a fit, that a recording determines all parameters.
 
     The bound is taken at error-free sensors whose fields are the readings about the centre of their sphere. In a field
@@ -37,14 +37,14 @@ def require_determined(recording: Recording, array: Array, is_uniform: bool = Tr
             f"{count} samples cannot determine the {12 * recording.sensor_count - 3} parameters of "
             f"{recording.sensor_count} sensors: at least {FEWEST_SAMPLES} different attitudes are needed, better 50"
         )
-    noisy, _ = complete_noise(array, recording)
-    data = normalize(recording)
-    known = np.isfinite(data.intensity)
-    if known.sum() < FEWEST_SAMPLES:
+    scalar_count = recording.scalar_count
+    if scalar_count is not None and scalar_count < FEWEST_SAMPLES:
         raise InputError(
-            f"only {known.sum()} samples have a scalar reading: at least {FEWEST_SAMPLES} are needed, or none"
+            f"only {scalar_count} samples have a scalar reading: at least {FEWEST_SAMPLES} are needed, or none"
         )
-    field = data.radius_T * data.points[known, 0]
+    noisy, _ = complete_noise(array, recording)
+    data = normalize(recording.thinned(SKETCH))
+    field = data.radius_T * data.points[np.isfinite(data.intensity), 0]
     some = field[:: -(-len(field) // _SAMPLES)]
     covariance = bound(some, SensorErrors.none(recording.sensor_count), noisy, data.has_scalar)
     excess = _noise_excess(data, noisy) if is_uniform else 1.0

@@ -13,7 +13,7 @@ from tam_calibration.fit import attitude_frame, ellipsoid
 from tam_calibration.fit.alignment import field_products, procrustes
 from tam_calibration.fit.moments import Moments, finish, gather
 from tam_calibration.problems import InputError
-from tam_calibration.recording import Recording
+from tam_calibration.recording import SampleSource
 from tam_calibration.units import FloatArray
 
 FRAME_STATEMENT = (
@@ -30,12 +30,12 @@ It is 3 for a sphere. The first bound admits axes of 14 to 1; what is fitted und
 """
 
 
-def integrated(recording: Recording, array: Array) -> Calibration:
+def integrated(recording: SampleSource, array: Array) -> Calibration:
     """Fit the matrices and biases of sensors near iron by Chi 2017.
 
     Parameters
     ----------
-    recording : Recording
+    recording : SampleSource
         Samples in a uniform field of an intensity that is taken as constant, the mean square of the scalar readings;
         the iron is fixed to the array.
     array : Array
@@ -52,6 +52,7 @@ def integrated(recording: Recording, array: Array) -> Calibration:
     InputError
         When the readings determine no ellipsoid, or a sensor is left-handed.
     """
+    recording = recording.whole()
     moments = gather(recording, "integrated")
     shape, center = constrained_ellipsoid(moments.quartic, moments.mean_square)
     unmix = ellipsoid.square_root(shape)
@@ -67,13 +68,15 @@ def _turns(moments: Moments, matrix: FloatArray, center: FloatArray) -> FloatArr
     """Return the rotations (S, 3, 3) from the frame of sensor 1 to the one whose attitude was recorded."""
     from scipy.spatial.transform import Rotation
 
-    to_world = Rotation.from_quat(moments.recording.attitude).as_matrix()
+    known = moments.known()
+    to_world = Rotation.from_quat(known.attitude).as_matrix()
+    points = (known.readings_T[:, 0] - moments.data.origin_T[0]) / moments.data.radius_T
     chosen = np.ones((len(matrix), len(to_world)), dtype=bool)
-    for index, left_out in enumerate(moments.left_out):
+    for index, left_out in enumerate(moments.left_out()):
         chosen[index + 1, left_out] = False
     turns = []
     for unmix, bias, samples in zip(inv(matrix[:, 0]), center[:, 0], chosen, strict=True):
-        field = (moments.data.points[samples, 0] - bias) @ unmix.T
+        field = (points[samples] - bias) @ unmix.T
         turns.append(attitude_frame.find_turn(field, to_world[samples]))
     return np.array(turns)
 

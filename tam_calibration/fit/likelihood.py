@@ -9,10 +9,9 @@ serve every point; the common mode takes one pass over the data, in pieces that 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.fit.channels import Channels, Turning
@@ -98,14 +97,8 @@ class Likelihood:
         """
         channels = Channels.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
         moments = self._moments if weights is None else _second_moments(self._flat, weights)
-        information, gradient, differential = _differential(channels, moments)
-        size = channels.response[0].size
-        common = self._common_mode_moments(channels, weights)
-        response = channels.response.reshape(-1, size)
-        information += response @ common[:size, :size] @ response.T
-        gradient += response @ common[:size, size]
         reference_count = int(np.isfinite(self.intensity).sum())
-        return Linearization(information, gradient, differential, float(common[size, size]), reference_count)
+        return linearization(channels, moments, self._common_mode_moments(channels, weights), reference_count)
 
     def energy(self, matrix: FloatArray, bias: FloatArray, ambient_gradient: FloatArray = UNIFORM) -> FloatArray:
         """Return the (N,) sums of the squares of each sample's whitened channels."""
@@ -115,8 +108,8 @@ class Likelihood:
         for part in self._pieces():
             unbiased = self._flat[part] @ channels.unbiased[:, :-1].T + channels.unbiased[:, -1]
             energy[part] = np.maximum(np.sum((unbiased @ channels.complement) * unbiased, axis=1), 0)
-            _, _, misfit, precision, known = self._common_mode(part, channels)
-            energy[part][known] += precision * misfit**2
+            there = self._common_mode(part, channels)
+            energy[part][there.known] += there.precision * there.misfit**2
         return energy
 
     @cached_property
@@ -134,41 +127,76 @@ class Likelihood:
             yield slice(start, start + _PIECE)
 
     def _common_mode_moments(self, channels: Channels, weights: FloatArray | None) -> FloatArray:
-        """Return the whitened second moments of direction ⊗ [field, features, 1] and, last, of the misfit."""
+        """Return the moments of ``whitened`` columns; what samples share is taken off."""
         size = channels.response[0].size + 1
         total, kept = np.zeros((size, size)), []
         for part in self._pieces():
-            field, direction, misfit, precision, known = self._common_mode(part, channels)
+            there = self._common_mode(part, channels)
             if weights is not None:
-                precision = precision * weights[part][known]
-            features = self._flat[part, 3 * self.points.shape[1] :][known]
-            extended = np.column_stack([field, features, np.ones(len(field))])
-            columns = np.empty((len(field), size))
-            columns[:, :-1] = (direction[:, :, None] * extended[:, None, :]).reshape(len(field), -1)
-            columns[:, -1] = misfit
-            weighted = columns * precision[:, None]
-            total += weighted.T @ columns
+                there = there._replace(precision=there.precision * weights[part][there.known])
+            columns = whitened(there, self._flat[part, 3 * self.points.shape[1] :].T)
+            total += columns @ columns.T
             if self.interpolation_noise is not None:
-                kept.append((weighted, precision))
+                kept.append((columns.T * np.sqrt(there.precision)[:, None], there.precision))
         if self.interpolation_noise is None:
             return total
         return total - self.interpolation_noise.explained(
             *(np.concatenate(column) for column in zip(*kept, strict=True))
         )
 
-    def _common_mode(
-        self, part: slice, channels: Channels
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, slice | BoolArray]:
-        """Return field and direction there, the misfit to the reference and its precision, and where there is one."""
-        intensity = self.intensity[part]
-        finite = np.isfinite(intensity)
-        known = slice(None) if finite.all() else finite
-        field = (self._flat[part] @ channels.at_scalar[:, :-1].T + channels.at_scalar[:, -1])[known]
-        length = norm(field, axis=1)
-        direction = field / length[:, None]
-        own: Any = self.scalar_noise if np.ndim(self.scalar_noise) == 0 else np.asarray(self.scalar_noise)[part][known]
-        variance = own**2 + np.sum((direction @ channels.covariance) * direction, axis=1)
-        return field, direction, length - intensity[known], 1 / variance, known
+    def _common_mode(self, part: slice, channels: Channels) -> "CommonMode":
+        own: Any = self.scalar_noise if np.ndim(self.scalar_noise) == 0 else np.asarray(self.scalar_noise)[part]
+        return common_mode(channels, self._flat[part].T, self.intensity[part], own)
+
+
+class CommonMode(NamedTuple):
+    """The channel of samples with a reference: at the scalar magnetometer field and direction (3, n), the misfit (n,).
+
+    ``precision`` is one over the variance of the misfit; ``known`` tells which samples these are.
+    """
+
+    field: FloatArray
+    direction: FloatArray
+    misfit: FloatArray
+    precision: FloatArray
+    known: slice | BoolArray
+
+
+def common_mode(channels: Channels, rows: FloatArray, intensity: FloatArray, scalar_noise: Any) -> CommonMode:
+    """Return the common mode of rows (Z - 1, n), without their 1, and intensities (n,)."""
+    finite = np.isfinite(intensity)
+    known = slice(None) if finite.all() else finite
+    field = channels.at_scalar[:, :-1] @ rows[:, known]
+    field += channels.at_scalar[:, -1:]
+    length = np.sqrt(np.einsum("in,in->n", field, field))
+    direction = field / length
+    own = scalar_noise if np.ndim(scalar_noise) == 0 else scalar_noise[known]
+    variance = own**2 + np.einsum("in,in->n", channels.covariance @ direction, direction)
+    return CommonMode(field, direction, length - intensity[known], 1 / variance, known)
+
+
+def whitened(there: CommonMode, features: FloatArray) -> FloatArray:
+    """Return the whitened columns direction ⊗ [field, features, 1] and, last, the misfit: (3 F + 1, n).
+
+    The features (Q, m) are those of all samples, also of those without a reference.
+    """
+    root = np.sqrt(there.precision)
+    extended = np.concatenate([there.field, features[:, there.known], np.ones((1, len(root)))])
+    extended *= root
+    columns = np.empty((3 * len(extended) + 1, len(root)))
+    np.multiply(there.direction[:, None], extended, out=columns[:-1].reshape(3, *extended.shape))
+    np.multiply(there.misfit, root, out=columns[-1])
+    return columns
+
+
+def linearization(channels: Channels, moments: FloatArray, common: FloatArray, reference_count: int) -> Linearization:
+    """Return the normal equations from the second moments of the rows and of the ``whitened`` columns."""
+    information, gradient, differential = _differential(channels, moments)
+    size = channels.response[0].size
+    response = channels.response.reshape(-1, size)
+    information += response @ common[:size, :size] @ response.T
+    gradient += response @ common[:size, size]
+    return Linearization(information, gradient, differential, float(common[size, size]), reference_count)
 
 
 def _differential(channels: Channels, moments: FloatArray) -> tuple[FloatArray, FloatArray, float]:

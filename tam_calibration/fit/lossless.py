@@ -4,7 +4,6 @@ Step 1 finds each sensor's bias as the centre of an ellipsoid, step 2 its scale 
 the scalar reference, step 3 the misalignment between sensors by Procrustes analysis.
 """
 
-import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.array import Array
@@ -13,16 +12,22 @@ from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import field_products, procrustes
 from tam_calibration.fit.moments import Moments, finish, gather
-from tam_calibration.recording import Recording
+from tam_calibration.fit.published_step import published_center
+from tam_calibration.fit.result import Estimate, make_calibration
+from tam_calibration.fit.sandwich import sandwich
+from tam_calibration.fit.scale import free_scale
+from tam_calibration.recording import SampleSource
 from tam_calibration.units import FloatArray
 
+_NAME = "lossless"
 
-def lossless(recording: Recording, array: Array, *, as_published: bool = False) -> Calibration:
+
+def lossless(recording: SampleSource, array: Array, *, as_published: bool = False) -> Calibration:
     """Fit the errors of the sensors by Wu 2025.
 
     Parameters
     ----------
-    recording : Recording
+    recording : SampleSource
         Samples in a uniform field; those without a scalar reading are left out where others have one.
     array : Array
         Geometry and noise.
@@ -33,36 +38,54 @@ def lossless(recording: Recording, array: Array, *, as_published: bool = False) 
     Returns
     -------
     Calibration
-        With the covariance of a jackknife over groups of samples.
+        With the covariance of ``sandwich``; as published that of a jackknife over groups of samples.
 
     Raises
     ------
     InputError
         When the readings determine no ellipsoid, or a sensor is left-handed.
     """
-    method = "lossless (as published)" if as_published else "lossless"
-    moments = gather(recording, method)
-    center = _published_center(moments) if as_published else ellipsoid.center_of(moments.quartic)
-    return finish(method, recording, array, moments.data, _matrix_about(moments, center), center)
+    if as_published:
+        moments = gather(recording, _NAME)
+        center = published_center(moments)
+        matrix = _matrix_about(moments, center)
+        return finish("lossless (as published)", recording, array, moments.data, matrix, center)
+    moments, matrix, center = _fit(recording)
+    errors = _errors(moments, matrix, center)
+    factor = 1.0 if moments.data.has_scalar else float(free_scale(matrix))
+    covariance = sandwich(moments, errors, factor)
+    estimate = Estimate(errors, covariance, covariance_from_noise=False, intensity_T=moments.data.radius_T / factor)
+    return make_calibration(_NAME, recording, array, estimate)
 
 
-def estimate(recording: Recording) -> SensorErrors:
-    """Return the errors alone, without covariance and quality: the same numbers in a tenth of the time.
+def estimate(recording: SampleSource) -> SensorErrors:
+    """Return the errors alone, without covariance and quality: the same numbers in a third of the time.
 
     Parameters
     ----------
-    recording : Recording
-        Samples in a uniform field, with a scalar reference.
+    recording : SampleSource
+        Samples in a uniform field.
 
     Raises
     ------
     InputError
         When the readings determine no ellipsoid, or a sensor is left-handed.
     """
-    moments = gather(recording, "lossless", groups=1)
+    return _errors(*_fit(recording))
+
+
+def _fit(recording: SampleSource) -> tuple[Moments, FloatArray, FloatArray]:
+    """Return the moments, and from them matrices D Λ (K, 3, 3) and centres (K, 3)."""
+    moments = gather(recording, _NAME, groups=1)
     center = ellipsoid.center_of(moments.quartic)
-    bias_T = moments.data.origin_T + moments.data.radius_T * center[0]
-    return SensorErrors.from_matrix(_matrix_about(moments, center)[0], bias_T)
+    return moments, _matrix_about(moments, center)[0], center[0]
+
+
+def _errors(moments: Moments, matrix: FloatArray, center: FloatArray) -> SensorErrors:
+    factor = 1.0 if moments.data.has_scalar else float(free_scale(matrix))
+    errors = SensorErrors.from_matrix(factor * matrix, moments.data.origin_T + moments.data.radius_T * center)
+    errors.misalignment[0] = 0
+    return errors
 
 
 def _matrix_about(moments: Moments, center: FloatArray) -> FloatArray:
@@ -71,45 +94,3 @@ def _matrix_about(moments: Moments, center: FloatArray) -> FloatArray:
     rotation = procrustes(field_products(moments.joint, unmix, center)[:, :, 0])
     matrix: FloatArray = inv(unmix) @ rotation
     return matrix
-
-
-def _published_center(moments: Moments) -> FloatArray:
-    """Return the centres of step 1 as printed: origin at zero reading, intensity constant, SLSQP on eq. 12."""
-    quartic = moments.quartic
-    origin = -moments.data.origin_T / moments.data.radius_T
-    from_zero = ellipsoid.move_origin(quartic, np.broadcast_to(origin, (len(quartic), *origin.shape)))
-    found = np.empty((*quartic.shape[:2], 3))
-    for index in np.ndindex(*quartic.shape[:2]):
-        found[index] = _sequential_quadratic_programming(from_zero[index])
-    centers: FloatArray = found + origin
-    return centers
-
-
-def _sequential_quadratic_programming(moments: FloatArray) -> FloatArray:
-    from scipy.optimize import minimize
-
-    unknowns = np.linalg.solve(moments[:9, :9], moments[:9, 9])
-    center = np.linalg.solve(ellipsoid.symmetric(unknowns[:6]), -unknowns[6:] / 2)
-    # The linear form yields A/(1 - oᵀAo).
-    shape = unknowns[:6] / (1 + center @ ellipsoid.symmetric(unknowns[:6]) @ center)
-    start = np.concatenate([shape, center])
-
-    def objective(u: FloatArray) -> tuple[float, FloatArray]:
-        matrix = ellipsoid.symmetric(u[:6])
-        x, y, z = u[6:]
-        coefficients = np.concatenate([u[:6], -2 * matrix @ u[6:], [u[6:] @ matrix @ u[6:] - 1]])
-        derivative = np.zeros((10, 9))
-        derivative[:6, :6] = np.eye(6)
-        by_shape = np.array([[x, 0, 0, y, z, 0], [0, y, 0, x, 0, z], [0, 0, z, 0, x, y]])
-        derivative[6:9, :6], derivative[6:9, 6:] = -2 * by_shape, -2 * matrix
-        derivative[9, :6] = [x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z]
-        derivative[9, 6:] = 2 * matrix @ u[6:]
-        weighted = moments[:10, :10] @ coefficients / moments[9, 9]
-        return float(coefficients @ weighted), 2 * derivative.T @ weighted
-
-    bounds = [(value - 1, value + 1) for value in start]
-    result = minimize(
-        objective, start, jac=True, method="SLSQP", bounds=bounds, options={"ftol": 1e-24, "maxiter": 200}
-    )
-    found: FloatArray = result.x[6:]
-    return found

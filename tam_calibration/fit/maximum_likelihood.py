@@ -4,7 +4,9 @@ Each sample's field is eliminated exactly and Gauss-Newton solves for the 12 K -
 determines, from a start that is nearly the solution: see ``closed_form``.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -23,13 +25,14 @@ from tam_calibration.fit.ambient_gradient import (
 )
 from tam_calibration.fit.bound import parameter_covariance
 from tam_calibration.fit.closed_form import closed_form
-from tam_calibration.fit.likelihood import UNIFORM, Likelihood
+from tam_calibration.fit.likelihood import UNIFORM, Likelihood, Linearization
 from tam_calibration.fit.noise import complete_noise
-from tam_calibration.fit.reference import interpolate, is_worth_interpolating
+from tam_calibration.fit.reference import LARGEST_SHARE, interpolate, is_worth_interpolating
 from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
+from tam_calibration.fit.uniform_likelihood import UniformLikelihood
 from tam_calibration.problems import InputError, Refused
-from tam_calibration.recording import Recording
+from tam_calibration.recording import Recording, SampleSource
 from tam_calibration.units import FloatArray
 
 _MOST_STEPS = 100
@@ -44,16 +47,17 @@ class _Point(NamedTuple):
 
 
 def maximum_likelihood(
-    recording: Recording, array: Array, *, robust: bool = False, ambient_gradient: bool = False
+    recording: SampleSource, array: Array, *, robust: bool = False, ambient_gradient: bool = False
 ) -> Calibration:
     """Fit the errors of the sensors by maximum likelihood.
 
     Parameters
     ----------
-    recording : Recording
+    recording : SampleSource
         Samples in a uniform field. Between the readings of a scalar magnetometer that is slower than the sensors the
         intensity is interpolated, see ``reference``; other samples without one count with what the sensors say of each
-        other. Without any scalar reading the intensity is an unknown constant.
+        other. Without any scalar reading the intensity is an unknown constant. The interpolation, as the two options,
+        needs all samples in memory.
     array : Array
         Geometry and noise; a noise that is not stated is estimated.
     robust : bool
@@ -78,46 +82,107 @@ def maximum_likelihood(
         When the iteration does not settle.
     """
     if ambient_gradient:
-        recording = require_attitude(recording)
+        recording = require_attitude(recording.whole())
     noisy, _ = complete_noise(array, recording)
     data = normalize(recording)
-    # In a gradient the intensity away from the centre changes as the array is turned, not along a line.
-    is_steady = not ambient_gradient or array.scalar_position_m is None
-    likelihood = _likelihood(recording, noisy, data, may_interpolate=is_steady and not robust)
-    point = _Point(*closed_form(data, likelihood.vector_noise, _scalar_noise(noisy, data)))
-    if ambient_gradient:
-        likelihood, point = _aligned_start(recording, noisy, likelihood, point)
-    matrix, bias, components = point = _gauss_newton(likelihood, point, robust)
-    information = likelihood.linearize(matrix, bias, None, components).information
-    if robust:
-        energy, channels = likelihood.energy(*point), likelihood.channel_count
-        information = information / student.variance_factor(energy, channels, student.scale_square(energy, channels))
-    factor = 1.0 if data.has_scalar else float(free_scale(matrix))
+    if robust or ambient_gradient:
+        point, information = _fit_in_memory(recording.whole(), noisy, data, robust, ambient_gradient)
+    else:
+        point, information = _fit(recording, noisy, data)
+    errors, factor = _errors(data, point)
     intensity_T = data.radius_T / factor
     gradient = None
     if ambient_gradient:
         information, of_gradient = marginal_information(information, _free_rows(recording.sensor_count))
-        gradient = gradient_of(components, of_gradient, intensity_T)
-    errors = SensorErrors.from_matrix(factor * matrix, data.origin_T + data.radius_T * bias)
-    errors.misalignment[0] = 0
+        gradient = gradient_of(point.gradient, of_gradient, intensity_T)
     free_intensity = None if data.has_scalar else intensity_T
     covariance = parameter_covariance(information, errors, data.radius_T, free_intensity)
     estimate = Estimate(errors, covariance, True, intensity_T, gradient)
     return make_calibration("robust" if robust else "maximum_likelihood", recording, array, estimate)
 
 
+def estimate(recording: SampleSource, array: Array) -> SensorErrors:
+    """Return the errors alone, without covariance and quality: the same numbers in less time.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Samples in a uniform field, as in ``maximum_likelihood``.
+    array : Array
+        Geometry and noise; a noise that is not stated is estimated.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid, or a sensor is left-handed.
+    Refused
+        When the iteration does not settle.
+    """
+    noisy, _ = complete_noise(array, recording)
+    data = normalize(recording)
+    return _errors(data, _fit(recording, noisy, data)[0])[0]
+
+
+def _errors(data: Normalized, point: _Point) -> tuple[SensorErrors, float]:
+    """Return the errors at a point, and by how much their scale exceeds that of the data."""
+    factor = 1.0 if data.has_scalar else float(free_scale(point.matrix))
+    errors = SensorErrors.from_matrix(factor * point.matrix, data.origin_T + data.radius_T * point.bias)
+    errors.misalignment[0] = 0
+    return errors, factor
+
+
+def _fit(recording: SampleSource, array: Array, data: Normalized) -> tuple[_Point, FloatArray]:
+    """Return the estimate in a uniform field and its information, the intensity interpolated where it is slow."""
+    if _is_slow(recording):
+        return _fit_in_memory(recording.whole(), array, data, robust=False, ambient_gradient=False)
+    likelihood = UniformLikelihood(data, *_noise(array, data))
+    point = _Point(*closed_form(data, *_noise(array, data)))
+    return _gauss_newton(lambda there: likelihood.linearize(there.matrix, there.bias), point)
+
+
+def _is_slow(recording: SampleSource) -> bool:
+    count = recording.scalar_count
+    if count is None or count > LARGEST_SHARE * recording.sample_count:
+        return False
+    scalar_T = recording.whole().scalar_T
+    return scalar_T is not None and is_worth_interpolating(scalar_T)
+
+
+def _fit_in_memory(
+    recording: Recording, array: Array, data: Normalized, robust: bool, ambient_gradient: bool
+) -> tuple[_Point, FloatArray]:
+    """Return the estimate and its information where samples differ in weight, attitude or share of a reading."""
+    # In a gradient the intensity away from the centre changes as the array is turned, not along a line.
+    is_steady = not ambient_gradient or array.scalar_position_m is None
+    likelihood = _likelihood(recording, array, data, may_interpolate=is_steady and not robust)
+    point = _Point(*closed_form(data, *_noise(array, data)))
+    if ambient_gradient:
+        likelihood, point = _aligned_start(recording, array, likelihood, point)
+    point, information = _gauss_newton(partial(_linearize, likelihood, robust), point, robust)
+    if robust:
+        energy, channels = likelihood.energy(*point), likelihood.channel_count
+        factor = student.variance_factor(energy, channels, student.scale_square(energy, channels))
+        information = _linearize(likelihood, False, point).information / factor
+    return point, information
+
+
+def _linearize(likelihood: Likelihood, robust: bool, point: _Point) -> Linearization:
+    weights = _student_weights(likelihood, point) if robust else None
+    return likelihood.linearize(point.matrix, point.bias, weights, point.gradient)
+
+
 def _likelihood(recording: Recording, array: Array, data: Normalized, may_interpolate: bool) -> Likelihood:
-    assert array.vector_noise_T is not None
-    vector_noise, scalar_noise = array.vector_noise_T / data.radius_T, _scalar_noise(array, data)
+    vector_noise, scalar_noise = _noise(array, data)
     if not may_interpolate or not is_worth_interpolating(data.intensity):
         return Likelihood(data.points, data.intensity, vector_noise, scalar_noise)
     reference = interpolate(recording.time_s, data.intensity, scalar_noise)
     return Likelihood(data.points, reference.intensity, vector_noise, 0.0, reference.noise)
 
 
-def _scalar_noise(array: Array, data: Normalized) -> float:
-    assert array.scalar_noise_T is not None
-    return array.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
+def _noise(array: Array, data: Normalized) -> tuple[FloatArray, float]:
+    """Return the noise of the sensors and of the intensity in the unit of the data."""
+    assert array.vector_noise_T is not None and array.scalar_noise_T is not None
+    return array.vector_noise_T / data.radius_T, array.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
 
 
 def _aligned_start(
@@ -132,10 +197,10 @@ def _aligned_start(
         likelihood = replace(likelihood, turning=turning_of(recording, array, field))
         if start:
             point = point._replace(gradient=np.zeros(5))
-            information = likelihood.linearize(point.matrix, point.bias, None, point.gradient).information
+            information = _linearize(likelihood, False, point).information
             _, covariance = marginal_information(information, _free_rows(recording.sensor_count))
             require_gradient_determined(covariance, likelihood.vector_noise, array)
-            point = _gauss_newton(likelihood, point, robust=False)
+            point, _ = _gauss_newton(partial(_linearize, likelihood, False), point)
     return likelihood, point
 
 
@@ -146,13 +211,15 @@ def _free_rows(count: int) -> np.ndarray:
     return free
 
 
-def _gauss_newton(likelihood: Likelihood, point: _Point, robust: bool) -> _Point:
+def _gauss_newton(
+    linearize: Callable[[_Point], Linearization], point: _Point, robust: bool = False
+) -> tuple[_Point, FloatArray]:
+    """Return the point where the iteration settles, and the information a last step before, far below its errors."""
     rows = 12 * len(point.matrix)
     free = np.append(_free_rows(len(point.matrix)), np.ones(len(point.gradient), dtype=bool))
     previous = np.inf
     for _ in range(_MOST_STEPS):
-        weights = _student_weights(likelihood, point) if robust else None
-        here = likelihood.linearize(point.matrix, point.bias, weights, point.gradient)
+        here = linearize(point)
         step = np.zeros(free.size)
         step[free] = _solve(here.information[np.ix_(free, free)], here.gradient[free])
         # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.
@@ -162,7 +229,7 @@ def _gauss_newton(likelihood: Likelihood, point: _Point, robust: bool) -> _Point
         # Newton's steps fall quadratically until rounding stops them, those with new weights by a constant factor.
         is_rounding = not robust and decrement < 1e-2 and decrement > previous / 4
         if is_rounding or decrement < (1e-5 if robust else 1e-6):
-            return point
+            return point, here.information
         previous = decrement
     raise Refused(
         f"the fit did not settle in {_MOST_STEPS} steps: the readings do not fit one calibration, "

@@ -16,7 +16,7 @@ from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
 from tam_calibration.problems import InputError
-from tam_calibration.recording import Recording
+from tam_calibration.recording import BLOCK, Recording, SampleSource
 from tam_calibration.units import FloatArray
 
 IntArray = NDArray[np.integer[Any]]
@@ -24,8 +24,6 @@ IntArray = NDArray[np.integer[Any]]
 JACKKNIFE_GROUPS = 64
 FEWEST_SAMPLES = 10
 """An ellipsoid has nine parameters; one sample more lets the jackknife leave one out."""
-
-_PIECE = 16_384
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,21 +38,22 @@ class Moments:
         Of the readings of all sensors, and 1.
     data : Normalized
         The samples, about the origins and in the unit of the moments.
-    recording : Recording
-        The same samples.
     """
 
     quartic: FloatArray
     joint: FloatArray
     data: Normalized
-    recording: Recording
 
-    @property
+    def known(self) -> Recording:
+        """Return the samples that count, in memory."""
+        recording = self.data.source.whole()
+        return recording if recording.scalar_T is None else recording.take(np.isfinite(recording.scalar_T))
+
     def left_out(self) -> list[IntArray]:
-        """The samples that each set but the first leaves out."""
-        groups, count = len(self.joint) - 1, len(self.data.points)
-        parts = [np.arange(start, min(start + _PIECE, count)) for start in range(0, count, _PIECE)]
-        number = np.concatenate([np.arange(len(part)) // _length_of_run(len(part), groups) for part in parts])
+        """Return which of these samples each set but the first leaves out."""
+        groups = len(self.joint) - 1
+        counts = [int(np.isfinite(intensity).sum()) for _, intensity in self.data.blocks()]
+        number = np.concatenate([np.arange(count) // _length_of_run(count, groups) for count in counts])
         return [np.flatnonzero(number == group) for group in range(groups)]
 
     @property
@@ -72,13 +71,13 @@ class Moments:
 
 
 def gather(
-    recording: Recording, method: str, *, with_platform: bool = False, groups: int = JACKKNIFE_GROUPS
+    source: SampleSource, method: str, *, with_platform: bool = False, groups: int = JACKKNIFE_GROUPS
 ) -> Moments:
-    """Return the moments of the samples that have a scalar reading, or of all where none has.
+    """Return the moments of the samples that have a scalar reading, or of all where none has, in one pass.
 
     Parameters
     ----------
-    recording : Recording
+    source : SampleSource
         Samples in a uniform field.
     method : str
         What needs them, for people.
@@ -92,36 +91,35 @@ def gather(
     InputError
         When there are too few samples.
     """
-    scalar = recording.scalar_T
-    known = recording if scalar is None else recording.take(np.isfinite(scalar))
-    if known.sample_count < FEWEST_SAMPLES:
-        raise InputError(
-            f"{known.sample_count} samples are too few for the {method} calibration: it needs {FEWEST_SAMPLES}"
-        )
-    data = _append_mean(normalize(known)) if with_platform else normalize(known)
-    quartic, joint = _moments_of_groups(data, groups)
-    return Moments(_with_each_left_out(quartic), _with_each_left_out(joint), data, known)
-
-
-def _append_mean(data: Normalized) -> Normalized:
-    points = np.concatenate([data.points, data.points.mean(axis=1, keepdims=True)], axis=1)
-    origin = np.concatenate([data.origin_T, data.origin_T.mean(axis=0, keepdims=True)])
-    return replace(data, points=points, origin_T=origin)
-
-
-def _moments_of_groups(data: Normalized, most: int) -> tuple[FloatArray, FloatArray]:
-    """Return the (G, K, 11, 11) and (G, 3K+1, 3K+1) moments of groups of samples, dealt in short runs in turn."""
-    count, sensors = data.points.shape[:2]
-    groups = -(-count // _length_of_run(count, min(most, count))) if count < _PIECE else most
+    known = source.sample_count if source.scalar_count is None else source.scalar_count
+    if known < FEWEST_SAMPLES:
+        raise InputError(f"{known} samples are too few for the {method} calibration: it needs {FEWEST_SAMPLES}")
+    if source.sample_count <= BLOCK:
+        groups = -(-known // _length_of_run(known, min(groups, known)))
+    data = normalize(source)
+    sensors = source.sensor_count + with_platform
     quartic, joint = np.zeros((groups, sensors, 11, 11)), np.zeros((groups, 3 * sensors + 1, 3 * sensors + 1))
-    for start in range(0, count, _PIECE):
-        columns = np.ascontiguousarray(data.points[start : start + _PIECE].reshape(-1, 3 * sensors).T)
-        intensity = data.intensity[start : start + _PIECE]
-        for sensor in range(sensors):
-            own = ellipsoid.monomial_columns(columns[3 * sensor : 3 * sensor + 3], intensity)
-            quartic[:, sensor] += _products_of_runs(own, groups)
-        joint += _products_of_runs(np.vstack([columns, np.ones((1, columns.shape[1]))]), groups)
-    return quartic, joint
+    for points, intensity in data.blocks():
+        _add_block(quartic, joint, points, intensity)
+    return Moments(_with_each_left_out(quartic), _with_each_left_out(joint), data)
+
+
+def _add_block(quartic: FloatArray, joint: FloatArray, points: FloatArray, intensity: FloatArray) -> None:
+    """Add to the moments (G, K, 11, 11) and (G, 3K+1, 3K+1) of groups of samples, dealt in short runs in turn."""
+    groups, sensors = quartic.shape[:2]
+    finite = np.isfinite(intensity)
+    if not finite.all():
+        points, intensity = points[:, finite], intensity[finite]
+    columns = np.empty((3 * sensors + 1, points.shape[1]))
+    columns[: len(points)] = points
+    if len(points) < 3 * sensors:
+        columns[-4:-1] = points.reshape(-1, 3, points.shape[1]).mean(axis=0)
+    columns[-1] = 1
+    monomials = np.empty((11, points.shape[1]))
+    for sensor in range(sensors):
+        ellipsoid.monomial_columns(columns[3 * sensor : 3 * sensor + 3], intensity, monomials)
+        quartic[:, sensor] += _products_of_runs(monomials, groups)
+    joint += _products_of_runs(columns, groups)
 
 
 def _products_of_runs(columns: FloatArray, groups: int) -> FloatArray:
@@ -148,7 +146,7 @@ def _with_each_left_out(groups: FloatArray) -> FloatArray:
 
 def finish(
     method: str,
-    recording: Recording,
+    source: SampleSource,
     array: Array,
     data: Normalized,
     matrix: FloatArray,
@@ -161,7 +159,7 @@ def finish(
     ----------
     method : str
         Its name.
-    recording, array : Recording, Array
+    source, array : SampleSource, Array
         What it was given.
     data : Normalized
         Of the moments.
@@ -173,7 +171,7 @@ def finish(
         What the common frame is; by default the orthogonal frame of sensor 1.
     """
     factor = np.ones(len(matrix)) if data.has_scalar else free_scale(matrix)
-    bias = data.origin_T[: recording.sensor_count] + data.radius_T * center
+    bias = data.origin_T + data.radius_T * center
     every = SensorErrors.from_matrix((matrix * factor[:, None, None, None]).reshape(-1, 3, 3), bias.reshape(-1, 3))
     vectors = every.to_vector().reshape(*bias.shape[:2], 12)
     if frame == FRAME_STATEMENT:
@@ -185,7 +183,7 @@ def finish(
         intensity_T=float(data.radius_T / factor[0]),
         frame=frame,
     )
-    return make_calibration(method, recording, array, estimate)
+    return make_calibration(method, source, array, estimate)
 
 
 def jackknife(replicates: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from tam_calibration.array import Array
-from tam_calibration.recording import Recording
+from tam_calibration.recording import SKETCH, SampleSource
 from tam_calibration.units import FloatArray
 
 _MEDIAN_ABSOLUTE_OF_NORMAL = 0.6744897501960817
@@ -14,24 +14,34 @@ _SMALLEST_T = 1e-12
 _LARGEST_PART_OF_SPREAD = 0.02
 
 
-def complete_noise(array: Array, recording: Recording) -> tuple[Array, bool]:
+def complete_noise(array: Array, source: SampleSource) -> tuple[Array, bool]:
     """Return the array with every noise known, and whether one was estimated.
 
     A noise that is not stated is the robust scale of the third differences of its channel divided by √20, which is
     exact for white noise on a motion that is slow against the sampling. Attitudes that jump would pass for noise, so
     that no more than a fiftieth of the readings' spread is taken; the fit then scales it to the residual. A stated
-    noise is kept.
+    noise is kept. Of a recording of more than 100 000 samples some stretches serve.
     """
-    estimated = array.vector_noise_T is None or (array.scalar_noise_T is None and recording.scalar_T is not None)
-    vector, scalar = array.vector_noise_T, array.scalar_noise_T
+    needs_scalar = array.scalar_noise_T is None and source.scalar_count is not None
+    estimated = array.vector_noise_T is None or needs_scalar
+    vector, scalar = array.vector_noise_T, 0.0 if array.scalar_noise_T is None else array.scalar_noise_T
+    if estimated:
+        readings, reference = _stretches(source)
     if vector is None:
-        fast = np.sqrt(np.mean(_fast_noise(recording.readings_T) ** 2, axis=1))
-        spread = recording.readings_T.std(axis=0).mean(axis=1)
+        fast = np.sqrt(np.mean(_fast_noise(readings) ** 2, axis=1))
+        spread = readings.std(axis=0).mean(axis=1)
         vector = np.minimum(fast, np.maximum(_LARGEST_PART_OF_SPREAD * spread, _SMALLEST_T))
-    if scalar is None:
-        known = np.empty(0) if recording.scalar_T is None else recording.scalar_T[np.isfinite(recording.scalar_T)]
-        scalar = float(_fast_noise(known[:, None])[0]) if len(known) > 3 else 0.0
+    if needs_scalar and len(reference) > 3:
+        scalar = float(_fast_noise(reference[:, None])[0])
     return replace(array, vector_noise_T=vector, scalar_noise_T=scalar), estimated
+
+
+def _stretches(source: SampleSource) -> tuple[FloatArray, FloatArray]:
+    """Return readings (n, K, 3) and the scalar readings there are, of blocks spread over the recording."""
+    stride = -(-source.sample_count // SKETCH)
+    chosen = [block for index, block in enumerate(source.blocks()) if index % stride == 0]
+    scalar = np.concatenate([block.scalar_T for block in chosen if block.scalar_T is not None] or [np.empty(0)])
+    return np.concatenate([block.readings_T for block in chosen]), scalar[np.isfinite(scalar)]
 
 
 def _fast_noise(values: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from tam_calibration.units import FloatArray
 _LONGEST_GAP = 3.0
 """Gaps between readings are bridged up to this multiple of the usual one."""
 
-_LARGEST_SHARE = 0.5
+LARGEST_SHARE = 0.5
 """Largest part of the samples with a reading of their own at which interpolation is worth its time."""
 
 _ROUGHNESS = (1 / 8, 2.0)
@@ -141,7 +141,7 @@ class Reference:
 def is_worth_interpolating(scalar: FloatArray) -> bool:
     """Whether at least three samples (N,) hold a reading, and at most every second one."""
     known = np.isfinite(scalar)
-    return bool(3 <= known.sum() <= _LARGEST_SHARE * len(scalar))
+    return bool(3 <= known.sum() <= LARGEST_SHARE * len(scalar))
 
 
 def interpolate(time_s: FloatArray, scalar: FloatArray, noise: float) -> Reference:

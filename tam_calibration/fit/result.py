@@ -8,11 +8,10 @@ from tam_calibration.array import Array
 from tam_calibration.calibration import FRAME_STATEMENT, AmbientGradient, Calibration
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.ambient_gradient import as_if_uniform
-from tam_calibration.fit.coverage import field_of, measure_coverage
-from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.noise import complete_noise
-from tam_calibration.recording import Recording
-from tam_calibration.residuals import measure_residuals, noise_floor
+from tam_calibration.fit.quality import measure_chi_square, measure_quality
+from tam_calibration.recording import SampleSource
+from tam_calibration.residuals import noise_floor
 from tam_calibration.units import FloatArray
 
 
@@ -44,56 +43,39 @@ class Estimate:
     frame: str = FRAME_STATEMENT
 
 
-def make_calibration(method: str, recording: Recording, array: Array, estimate: Estimate) -> Calibration:
+def make_calibration(method: str, source: SampleSource, array: Array, estimate: Estimate) -> Calibration:
     """Return the calibration of an estimate.
 
     An estimated vector noise is scaled so that the whitened channels have unit variance, and the covariance with it.
     """
-    noisy, noise_is_estimated = complete_noise(array, recording)
-    covariance, gradient = estimate.covariance, estimate.ambient_gradient
-    uniform = as_if_uniform(recording, estimate.errors, array, gradient)
-    scalar = uniform.scalar_T
-    intensity = estimate.intensity_T if scalar is None else float(np.nanmean(scalar))
-    chi_square = _reduced_chi_square(uniform, noisy, estimate)
+    noisy, noise_is_estimated = complete_noise(array, source)
+    errors, covariance, gradient = estimate.errors, estimate.covariance, estimate.ambient_gradient
+    seen = as_if_uniform(source, errors, array, gradient)
+    raw = measure_quality(source, noisy, errors, estimate.intensity_T)
+    uniform = raw if seen is source else measure_quality(seen, noisy, errors, estimate.intensity_T)
+    chi_square = uniform.reduced_chi_square
     if array.vector_noise_T is None and noisy.vector_noise_T is not None and chi_square:
         factor = float(np.sqrt(chi_square.get("differential", chi_square.get("common_mode", 1.0))))
         noisy = replace(noisy, vector_noise_T=factor * noisy.vector_noise_T)
         covariance = factor**2 * covariance if estimate.covariance_from_noise else covariance
         if gradient is not None:
             gradient = replace(gradient, standard_errors_T_per_m=factor * gradient.standard_errors_T_per_m)
-        chi_square = _reduced_chi_square(uniform, noisy, estimate)
-    none = SensorErrors.none(recording.sensor_count)
+        chi_square = measure_chi_square(seen, noisy, errors, estimate.intensity_T)
     return Calibration(
         method=method,
         array=noisy,
         noise_is_estimated=noise_is_estimated,
-        errors=estimate.errors,
+        errors=errors,
         covariance=covariance,
-        has_scalar_reference=scalar is not None,
-        intensity_T=intensity,
-        before=measure_residuals(none, array, recording, intensity),
-        in_sample=measure_residuals(estimate.errors, array, uniform, intensity),
-        floor=noise_floor(estimate.errors, noisy, noisy.scalar_noise_T or 0.0),
-        samples=recording.sample_count,
-        time_span_s=(float(recording.time_s[0]), float(recording.time_s[-1])),
-        coverage=measure_coverage(field_of(recording, estimate.errors)).fraction,
+        has_scalar_reference=source.scalar_count is not None,
+        intensity_T=estimate.intensity_T if uniform.mean_scalar_T is None else uniform.mean_scalar_T,
+        before=raw.before,
+        in_sample=uniform.after,
+        floor=noise_floor(errors, noisy, noisy.scalar_noise_T or 0.0),
+        samples=source.sample_count,
+        time_span_s=source.time_span_s,
+        coverage=raw.coverage,
         reduced_chi_square=chi_square,
         ambient_gradient=gradient,
         frame=estimate.frame,
     )
-
-
-def _reduced_chi_square(recording: Recording, array: Array, estimate: Estimate) -> dict[str, float]:
-    assert array.vector_noise_T is not None
-    unit, count = estimate.intensity_T, recording.sensor_count
-    scalar = np.full(recording.sample_count, unit) if recording.scalar_T is None else recording.scalar_T
-    # About the biases, so that one that is many times the field costs no digits.
-    unbiased = (recording.readings_T - estimate.errors.bias_T) / unit
-    scalar_noise = (array.scalar_noise_T or 0.0) / unit
-    likelihood = Likelihood(unbiased, scalar / unit, array.vector_noise_T / unit, scalar_noise)
-    point = likelihood.linearize(estimate.errors.matrix, np.zeros((count, 3)))
-    # The ellipsoid takes nine parameters from the common mode, each further sensor twelve from the differences.
-    freedom = {"differential": recording.sample_count * (3 * count - 3) - 12 * (count - 1)}
-    freedom["common_mode"] = point.reference_count - 9
-    energy = {"differential": point.differential, "common_mode": point.common_mode}
-    return {name: energy[name] / freedom[name] for name in freedom if freedom[name] > 0}

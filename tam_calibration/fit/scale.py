@@ -1,12 +1,14 @@
 """The normalisation of the data, and the scale that a recording without scalar reference leaves open."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.errors import SensorErrors
-from tam_calibration.recording import Recording
+from tam_calibration.recording import SampleSource
 from tam_calibration.units import FloatArray
 
 _SAMPLES_FOR_SPHERE = 2_000
@@ -20,23 +22,59 @@ class Normalized:
 
     Parameters
     ----------
-    points : (N, K, 3) array
-        (reading - origin) / radius.
-    intensity : (N,) array
-        Scalar reading / radius, NaN where there is none; 1 throughout without a scalar reference.
+    source : SampleSource
+        The readings.
     origin_T : (K, 3) array
         Centre of the sphere through each sensor's readings, tesla.
     radius_T : float
         Mean radius of these spheres, tesla.
-    has_scalar : bool
-        Whether the intensity comes from a scalar reference.
     """
 
-    points: FloatArray
-    intensity: FloatArray
+    source: SampleSource
     origin_T: FloatArray
     radius_T: float
-    has_scalar: bool
+
+    @property
+    def has_scalar(self) -> bool:
+        """Whether the intensity comes from a scalar reference."""
+        return self.source.scalar_count is not None
+
+    def blocks(self) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Yield the (3K, n) readings and (n,) intensities of one block after the other.
+
+        The intensity is NaN where there is no scalar reading, and 1 throughout without a scalar reference.
+        """
+        origin = self.origin_T.reshape(-1, 1)
+        for block in self.source.blocks():
+            count = len(block.time_s)
+            points = np.empty((len(origin), count))
+            np.subtract(block.readings_T.reshape(count, -1).T, origin, out=points)
+            points *= 1 / self.radius_T
+            yield points, np.ones(count) if block.scalar_T is None else block.scalar_T / self.radius_T
+
+    @property
+    def points(self) -> FloatArray:
+        """(N, K, 3) readings, all at once."""
+        points: FloatArray = (self.source.whole().readings_T - self.origin_T) / self.radius_T
+        return points
+
+    @property
+    def intensity(self) -> FloatArray:
+        """(N,) intensities, all at once."""
+        recording = self.source.whole()
+        return np.ones(recording.sample_count) if recording.scalar_T is None else recording.scalar_T / self.radius_T
+
+    @cached_property
+    def moments(self) -> FloatArray:
+        """(3K + 1, 3K + 1) sum of the outer products of the readings of a sample followed by 1."""
+        size = self.origin_T.size
+        total = np.zeros((size + 1, size + 1))
+        for points, _ in self.blocks():
+            total[:-1, :-1] += points @ points.T
+            total[-1, :-1] += points.sum(axis=1)
+            total[-1, -1] += points.shape[1]
+        total[:-1, -1] = total[-1, :-1]
+        return total
 
 
 def sphere_center(points: FloatArray) -> FloatArray:
@@ -73,15 +111,11 @@ def sphere_of_most(points: FloatArray) -> tuple[FloatArray, float]:
     return center, radius
 
 
-def normalize(recording: Recording) -> Normalized:
-    """Return the recording's readings and intensity in units of order one."""
-    stride = -(-recording.sample_count // _SAMPLES_FOR_SPHERE)
-    some = recording.readings_T[::stride]
+def normalize(source: SampleSource) -> Normalized:
+    """Return the readings and intensity in units of order one."""
+    some = source.thinned(_SAMPLES_FOR_SPHERE).readings_T
     origin = sphere_center(np.swapaxes(some, 0, 1))
-    radius = float(norm(some - origin, axis=2).mean())
-    scalar = recording.scalar_T
-    intensity = np.ones(recording.sample_count) if scalar is None else scalar / radius
-    return Normalized((recording.readings_T - origin) / radius, intensity, origin, radius, scalar is not None)
+    return Normalized(source, origin, float(norm(some - origin, axis=2).mean()))
 
 
 def free_scale(matrix: FloatArray) -> FloatArray:

@@ -13,16 +13,16 @@ from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import field_products, regression_on_first, rotation_by_regression
 from tam_calibration.fit.moments import finish, gather
 from tam_calibration.problems import InputError
-from tam_calibration.recording import Recording
+from tam_calibration.recording import SampleSource
 from tam_calibration.units import FloatArray
 
 
-def simplified_linear(recording: Recording, array: Array) -> Calibration:
+def simplified_linear(recording: SampleSource, array: Array) -> Calibration:
     """Fit the errors of the sensors to first order.
 
     Parameters
     ----------
-    recording : Recording
+    recording : SampleSource
         Samples in a uniform field; those without a scalar reading are left out where others have one. Without any, the
         intensity is taken from the mean radius of the readings.
     array : Array

@@ -12,15 +12,15 @@ from tam_calibration.calibration import Calibration
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import field_products, regression_on_first, rotation_by_regression
 from tam_calibration.fit.moments import finish, gather
-from tam_calibration.recording import Recording
+from tam_calibration.recording import SampleSource
 
 
-def two_step_linear(recording: Recording, array: Array) -> Calibration:
+def two_step_linear(recording: SampleSource, array: Array) -> Calibration:
     """Fit the errors of the sensors by Yin 2014.
 
     Parameters
     ----------
-    recording : Recording
+    recording : SampleSource
         Samples in a uniform field of an intensity that is taken as constant, the mean square of the scalar readings.
     array : Array
         Geometry and noise.
