@@ -12,7 +12,7 @@ from tam_calibration.units import FloatArray
 
 _SHORTEST_STEPS, _LONGEST_S, _LONGEST_PART, _COUNT = 0.3, 10.0, 0.1, 7
 _SLOWER = 5.0
-"""Ratio of the time constant of the second mode to that of the first."""
+"""Ratio of the time constant of the slower mode to that of the first."""
 
 _NAMES = tuple(f"{axis} of the field on {row}" for row in "xyz" for axis in "xyz")
 
@@ -47,8 +47,9 @@ class EddyCurrent(LinearEffect):
         constant = shape["time_constant_s"]
         columns = np.arange(9)
         terms = []
-        for name, ratio in (("first mode", 1.0), ("second mode", _SLOWER)):
-            features = np.tile(situation.field_T - _late(situation, ratio * constant), 3)
+        late, later = _late(situation, constant), _late(situation, _SLOWER * constant)
+        for name, change in (("first mode", situation.field_T - late), ("slower mode", late - later)):
+            features = np.tile(change, 3)
             parts = tuple(Coefficient(f"{name}, {of}", "1") for of in _NAMES)
             for sensor in range(situation.sensor_count):
                 terms.append(Term(sensor, None, name, parts, features, 3 * sensor + columns // 3, columns))

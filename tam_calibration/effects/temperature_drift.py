@@ -9,7 +9,7 @@ from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Sh
 from tam_calibration.effects.lag import lagged
 
 _LEAST_CHANGE_K = 0.2
-_SHORTEST, _LONGEST, _COUNT = 1 / 200, 1 / 3, 6
+_SHORTEST, _LONGEST, _COUNT = 1 / 200, 1 / 3, 5
 """Time constants as parts of the record's span."""
 
 _SLOWER = 6.0
@@ -47,22 +47,24 @@ class TemperatureDrift(LinearEffect):
         return [{"time_constant_s": constant, "reference_C": reference} for constant in constants]
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return drifts of offset and scale, the second order of the offset, and an offset with a slower lag."""
+        """Return drifts of offset and scale, the second order of the offset, and the same with a slower lag."""
         assert situation.temperature_C is not None
-        direct = situation.temperature_C - shape["reference_C"]
+        direct, time = situation.temperature_C - shape["reference_C"], situation.time_s
         constant = shape["time_constant_s"]
-        change = lagged(direct, situation.time_s, constant, situation.memory)
-        slower = lagged(direct, situation.time_s, _SLOWER * constant, situation.memory)
-        parts = (Coefficient("slower offset", "T/K"), Coefficient("slower quadratic offset", "T/K²"))
+        change = lagged(direct, time, constant, situation.memory)
+        parts = [("", change, change**2)]
+        if constant > 0:
+            slower = lagged(direct, time, _SLOWER * constant, situation.memory)
+            # As a difference, so that a single lag is told by its own time constant alone.
+            parts.append(("slower ", slower - change, slower**2 - change**2))
         terms = []
         for row in range(situation.scalar_row):
-            sensed = situation.sensed_T[:, row]
-            for name, unit, feature in (
-                ("offset", "T/K", change),
-                ("scale", "1/K", change * sensed),
-                ("quadratic offset", "T/K²", change**2),
-            ):
-                terms.append(Term.of_row(situation, row, name, [Coefficient(name, unit)], feature[:, None]))
-            if constant > 0:
-                terms.append(Term.of_row(situation, row, "slower offset", parts, np.column_stack([slower, slower**2])))
+            for kind, first, second in parts:
+                for name, unit, feature in (
+                    ("offset", "T/K", first),
+                    ("scale", "1/K", first * situation.sensed_T[:, row]),
+                    ("quadratic offset", "T/K²", second),
+                ):
+                    part = Coefficient(kind + name, unit)
+                    terms.append(Term.of_row(situation, row, part.name, [part], feature[:, None]))
         return terms
