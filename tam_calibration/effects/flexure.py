@@ -24,7 +24,9 @@ class Flexure(LinearEffect):
     excitation: ClassVar[str] = "tilt the array to all sides, upside down too"
 
     def obstacle(self, situation: Situation) -> str | None:
-        """Return that the array was not tilted, where it was not."""
+        """Return that the array was not tilted, or that its sensor has none to turn against, where it is so."""
+        if situation.sensor_count < 2:
+            return "a turn of a single sensor does not change the length of the field"
         up = upwards(situation)
         tilt = float(np.sqrt(np.mean(np.sum((up - up.mean(axis=0)) ** 2, axis=1))))
         if tilt < _LEAST_TILT:
