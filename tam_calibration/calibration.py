@@ -1,12 +1,14 @@
 """The result of a fit: the sensors' errors with their covariance, how good they are, and how to apply them."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.array import Array
+from tam_calibration.effects.effect import FittedEffect
+from tam_calibration.effects.removal import added_to, of_sensors, removable
 from tam_calibration.errors import SensorErrors
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
@@ -27,6 +29,11 @@ GRADIENT_STATEMENT = (
     "fitted together with the errors, and residuals are those without it."
 )
 
+EFFECTS_STATEMENT = (
+    "Effects were fitted together with the errors; residuals are those without what they add, and data are corrected "
+    "without it. An effect of the site stays in the data."
+)
+
 
 @dataclass(frozen=True, eq=False)
 class AmbientGradient:
@@ -42,6 +49,22 @@ class AmbientGradient:
 
     tensor_T_per_m: FloatArray
     standard_errors_T_per_m: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class EffectSize:
+    """What an effect does to the outputs of an array that takes it for field: T and T/m.
+
+    Parameters
+    ----------
+    rms : (9,) array
+        Root mean square over the recording of the calibration.
+    standard_errors : (9,) array
+        The same of what is not known of it.
+    """
+
+    rms: FloatArray
+    standard_errors: FloatArray
 
 
 @dataclass(frozen=True)
@@ -114,6 +137,11 @@ class Calibration:
         What was fitted beside the errors, where that was asked for.
     frame : str
         What the array frame of the errors is, one or more sentences.
+    effects : tuple of FittedEffect
+        Fitted together with the errors, where that was asked for; what goes with the array is taken off what is
+        corrected.
+    effect_sizes : tuple of EffectSize
+        Of each effect, where they are known.
     """
 
     method: str
@@ -135,13 +163,16 @@ class Calibration:
     source: Provenance | None = None
     ambient_gradient: AmbientGradient | None = None
     frame: str = FRAME_STATEMENT
+    effects: tuple[FittedEffect, ...] = ()
+    effect_sizes: tuple[EffectSize, ...] = ()
 
     @property
     def statements(self) -> tuple[str, ...]:
         """What holds for the frame, and what the data could not determine."""
         scale = () if self.has_scalar_reference else (SCALE_STATEMENT,)
         gradient = () if self.ambient_gradient is None else (GRADIENT_STATEMENT,)
-        return (self.frame, *scale, *gradient)
+        effects = (EFFECTS_STATEMENT,) if self.effects else ()
+        return (self.frame, *scale, *gradient, *effects)
 
     @cached_property
     def standard_errors(self) -> FloatArray:
@@ -160,13 +191,14 @@ class Calibration:
 
     @cached_property
     def output_standard_errors(self) -> FloatArray:
-        """(9,) standard errors of the outputs: sensor noise, and the calibration's own error.
+        """(9,) standard errors of the outputs: sensor noise, the calibration's own error and that of its effects.
 
         The second part is the root mean square over all directions of a field of the calibration's intensity.
         """
         assert self.array.vector_noise_T is not None
         noise = self.correction_matrix**2 @ np.repeat(self.array.vector_noise_T**2, 3)
-        return np.sqrt(noise + self._calibration_variance())
+        effects = sum((size.standard_errors**2 for size in self.effect_sizes), start=np.zeros(9))
+        return np.sqrt(noise + self._calibration_variance() + effects)
 
     def _calibration_variance(self) -> FloatArray:
         if self.covariance is None:
@@ -182,23 +214,48 @@ class Calibration:
         return variance
 
     def correct(self, recording: Recording) -> Corrected:
-        """Return the centre vector and gradient tensor of raw readings.
+        """Return the centre vector and gradient tensor of raw readings, what the effects of the sensors add taken off.
 
         Raises
         ------
         InputError
-            When the recording has another number of sensors, or its readings are not geomagnetic in tesla.
+            When the recording has another number of sensors or lacks a channel that an effect needs, or its readings
+            are not geomagnetic in tesla.
         """
+        self._check(recording)
+        readings = recording.readings_T
+        if effects := of_sensors(self.effects):
+            added = added_to(recording, effects, self.errors, self.array)[:, :-1]
+            readings = readings - added.reshape(readings.shape)
+        return Corrected(recording.time_s, self.apply(readings), self.output_standard_errors)
+
+    def without_effects(self, recording: Recording) -> Recording:
+        """Return the recording as it would be if no effect had added to its sensors and its scalar.
+
+        Raises
+        ------
+        InputError
+            As ``correct``.
+        """
+        self._check(recording)
+        effects = removable(self.effects)
+        if not effects:
+            return recording
+        added = added_to(recording, effects, self.errors, self.array)
+        readings = recording.readings_T - added[:, :-1].reshape(recording.readings_T.shape)
+        scalar = None if recording.scalar_T is None else recording.scalar_T - added[:, -1]
+        return replace(recording, readings_T=readings, scalar_T=scalar)
+
+    def apply(self, readings_T: FloatArray) -> FloatArray:
+        """Return the (N, 9) outputs of (N, K, 3) readings without effects; no sample depends on its neighbours."""
+        unbiased = (readings_T - self.errors.bias_T).reshape(len(readings_T), -1)
+        outputs: FloatArray = np.einsum("nj,ij->ni", unbiased, self.correction_matrix)
+        return outputs
+
+    def _check(self, recording: Recording) -> None:
         if recording.sensor_count != self.errors.sensor_count:
             raise InputError(
                 f"the calibration is of {self.errors.sensor_count} sensors, the recording of {recording.sensor_count}: "
                 "use the calibration of this array"
             )
         recording.check_units()
-        return Corrected(recording.time_s, self.apply(recording.readings_T), self.output_standard_errors)
-
-    def apply(self, readings_T: FloatArray) -> FloatArray:
-        """Return the (N, 9) outputs of (N, K, 3) readings; a sample's result does not depend on its neighbours."""
-        unbiased = (readings_T - self.errors.bias_T).reshape(len(readings_T), -1)
-        outputs: FloatArray = np.einsum("nj,ij->ni", unbiased, self.correction_matrix)
-        return outputs

@@ -15,6 +15,7 @@ LAYERS = (
     ("files",),
     ("gap", "reproduce", "blind"),
     ("fit", "simulation"),
+    ("correction",),
     ("calibration",),
     ("residuals",),
     ("effects", "localization"),

@@ -5,9 +5,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from tam_calibration.calibration import AmbientGradient, Calibration, Provenance
+from tam_calibration.calibration import AmbientGradient, Calibration, EffectSize, Provenance
 from tam_calibration.errors import SensorErrors
 from tam_calibration.files.array_yaml import ArrayFile
+from tam_calibration.files.effects_schema import EffectFile
 from tam_calibration.files.yaml_document import Document, check
 from tam_calibration.problems import InputError
 from tam_calibration.residuals import Residuals
@@ -89,6 +90,24 @@ class _Recording(Document):
         return Provenance(self.name, self.size_bytes, self.sha256)
 
 
+class _OfOutputs(Document):
+    field_nT: tuple[float, float, float]
+    gradient_nT_per_m: tuple[float, float, float, float, float, float]
+
+    def to_tesla(self) -> FloatArray:
+        """Return the (9,) numbers in SI."""
+        return from_nanotesla(np.array([*self.field_nT, *self.gradient_nT_per_m]))
+
+
+class _Effect(EffectFile):
+    size: _OfOutputs
+    size_standard_error: _OfOutputs
+
+    def to_size(self) -> EffectSize:
+        """Return what the effect does to the outputs, SI."""
+        return EffectSize(self.size.to_tesla(), self.size_standard_error.to_tesla())
+
+
 class _Calibration(Document):
     schema_version: Literal["tam_calibration/calibration/1"] = Field(alias="schema")
     software: str
@@ -102,6 +121,7 @@ class _Calibration(Document):
     field: _Field
     residuals: _AllResiduals
     reduced_chi_square: dict[str, float]
+    effects: list[_Effect] = Field(default_factory=list)
     recording: _Recording
     covariance_order: str
     covariance_SI: list[list[Finite]] | None
@@ -145,6 +165,8 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         warnings=tuple(stored.warnings),
         ambient_gradient=stored.field.to_gradient(),
         frame=stored.frame,
+        effects=tuple(effect.to_fitted() for effect in stored.effects),
+        effect_sizes=tuple(effect.to_size() for effect in stored.effects),
     )
 
 

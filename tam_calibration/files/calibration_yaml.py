@@ -7,8 +7,10 @@ import numpy as np
 
 from tam_calibration import __version__
 from tam_calibration.calibration import AmbientGradient, Calibration
+from tam_calibration.effects.numbers import units_of
 from tam_calibration.files.array_yaml import array_to_mapping
 from tam_calibration.files.calibration_schema import SCHEMA, calibration_of
+from tam_calibration.files.effects_schema import effect_to_mapping
 from tam_calibration.files.exact import degrees_to_write, nanotesla_to_write
 from tam_calibration.files.location import in_file, read_text
 from tam_calibration.files.whole import write_whole
@@ -97,6 +99,7 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
             )
         },
         "reduced_chi_square": {name: _rounded(value) for name, value in calibration.reduced_chi_square.items()},
+        **_effects(calibration),
         "recording": {
             "samples": calibration.samples,
             "time_span_s": list(calibration.time_span_s),
@@ -116,6 +119,23 @@ def _gradient(gradient: AmbientGradient | None) -> dict[str, Any]:
         "gradient_nT_per_m": nanotesla_to_write(gradient.tensor_T_per_m).tolist(),
         "gradient_standard_error_nT_per_m": nanotesla_to_write(gradient.standard_errors_T_per_m).tolist(),
     }
+
+
+def _effects(calibration: Calibration) -> dict[str, Any]:
+    """Return the effects, where there are any: a file without them is one of before they could be kept."""
+    if not calibration.effects:
+        return {}
+    blocks = [
+        effect_to_mapping(fitted, units_of(fitted, calibration.errors, calibration.array))
+        | {"size": _of_outputs(size.rms), "size_standard_error": _of_outputs(size.standard_errors)}
+        for fitted, size in zip(calibration.effects, calibration.effect_sizes, strict=True)
+    ]
+    return {"effects": blocks}
+
+
+def _of_outputs(nine: FloatArray) -> dict[str, list[float]]:
+    rounded = _rounded(to_nanotesla(nine))
+    return {"field_nT": rounded[:3], "gradient_nT_per_m": rounded[3:]}
 
 
 def _sensors(calibration: Calibration) -> list[dict[str, Any]]:

@@ -1,0 +1,192 @@
+"""What known effects added to a recording, or to samples as they arrive, so that it can be taken off."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.linalg import inv
+from numpy.typing import NDArray
+
+from tam_calibration.array import Array
+from tam_calibration.effects.effect import SCALAR, FittedEffect, LinearEffect, Situation
+from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.memory import Memory
+from tam_calibration.errors import SensorErrors
+from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+_BATCH = 32_768
+"""Samples of a recording that are worked on at once."""
+
+_PASSES = 2
+"""What an effect adds depends on the field, and the field on what it added; a pass leaves a square of that."""
+
+
+@dataclass(frozen=True, eq=False)
+class Added:
+    """What effects added to N samples.
+
+    Parameters
+    ----------
+    rows_T : (N, 3K + 1) array
+        To the readings of all sensors and to the scalar, tesla; nothing where it is not known.
+    is_known : (N, E) array of bool
+        Whether a sample has the channels that each effect needs.
+    """
+
+    rows_T: FloatArray
+    is_known: NDArray[np.bool_]
+
+
+class EffectStream:
+    """Works out what effects add to samples that arrive in batches of any size: the same as of all at once.
+
+    Where time does not go on, as when a recording is played again, all recursions begin anew.
+
+    Parameters
+    ----------
+    effects : sequence of FittedEffect
+        Linear effects. One that is not causal must get all samples in one batch.
+    errors : SensorErrors
+        Of the calibration that they were fitted with.
+    array : Array
+        Positions and noise.
+    """
+
+    def __init__(self, effects: Sequence[FittedEffect], errors: SensorErrors, array: Array) -> None:
+        self._effects = [(linear_effect(fitted), fitted) for fitted in effects]
+        self._errors, self._array = errors, array
+        self._unmix = _unmixing(errors, array)
+        self._newest_s = -np.inf
+        self._begin()
+
+    def _begin(self) -> None:
+        self._memories = [[Memory() for _ in self._effects] for _ in range(_PASSES)]
+
+    def added(self, recording: Recording) -> Added:
+        """Return what the effects added to the next samples; their channels may hold NaN."""
+        if recording.time_s[0] <= self._newest_s:
+            self._begin()
+        self._newest_s = float(recording.time_s[-1])
+        unbiased = (recording.readings_T - self._errors.bias_T).reshape(recording.sample_count, -1)
+        total = np.zeros((recording.sample_count, unbiased.shape[1] + 1))
+        is_known = np.column_stack([_knows(recording, effect.channels) for effect, _ in self._effects])
+        for memories in self._memories:
+            situation = Situation(
+                recording.time_s,
+                (unbiased - total[:, :-1]) @ self._unmix.T,
+                self._errors,
+                self._array,
+                recording.temperature_C,
+                recording.current_A,
+                recording.attitude,
+            )
+            total = np.zeros_like(total)
+            for (effect, fitted), memory, known in zip(self._effects, memories, is_known.T, strict=True):
+                if known.any():
+                    memory.rewind()
+                    here = situation if known.all() else situation.take(known)
+                    total[known] += effect.signal(replace(here, memory=memory), fitted)
+        return Added(total, is_known)
+
+
+def added_to(recording: Recording, effects: Sequence[FittedEffect], errors: SensorErrors, array: Array) -> FloatArray:
+    """Return what effects added to the rows of a recording, (N, 3K + 1), tesla.
+
+    Holes in its channels are filled as in ``filled``.
+
+    Raises
+    ------
+    InputError
+        When the recording lacks a channel that an effect needs.
+    """
+    require_channels(recording, effects)
+    recording = filled(recording)
+    stream = EffectStream(effects, errors, array)
+    count = recording.sample_count
+    size = _BATCH if all(linear_effect(fitted).is_causal for fitted in effects) else count
+    batches = [recording.take(slice(start, start + size)) for start in range(0, count, size)]
+    return np.concatenate([stream.added(batch).rows_T for batch in batches])
+
+
+def require_channels(recording: Recording, effects: Iterable[FittedEffect]) -> None:
+    """Check that a recording has the channels that effects need.
+
+    Raises
+    ------
+    InputError
+        It names the effect and what is missing.
+    """
+    for fitted in effects:
+        needed = linear_effect(fitted).channels
+        missing = [name.partition("_")[0] for name in needed if getattr(recording, name) is None]
+        if missing:
+            channels = " and ".join(missing)
+            raise InputError(
+                f"{fitted.effect} is to be taken off, which needs the {channels}, and the recording has no such "
+                f"channel: record the {channels} too, or use a calibration without this effect"
+            )
+
+
+def filled(recording: Recording) -> Recording:
+    """Return the recording with holes in temperature, current and attitude filled from their neighbours."""
+    channels = {}
+    for name in ("temperature_C", "current_A", "attitude"):
+        values = getattr(recording, name)
+        if values is None:
+            continue
+        known = np.isfinite(values).reshape(len(values), -1).all(axis=1)
+        if name == "attitude":
+            nearest = np.round(np.interp(np.arange(len(known)), np.flatnonzero(known), np.arange(known.sum())))
+            channels[name] = values[known][nearest.astype(int)]
+        else:
+            channels[name] = np.interp(recording.time_s, recording.time_s[known], values[known])
+    return replace(recording, **channels)
+
+
+def removable(effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
+    """Return the effects that can be taken off: those that add to the readings what the channels tell."""
+    return tuple(fitted for fitted in effects if isinstance(effect_named(fitted.effect), LinearEffect))
+
+
+def of_sensors(effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
+    """Return the removable effects that go with the array, as far as they act on its sensors."""
+    kept = (on_sensors(fitted) for fitted in effects)
+    return tuple(fitted for fitted in kept if fitted is not None)
+
+
+def on_sensors(fitted: FittedEffect) -> FittedEffect | None:
+    """Return what an effect adds to the sensors; None where nothing can be taken off, or it is of the site."""
+    effect = effect_named(fitted.effect)
+    if not isinstance(effect, LinearEffect) or effect.is_of_site:
+        return None
+    contributions = tuple(one for one in fitted.contributions if one.sensor != SCALAR)
+    return replace(fitted, contributions=contributions) if contributions else None
+
+
+def linear_effect(fitted: FittedEffect) -> LinearEffect:
+    """Return the effect itself, which must be one that adds to the rows."""
+    effect = effect_named(fitted.effect)
+    if not isinstance(effect, LinearEffect):
+        raise InputError(f"{fitted.effect} cannot be taken off readings: nothing tells what it added to each of them")
+    return effect
+
+
+def _knows(recording: Recording, channels: Sequence[str]) -> NDArray[np.bool_]:
+    known = np.ones(recording.sample_count, dtype=bool)
+    for name in channels:
+        values = getattr(recording, name)
+        if values is None:
+            return np.zeros_like(known)
+        known &= np.isfinite(values).reshape(len(values), -1).all(axis=1)
+    return known
+
+
+def _unmixing(errors: SensorErrors, array: Array) -> FloatArray:
+    """Return the (3, 3K) matrix to the field that the sensors agree on, each weighed by its noise."""
+    assert array.vector_noise_T is not None
+    matrix = errors.matrix.reshape(-1, 3)
+    weighted = matrix / np.repeat(array.vector_noise_T**2, 3)[:, None]
+    unmixing: FloatArray = inv(matrix.T @ weighted) @ weighted.T
+    return unmixing

@@ -1,0 +1,153 @@
+"""A calibration with effects: the errors of the sensors and what the effects add, fitted together and kept together."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tam_calibration.array import Array
+from tam_calibration.calibration import Calibration, EffectSize
+from tam_calibration.effects.effect import FittedEffect
+from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.removal import added_to, filled, on_sensors
+from tam_calibration.errors import SensorErrors
+from tam_calibration.fit import calibrate
+from tam_calibration.fit.identifiability import require_determined
+from tam_calibration.gap.conclude import conclude
+from tam_calibration.gap.hypotheses import Evidence, examine, unusable
+from tam_calibration.gap.joint import Joint
+from tam_calibration.gap.model import Model, Part
+from tam_calibration.gap.steps import LEAST_EVIDENCE, Progress, search
+from tam_calibration.problems import InputError, Refused
+from tam_calibration.recording import Recording
+from tam_calibration.residuals import measure_residuals
+
+AUTO = "auto"
+"""In place of effects' names: those that a diagnosis finds."""
+
+
+def calibrate_with_effects(
+    recording: Recording, array: Array, effects: Collection[str], *, progress: Progress | None = None
+) -> Calibration:
+    """Fit the errors of an array's sensors together with effects, by maximum likelihood.
+
+    Parameters
+    ----------
+    recording : Recording
+        Samples in a uniform field, with the channels that the effects need.
+    array : Array
+        Geometry and noise.
+    effects : collection of str
+        Names of effects, or ``AUTO`` alone for those that a diagnosis finds.
+    progress : callable, optional
+        Is told the stage and the part that is done, 0 to 1.
+
+    Returns
+    -------
+    Calibration
+        With the effects. Its covariance holds what is not known of them; residuals are those without what they add,
+        on held-out samples too, where the effects stay those of the whole recording.
+
+    Raises
+    ------
+    InputError
+        When the recording cannot be used, an effect is not known or lacks a channel.
+    Refused
+        When the recording cannot show an effect, or shows none of it.
+    """
+    for name in set(effects) - {AUTO}:
+        effect_named(name)
+    if AUTO in effects and len(effects) > 1:
+        raise InputError(f"{AUTO} stands for all effects that are found: name no others beside it")
+    if recording.sensor_count != array.sensor_count:
+        raise InputError(
+            f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
+            "use the array file of this recording"
+        )
+    recording.check_plausible()
+    require_determined(recording, array)
+    complete = filled(recording)
+    if AUTO in effects:
+        found = search(complete, array, progress=progress)
+        gap = conclude(found)
+        model = found.nominal if gap.verdict == "no_gap" else found.model
+        warnings: tuple[str, ...] = (gap.statement,) if gap.verdict in ("partly_explained", "unexplained") else ()
+    else:
+        model, warnings = _with_named(Model.nominal(complete, array), effects)
+    if model.parts or model.findings:
+        return _kept(model, array, warnings)
+    calibration = calibrate(recording, array)
+    return replace(calibration, warnings=(*calibration.warnings, *warnings))
+
+
+def _with_named(model: Model, names: Collection[str]) -> tuple[Model, tuple[str, ...]]:
+    """Return the model with the named effects accepted, the strongest first, and what speaks against them."""
+    left, warnings = {name: effect_named(name) for name in names}, []
+    for effect in left.values():
+        reason = unusable(effect, model.channels().situation)
+        if reason is None:
+            continue
+        if reason.status == "channel_missing":
+            raise InputError(f"{effect.name} cannot be fitted: it {reason.why}")
+        raise Refused(f"{effect.name} cannot be told from this recording: {reason.why}; {effect.excitation}")
+    while left:
+        base = model.base()
+        examined = {name: examine(base, effect) for name, effect in left.items()}
+        seen = [one for one in examined.values() if isinstance(one, Evidence)]
+        if not seen:
+            name, why = next((name, why) for name, why in examined.items() if isinstance(why, str))
+            raise Refused(f"{name} is not in this recording: {why}; calibrate without it")
+        best = max(seen, key=lambda one: one.delta_bic)
+        if best.delta_bic < LEAST_EVIDENCE:
+            warnings.append(f"noise alone explains the recording as well as {best.effect}: leave this effect out")
+        model = model.accept(best.form)
+        del left[best.effect]
+    return model, tuple(warnings)
+
+
+def _kept(model: Model, array: Array, warnings: tuple[str, ...]) -> Calibration:
+    """Return the calibration of what is left without the effects, with the effects and what is not known of them."""
+    recording, findings = model.recording, tuple(finding.fitted for finding in model.findings)
+    calibration = calibrate(_without(model), array)
+    at_end = replace(model, array=calibration.array, errors=calibration.errors, intensity_T=calibration.intensity_T)
+    joint = Joint(at_end, tuple(_free(part, at_end) for part in model.parts))
+    assert calibration.covariance is not None
+    shared = joint.shared_covariance(calibration.errors, calibration.has_scalar_reference)
+    none = SensorErrors.none(recording.sensor_count)
+    return replace(
+        calibration,
+        covariance=calibration.covariance + shared,
+        before=measure_residuals(none, array, recording, calibration.intensity_T),
+        samples=recording.sample_count,
+        time_span_s=(float(recording.time_s[0]), float(recording.time_s[-1])),
+        warnings=(*calibration.warnings, *warnings, *_staying((*joint.effects, *findings))),
+        effects=(*joint.effects, *findings),
+        effect_sizes=(*joint.sizes(calibration), *(EffectSize(np.zeros(9), np.zeros(9)) for _ in findings)),
+    )
+
+
+def _without(model: Model) -> Recording:
+    """Return the samples of a model's recording that count, without what its effects add."""
+    recording = model.recording
+    fitted = [part.fitted(part.terms(model.channels()), np.zeros((len(part.values),) * 2)) for part in model.parts]
+    if fitted:
+        added = added_to(recording, fitted, model.errors, model.array)
+        readings = recording.readings_T - added[:, :-1].reshape(recording.readings_T.shape)
+        scalar = None if recording.scalar_T is None else recording.scalar_T - added[:, -1]
+        recording = replace(recording, readings_T=readings, scalar_T=scalar)
+    return recording.take(np.flatnonzero(model.is_counted))
+
+
+def _free(part: Part, model: Model) -> tuple[str, ...]:
+    """Return the parameters of a shape that are fitted, not a convention."""
+    channels = model.channels()
+    tried = list(part.effect.shapes(channels.situation, channels.misfit))
+    return tuple(name for name in part.shape if len({shape.get(name) for shape in tried}) > 1)
+
+
+def _staying(effects: Sequence[FittedEffect]) -> tuple[str, ...]:
+    """Return what stays in corrected data although it is known."""
+    stay = [fitted.effect.replace("_", " ") for fitted in effects if on_sensors(fitted) is None]
+    if not stay:
+        return ()
+    return (f"{' and '.join(dict.fromkeys(stay))}: kept for simulations, and not taken off corrected data",)

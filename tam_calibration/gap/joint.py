@@ -1,0 +1,148 @@
+"""What a joint fit of calibration and effects does not know of either, from their common information."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from tam_calibration.calibration import Calibration, EffectSize
+from tam_calibration.effects.effect import FittedEffect, Shape, Term
+from tam_calibration.effects.removal import on_sensors
+from tam_calibration.errors import SensorErrors
+from tam_calibration.fit.scale import free_scale
+from tam_calibration.gap.channels import Channels, Design, calibration_design
+from tam_calibration.gap.model import Model, Part
+from tam_calibration.gap.nominal import stepped
+from tam_calibration.gap.regression import Base, pseudo_inverse
+from tam_calibration.units import FloatArray
+
+_STEP = 0.01
+"""Of a parameter of the shape, as part of itself, for derivatives."""
+
+_SAMPLES = 2000
+"""Samples, spread over the recording, from which the uncertainty of what an effect adds is worked out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """The parameters of calibration and effects at the end of their fit.
+
+    Parameters
+    ----------
+    model : Model
+        With the array, the errors and the intensity of the calibration.
+    free : tuple of tuple of str
+        Parameters of the shape of each effect that were fitted.
+    """
+
+    model: Model
+    free: tuple[tuple[str, ...], ...]
+
+    @cached_property
+    def effects(self) -> tuple[FittedEffect, ...]:
+        """The effects with values and standard errors."""
+        effects, start = [], 0
+        for part, terms, names in zip(self.model.parts, self._terms, self.free, strict=True):
+            end = start + len(part.values)
+            fitted = part.fitted(terms, self._covariance[start:end, start:end])
+            variance = np.diag(self._covariance)[end : end + len(names)]
+            known = {name: float(np.sqrt(value)) for name, value in zip(names, variance, strict=True) if value > 0}
+            effects.append(replace(fitted, shape_errors=known))
+            start = end + len(names)
+        return tuple(effects)
+
+    def shared_covariance(self, errors: SensorErrors, has_scalar: bool) -> FloatArray:
+        """Return what the effects' uncertainty adds to the covariance (12 K, 12 K) of errors in the first's frame."""
+        unit = float(np.mean(self._channels.situation.intensity_T))
+        deviation = np.sqrt(np.maximum(np.diag(self._covariance), 0))
+        shift = pseudo_inverse(self._nominal.information) @ self._channels.cross(self._nominal.designs[0], self._design)
+
+        def parameters(step: FloatArray) -> FloatArray:
+            moved = stepped(errors, step, unit)
+            if not has_scalar:
+                moved = SensorErrors.from_matrix(free_scale(moved.matrix) * moved.matrix, moved.bias_T)
+            return moved.to_vector().ravel()
+
+        columns = [
+            (parameters(-step) - parameters(step)) / 2 if size > 0 else np.zeros(shift.shape[0])
+            for size, step in zip(deviation, (shift * deviation).T, strict=True)
+        ]
+        slope = np.column_stack(columns)
+        correlation = self._covariance / np.outer(*[np.where(deviation > 0, deviation, 1)] * 2)
+        added: FloatArray = slope @ correlation @ slope.T
+        return added
+
+    def sizes(self, calibration: Calibration) -> tuple[EffectSize, ...]:
+        """Return what each effect does to the outputs of a calibration, and how well that is known."""
+        unmix = calibration.correction_matrix
+        some = slice(None, None, -(-self.model.recording.sample_count // _SAMPLES))
+        sizes, start = [], 0
+        for part, terms, design, fitted in zip(self.model.parts, self._terms, self._designs, self.effects, strict=True):
+            own = slice(start, start + design.width)
+            start += design.width
+            if on_sensors(fitted) is None:
+                sizes.append(EffectSize(np.zeros(9), np.zeros(9)))
+                continue
+            added = part.signal(terms, unmix.shape[1] + 1)[:, :-1] @ unmix.T
+            sizes.append(EffectSize(_rms(added), _deviation(design, unmix, self._covariance[own, own], some)))
+        return tuple(sizes)
+
+    @cached_property
+    def _channels(self) -> Channels:
+        return self.model.base().channels
+
+    @cached_property
+    def _nominal(self) -> Base:
+        return Base(self._channels, [calibration_design(self._channels.situation)])
+
+    @cached_property
+    def _terms(self) -> list[list[Term]]:
+        return [part.terms(self._channels) for part in self.model.parts]
+
+    @cached_property
+    def _designs(self) -> list[Design]:
+        """One for each effect: its coefficients, then the free parameters of its shape."""
+        return [
+            Design.joined([Design.of(terms), *(_moved(part, name, self._channels) for name in names)])
+            for part, terms, names in zip(self.model.parts, self._terms, self.free, strict=True)
+        ]
+
+    @cached_property
+    def _design(self) -> Design:
+        return Design.joined(self._designs)
+
+    @cached_property
+    def _covariance(self) -> FloatArray:
+        """Of all that is in the designs, the calibration marginalised."""
+        return self._nominal.project(self._design).inverse()[0]
+
+
+def _moved(part: Part, name: str, channels: Channels) -> Design:
+    """Return the derivative of what an effect adds by one parameter of its shape."""
+    size = _STEP * part.shape[name] or _STEP
+    count = channels.situation.scalar_row + 1
+
+    def added(value: float) -> FloatArray:
+        shape: Shape = {**part.shape, name: value}
+        moved = replace(part, shape=shape)
+        return moved.signal(moved.terms(channels), count)
+
+    slope = (added(part.shape[name] + size) - added(part.shape[name] - size)) / (2 * size)
+    rows = np.flatnonzero(slope.any(axis=0))
+    return Design(slope[:, rows], rows, np.zeros(len(rows), dtype=np.intp), 1)
+
+
+def _rms(values: FloatArray) -> FloatArray:
+    root: FloatArray = np.sqrt(np.mean(values**2, axis=0))
+    return root
+
+
+def _deviation(design: Design, unmix: FloatArray, covariance: FloatArray, some: slice) -> FloatArray:
+    """Return the root mean square (9,) of the standard deviation of what a design adds to the outputs."""
+    features = design.features[some]
+    by_column = np.zeros((len(features), 9, design.width))
+    for atom in np.flatnonzero(design.rows < unmix.shape[1]):
+        by_column[:, :, design.columns[atom]] += features[:, atom, None] * unmix[:, design.rows[atom]]
+    variance = np.einsum("nop,pq,noq->o", by_column, covariance, by_column, optimize=True) / len(features)
+    deviation: FloatArray = np.sqrt(variance)
+    return deviation
