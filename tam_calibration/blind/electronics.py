@@ -4,12 +4,13 @@ import numpy as np
 from numpy.random import Generator
 
 from tam_calibration.blind.disturbance import (
+    ALL,
+    SCALAR,
     Disturbance,
     Signal,
     draw_axes,
     draw_sensor,
     named,
-    numbers,
     of_sensors,
     proportional,
 )
@@ -49,18 +50,27 @@ def time_skew(rng: Generator, scene: Scene) -> Disturbance:
 
 
 def quantization(rng: Generator, scene: Scene) -> Disturbance:
-    """Convert in steps that are not small beside the noise."""
+    """Convert in steps that are not small beside the noise: one sensor or axis, all alike, or the scalar."""
     sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.4)
-    trim = rng.uniform(0, 1, 3) if rng.random() < 0.5 else np.zeros(3)
+    coarse = np.zeros((scene.sensor_count, 3))
+    coarse[sensor] = mask
+    sensors: tuple[int | str, ...] = (sensor + 1,)
+    chance = rng.random()
+    if scene.sensor_count > 1 and chance < 0.15:
+        coarse, mask, sensors = np.ones_like(coarse), np.ones(3), (ALL,)
+    scalar_too = scene.sensor_count > 1 and scene.with_scalar and chance > 0.9
+    if scalar_too:
+        coarse, mask, sensors = np.zeros_like(coarse), np.ones(3), (SCALAR,)
+    trim = rng.uniform(0, 1, coarse.shape) if rng.random() < 0.5 else np.zeros(coarse.shape)
 
     def change(amplitude: float, seen: Signal) -> Signal:
-        reading = seen[0][:, sensor]
-        codes = np.round(reading / amplitude - trim) + trim
-        return of_sensors(scene, {sensor: mask * (codes * amplitude - reading)})
+        vectors, scalar = seen
+        codes = np.round(vectors / amplitude - trim) + trim
+        steps = amplitude * np.round(scalar / amplitude) - scalar
+        return coarse * (codes * amplitude - vectors), scalar_too * steps
 
-    return Disturbance(
-        "quantization", (sensor + 1,), named(mask), change, "T a step", {"trim": numbers(trim)}, after_noise=True
-    )
+    parameters = {"trimmed": bool(trim.any())}
+    return Disturbance("quantization", sensors, named(mask), change, "T a step", parameters, after_noise=True)
 
 
 def saturation(rng: Generator, scene: Scene) -> Disturbance:

@@ -8,8 +8,10 @@ from scipy.signal import lfilter
 from tam_calibration.blind.disturbance import (
     ALL,
     Disturbance,
+    draw_axes,
     draw_direction,
     draw_sensor,
+    named,
     numbers,
     of_sensors,
     proportional,
@@ -53,17 +55,21 @@ def _low_pass(values: FloatArray, time_constant_s: float, time_s: FloatArray) ->
 
 
 def hysteresis(rng: Generator, scene: Scene) -> Disturbance:
-    """Magnetise a piece of iron at one sensor along its length, by Preisach's relays or a Bouc–Wen loop."""
-    sensor = draw_sensor(rng, scene)
-    axis, onto = draw_direction(rng), draw_direction(rng)
-    drive = scene.field_T @ axis / scene.intensity_T.mean()
-    if rng.random() < 0.5:
-        magnetised, parameters = _preisach(rng, drive)
+    """Magnetise the cores of one sensor along its axes, or a rod beside it, by Preisach's relays or Bouc–Wen loops."""
+    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.4)
+    law = _preisach if rng.random() < 0.5 else _bouc_wen
+    if rng.random() < 0.6:
+        core = (scene.readings_T[:, sensor] - scene.bias_T[sensor]) / scene.intensity_T.mean()
+        size = mask * rng.uniform(0.5, 1.5, 3)
+        loops = [size[axis] * law(rng, core[:, axis])[0] for axis in range(3)]
+        rows, place, parameters = np.stack(loops, axis=1), "cores", dict[str, object](law=law.__name__.strip("_"))
     else:
-        magnetised, parameters = _bouc_wen(rng, drive)
-    change = proportional(of_sensors(scene, {sensor: 1e-9 * np.outer(magnetised, onto)}))
-    parameters |= {"axis": numbers(axis), "onto": numbers(onto)}
-    return Disturbance("hysteresis", (sensor + 1,), (), change, "nT at saturation", parameters)
+        along, onto, mask = draw_direction(rng), draw_direction(rng), np.ones(3)
+        magnetised, parameters = law(rng, scene.field_T @ along / scene.intensity_T.mean())
+        rows, place = np.outer(magnetised, onto), "rod"
+    change = proportional(of_sensors(scene, {sensor: 1e-9 * rows}))
+    parameters = {"place": place, **parameters}
+    return Disturbance("hysteresis", (sensor + 1,), named(mask), change, "nT at saturation", parameters)
 
 
 def _preisach(rng: Generator, drive: FloatArray) -> tuple[FloatArray, dict[str, object]]:
@@ -97,20 +103,24 @@ def _bouc_wen(rng: Generator, drive: FloatArray) -> tuple[FloatArray, dict[str, 
 
 
 def eddy_current(rng: Generator, scene: Scene) -> Disturbance:
-    """Currents in a conducting plate answer to the field's changes and die away; the plate couples the axes."""
-    sensor = draw_sensor(rng, scene)
+    """Let currents in plates answer to the field's changes and die away; a plate couples the axes."""
+    everywhere = scene.sensor_count > 1 and rng.random() < 0.2
+    chosen = range(scene.sensor_count) if everywhere else [draw_sensor(rng, scene)]
     time_constant_s = scene.step_s * 10 ** rng.uniform(-0.5, 0.7)
     settle_s = 6 * time_constant_s + scene.step_s
     fine_s = np.arange(-settle_s, scene.duration_s + scene.step_s, min(scene.step_s / 3, time_constant_s / 3))
     field_T = scene.field_at(fine_s)
     answer = field_T - np.stack([_low_pass(one, time_constant_s, fine_s) for one in field_T.T], axis=1)
     sampled = np.stack([np.interp(scene.time_s, fine_s, one) for one in answer.T], axis=1)
-    root = rng.normal(size=(3, 3))
-    coupling = root @ root.T / 3 + 0.3 * rng.normal(size=(3, 3))
-    rows = sampled @ coupling.T @ scene.response[sensor].T
-    parameters = {"time_constant_s": time_constant_s, "coupling": numbers(coupling)}
-    change = proportional(of_sensors(scene, {sensor: rows}))
-    return Disturbance("eddy_current", (sensor + 1,), (), change, "share of the field's change", parameters)
+    rows = {}
+    for sensor in chosen:
+        root = rng.normal(size=(3, 3))
+        coupling = root @ root.T / 3 + 0.3 * rng.normal(size=(3, 3))
+        rows[sensor] = sampled @ coupling.T @ scene.response[sensor].T
+    sensors = (ALL,) if everywhere else (chosen[0] + 1,)
+    change = proportional(of_sensors(scene, rows))
+    parameters = {"time_constant_s": time_constant_s}
+    return Disturbance("eddy_current", sensors, (), change, "share of the field's change", parameters)
 
 
 def flexure(rng: Generator, scene: Scene) -> Disturbance:

@@ -136,7 +136,7 @@ class Outcome:
     def _place(self, sensors: list[Any]) -> frozenset[str]:
         place = frozenset(map(str, sensors))
         everywhere = frozenset(map(str, range(1, self.key["sensors"] + 1)))
-        return frozenset({"all"}) if len(everywhere) > 1 and place >= everywhere else place
+        return frozenset({"all"}) if place >= everywhere else place
 
     @property
     def true_axis(self) -> str:
