@@ -96,6 +96,8 @@ def without_gradient(
 _DEGREES = {2: "T/m", 3: "T/m²", 4: "T/m³"}
 """Units of the derivatives of a potential, by its degree."""
 
+_PIECE = 4096
+
 _LEAST_TURN = 0.1
 """Radians by which the array must be turned, root of the mean square."""
 
@@ -125,24 +127,35 @@ class AmbientGradient(LinearEffect):
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return the harmonic potentials of degree 2, 3 and 4, by their derivatives in the world at the centre."""
-        rotation = to_world(situation)
-        along = situation.field_T / situation.intensity_T[:, None]
-        array, matrices = situation.array, situation.errors.matrix
+        array = situation.array
+        places = list(zip(array.positions_m, situation.errors.matrix, strict=True))
         terms = []
         for degree, unit in _DEGREES.items():
             names = ["".join(np.repeat(list("xyz"), orders)) for orders in derivatives(degree)]
-            features = []
-            for position, matrix in zip(array.positions_m, matrices, strict=True):
-                of_sensor = fields(degree, rotation @ position) @ rotation @ matrix.T
-                features.append(np.swapaxes(of_sensor, 1, 2).reshape(len(along), -1))
-            if array.scalar_position_m is not None and _has_distant_scalar(array):
-                at_scalar = fields(degree, rotation @ array.scalar_position_m) @ rotation
-                features.append(np.einsum("npa,na->np", at_scalar, along))
-            joined = np.concatenate(features, axis=1)
-            rows, columns = np.divmod(np.arange(joined.shape[1]), len(names))
+            row_count = situation.scalar_row + _has_distant_scalar(array)
+            features = np.empty((situation.sample_count, row_count, len(names)))
+            for start in range(0, situation.sample_count, _PIECE):
+                piece = slice(start, start + _PIECE)
+                rotation = to_world(situation.take(piece))
+                for sensor, (position, matrix) in enumerate(places):
+                    in_array = _turned_fields(degree, position, rotation)
+                    features[piece, 3 * sensor : 3 * sensor + 3] = matrix @ in_array
+                if array.scalar_position_m is not None and _has_distant_scalar(array):
+                    along = situation.field_T[piece] / situation.intensity_T[piece, None]
+                    in_array = _turned_fields(degree, array.scalar_position_m, rotation)
+                    features[piece, -1:] = along[:, None] @ in_array
+            rows, columns = np.divmod(np.arange(row_count * len(names)), len(names))
             parts = tuple(Coefficient(f"gradient {name}", unit) for name in names)
+            joined = features.reshape(situation.sample_count, -1)
             terms.append(Term(ALL, None, f"degree {degree}", parts, joined, rows, columns))
         return terms
+
+
+def _turned_fields(degree: int, position_m: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Return the fields (n, 3, P) of harmonic potentials of the world, turned into the array frame."""
+    in_world = fields(degree, (rotation @ position_m).T)
+    in_array: FloatArray = np.swapaxes(rotation, 1, 2) @ in_world.T
+    return in_array
 
 
 def _has_distant_scalar(array: Array) -> bool:

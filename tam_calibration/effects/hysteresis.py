@@ -58,7 +58,7 @@ class Hysteresis(LinearEffect):
         for row in range(situation.scalar_row):
             sensed = situation.sensed_T[:, row]
             loops = states[:, row, 1:]
-            saturating = [legvander(loop / scale, 5)[:, order] for loop in loops.T for order in (3, 5)]
+            saturating = [curve for loop in loops.T for curve in legvander(loop / scale, 5).T[[3, 5]]]
             for name, unit, names, features in (
                 ("loop", "1", [f"play {width}" for width in _PLAYS], [loop - sensed for loop in loops.T]),
                 ("rounded loop", "1", [f"width {width}" for width in _ROUNDED], [loop[:, row] for loop in rounded]),

@@ -13,24 +13,20 @@ def derivatives(degree: int) -> list[tuple[int, int, int]]:
 
 
 def fields(degree: int, position_m: FloatArray) -> FloatArray:
-    """Return the fields (..., 2 degree + 1, 3) at positions (..., 3) of harmonic potentials of a degree, per unit.
+    """Return the fields (2 degree + 1, 3, N) at positions (3, N) of harmonic potentials of a degree, per unit.
 
     The potential of one of ``derivatives`` is the one whose derivative of that order is 1 and whose others are 0: that
     of x^a y^b z^c / (a! b! c!) for c = 0 or 1 is continued in z by Laplace's equation, as
     Σ (-1)^k z^(2k+c) / (2k+c)! (∂²/∂x² + ∂²/∂y²)^k x^a y^b / (a! b!). Units are T/m^(degree - 1).
     """
-    power = np.stack([position_m**exponent / factorial(exponent) for exponent in range(degree + 1)])
-    field = np.zeros((*position_m.shape[:-1], 2 * degree + 1, 3))
-    for index, (along_x, along_y, along_z) in enumerate(derivatives(degree)):
+    power = np.stack([position_m**exponent / factorial(exponent) for exponent in range(degree)])
+    field = np.zeros((2 * degree + 1, 3, position_m.shape[1]))
+    for own, (along_x, along_y, along_z) in zip(field, derivatives(degree), strict=True):
         for twice in range((along_x + along_y) // 2 + 1):
             for in_x in range(twice + 1):
-                orders = [along_x - 2 * in_x, along_y - 2 * (twice - in_x), along_z + 2 * twice]
-                if min(orders) < 0:
-                    continue
-                factor = (-1) ** twice * comb(twice, in_x)
-                for axis in range(3):
-                    lowered = [order - (other == axis) for other, order in enumerate(orders)]
-                    if lowered[axis] >= 0:
+                orders = np.array([along_x - 2 * in_x, along_y - 2 * (twice - in_x), along_z + 2 * twice])
+                for axis, lowered in enumerate(orders - np.eye(3, dtype=int)):
+                    if lowered.min() >= 0:
                         x, y, z = lowered
-                        field[..., index, axis] += factor * power[x, ..., 0] * power[y, ..., 1] * power[z, ..., 2]
+                        own[axis] += (-1) ** twice * comb(twice, in_x) * power[x, 0] * power[y, 1] * power[z, 2]
     return field
