@@ -8,7 +8,7 @@ import click
 from rich.progress import Progress
 
 from tam_calibration.cli.terminal import PATH, showing_progress, stdout, write_together
-from tam_calibration.problems import Refused
+from tam_calibration.problems import InputError, Refused
 from tam_calibration.reproduce import PAPERS
 
 if TYPE_CHECKING:
@@ -18,25 +18,32 @@ if TYPE_CHECKING:
 RESULTS = Path("benchmarks/results")
 SWEPT = "wu2025"
 """The paper whose figures are sweeps."""
+COIL = "coil"
+"""Its localisation of a coil, with which errors it takes to reach the printed figures."""
 
 
 @click.command()
 @click.argument("paper", type=click.Choice([*PAPERS, "all"]))
+@click.option("--experiment", type=click.Choice([COIL]), help="This experiment of wu2025 only.")
 @click.option("--runs", type=click.IntRange(min=2), default=50, show_default=True, help="Of each point of wu2025.")
 @click.option("--report", type=PATH, help="Write an HTML page with all numbers and the figures redrawn.")
 @click.option("--output-dir", type=PATH, help=f"Of the CSV files.  [default: {RESULTS} if there is one, else here]")
-def command(paper: str, runs: int, report: Path | None, output_dir: Path | None) -> None:
+def command(paper: str, experiment: str | None, runs: int, report: Path | None, output_dir: Path | None) -> None:
     """Run the simulations of PAPER again and print each of its numbers beside ours.
 
     Each is marked as reproduced, not reproduced, or an error of the paper, with the reason. Exits 1 where a status is
     another than the one on record. Writes reproduce_PAPER.csv, and for wu2025 the curves of its figures as
-    reproduce_wu2025_figures.csv.
+    reproduce_wu2025_figures.csv, or for its experiment with the coil reproduce_wu2025_coil.csv and
+    reproduce_wu2025_coil_sweeps.csv.
     """
+    if experiment is not None:
+        _reproduce_coil(paper, report, _folder(output_dir))
+        return
     from tam_calibration.cli.reproduction_csv import rows_to_csv, sweeps_to_csv
     from tam_calibration.cli.reproduction_table import print_rows, summary
 
     papers = list(PAPERS) if paper == "all" else [paper]
-    folder = output_dir or (RESULTS if RESULTS.is_dir() else Path())
+    folder = _folder(output_dir)
     files = {name: folder / f"reproduce_{name}.csv" for name in papers}
     outputs: dict[str, Path | None] = {**files, "report": report}
     if SWEPT in papers:
@@ -58,6 +65,48 @@ def command(paper: str, runs: int, report: Path | None, output_dir: Path | None)
     for name in papers:
         click.echo(summary(name, rows[name]))
     _require_record([row for name in papers for row in rows[name]])
+
+
+def _reproduce_coil(paper: str, report: Path | None, folder: Path) -> None:
+    from tam_calibration.cli.reproduction_csv import coil_sweeps_to_csv, rows_to_csv
+    from tam_calibration.cli.reproduction_table import print_rows, summary
+    from tam_calibration.files.scenario import read_scenario
+    from tam_calibration.reproduce import wu2025_coil
+    from tam_calibration.reproduce.wu2025_coil_sweeps import sweeps
+
+    if paper != SWEPT:
+        raise InputError(f"the experiment {COIL!r} is one of {SWEPT}, not of {paper}")
+    call = f"tam reproduce {SWEPT} --experiment {COIL}"
+    outputs: dict[str, Path | None] = {
+        "rows": folder / f"reproduce_{SWEPT}_{COIL}.csv",
+        "sweeps": folder / f"reproduce_{SWEPT}_{COIL}_sweeps.csv",
+        "report": report,
+    }
+    with write_together(outputs, []) as beside:
+        with showing_progress() as progress:
+            progress.add_task(
+                "coil: before and after calibration, then each error that the model leaves out", total=None
+            )
+            array_and_coil = wu2025_coil.Experiment.of(read_scenario("wu_turntable"))
+            rows, grown = wu2025_coil.rows(array_and_coil), sweeps(array_and_coil)
+        beside["rows"].write_text(rows_to_csv(rows, call), encoding="utf-8")
+        beside["sweeps"].write_text(coil_sweeps_to_csv(grown, call), encoding="utf-8")
+        if "report" in beside:
+            from tam_calibration.report.reproduction_report import write_reproduction_report
+
+            write_reproduction_report(beside["report"], {SWEPT: rows}, {}, grown)
+    print_rows(stdout(), PAPERS[SWEPT], rows)
+    for path in filter(None, outputs.values()):
+        click.echo(f"written: {path}")
+    for sweep in grown:
+        found = f"{sweep.needed:.3g} {sweep.unit}" if sweep.needed == sweep.needed else "not by it alone"
+        click.echo(f"printed distance after calibration reached by {sweep.name}: {found}")
+    click.echo(summary(SWEPT, rows))
+    _require_record(rows)
+
+
+def _folder(output_dir: Path | None) -> Path:
+    return output_dir or (RESULTS if RESULTS.is_dir() else Path())
 
 
 def _reproduce(papers: list[str], runs: int) -> tuple[dict[str, list["Row"]], dict[str, "Sweep"]]:

@@ -6,6 +6,7 @@ from io import StringIO
 
 from tam_calibration.reproduce.row import Row
 from tam_calibration.reproduce.sweep import Sweep
+from tam_calibration.reproduce.wu2025_coil_sweeps import CoilSweep
 from tam_calibration.reproduce.wu2025_sweeps import GROUPS, HELD_OUT, IN_SAMPLE, RELATIVE_ERROR
 from tam_calibration.units import FloatArray, to_nanotesla
 
@@ -17,6 +18,7 @@ _SWEEP_HEADER = (
     *(f"e_B{sensor}_nT {data}" for data in _DATA for sensor in range(1, 5)),
     *(f"e_T_nT_per_m {data}" for data in _DATA),
 )  # fmt: skip
+_COIL_HEADER = ("error", "unit", "size", "least_r_m", "median_r_m", "largest_r_m", "needed_size")
 
 
 def rows_to_csv(rows: Sequence[Row], command: str) -> str:
@@ -31,6 +33,16 @@ def rows_to_csv(rows: Sequence[Row], command: str) -> str:
 def sweeps_to_csv(sweeps: Mapping[str, Sweep], command: str) -> str:
     """Return the curves of the figures: means over the runs, and over the parameters of a kind."""
     return _to_csv(command, _SWEEP_HEADER, [line for sweep in sweeps.values() for line in _lines(sweep)])
+
+
+def coil_sweeps_to_csv(sweeps: Sequence[CoilSweep], command: str) -> str:
+    """Return the errors of the distance of Wu's coil over the size of each error that his model leaves out."""
+    lines = [
+        (sweep.name, sweep.unit, f"{size:g}", *_numbers(*figures, sweep.needed))
+        for sweep in sweeps
+        for size, figures in zip(sweep.size, sweep.distance_rmse_m, strict=True)
+    ]
+    return _to_csv(command, _COIL_HEADER, lines)
 
 
 def _lines(sweep: Sweep) -> Iterator[Sequence[str]]:

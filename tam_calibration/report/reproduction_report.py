@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tam_calibration.files import write_whole
+from tam_calibration.report.coil_plots import coil_section
 from tam_calibration.report.formatting import count, fixed, join
 from tam_calibration.report.page import Block, Gallery, Section, Table, Text, embed, render
 from tam_calibration.report.reproduction_cells import HEADER, STATUSES, cells, notes, tally
@@ -12,6 +13,7 @@ from tam_calibration.reproduce import PAPERS
 from tam_calibration.reproduce.row import Row
 from tam_calibration.reproduce.sweep import Sweep
 from tam_calibration.reproduce.wu2025 import bias_rmse, excess
+from tam_calibration.reproduce.wu2025_coil_sweeps import CoilSweep
 from tam_calibration.reproduce.wu2025_sweeps import BEST, CORRECTED, HELD_OUT, IN_SAMPLE, PUBLISHED
 from tam_calibration.units import to_nanotesla
 
@@ -37,7 +39,12 @@ _TRENDS = (
 )
 
 
-def write_reproduction_report(path: Path, rows: Mapping[str, Sequence[Row]], sweeps: Mapping[str, Sweep]) -> None:
+def write_reproduction_report(
+    path: Path,
+    rows: Mapping[str, Sequence[Row]],
+    sweeps: Mapping[str, Sweep],
+    coil_sweeps: Sequence[CoilSweep] = (),
+) -> None:
     """Write a self-contained HTML page about reproduced papers.
 
     Parameters
@@ -48,6 +55,8 @@ def write_reproduction_report(path: Path, rows: Mapping[str, Sequence[Row]], swe
         Every number of each paper, by the names of ``reproduce.PAPERS``.
     sweeps : mapping
         Those of Wu 2025; empty where that paper is not among them.
+    coil_sweeps : sequence of CoilSweep
+        Those of its localisation of a coil, where that was asked for.
 
     Raises
     ------
@@ -57,6 +66,8 @@ def write_reproduction_report(path: Path, rows: Mapping[str, Sequence[Row]], swe
     sections = [_verdict(rows)]
     if sweeps:
         sections.append(_figures(sweeps))
+    if coil_sweeps:
+        sections.append(coil_section(coil_sweeps))
     sections += [_numbers(paper, own) for paper, own in rows.items()]
     total = sum(len(own) for own in rows.values())
     page = render("Papers reproduced", f"{join(list(rows))}: {count(total)} numbers", sections)

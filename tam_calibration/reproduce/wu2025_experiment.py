@@ -13,6 +13,7 @@ from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.bound import bound
 from tam_calibration.fit.fast_rotation import count_determined
 from tam_calibration.fit.lossless import lossless
+from tam_calibration.reproduce import wu2025_coil
 from tam_calibration.reproduce.cross import SENSORS
 from tam_calibration.reproduce.row import Row, compare, compare_together
 from tam_calibration.residuals import measure_residuals
@@ -34,10 +35,6 @@ TABLE_2 = {
     "ψ": (-0.0622, -0.0683, -0.0650, -0.0715), "α": (0.0164, 0.0074, 0.0127),
     "β": (0.0118, 0.0117, 0.0145), "γ": (-0.0093, -0.0155, -0.0080),
 }  # fmt: skip
-COIL_M = {
-    "before": {"x": 0.2350, "y": 0.3717, "z": 0.0800, "r": 0.2924},
-    "after": {"x": 0.2620, "y": 0.2418, "z": 0.0431, "r": 0.2516},
-}
 _KINDS = (
     (("δSx", "δSy", "δSz"), slice(0, 3), "1", 1.0),
     (("B0x", "B0y", "B0z"), slice(6, 9), "nT", to_nanotesla(1.0)),
@@ -61,7 +58,7 @@ def rows(turntable: Scenario) -> list[Row]:
         *_before_rows(run),
         *_after_rows(run),
         *_parameter_rows(run),
-        *_coil_rows(),
+        *wu2025_coil.rows(wu2025_coil.Experiment.of(turntable)),
     ]
 
 
@@ -133,15 +130,6 @@ def _parameter_rows(run: Simulation) -> list[Row]:
             for sensor, printed in zip(sensors, TABLE_2[name], strict=True):
                 table.append(_without_ours(f"Table 2, {name}, {sensor}", printed, unit, reason))
     return table
-
-
-def _coil_rows() -> list[Row]:
-    reason = "measured; this reproduction does not simulate the localisation of the coil"
-    return [
-        _without_ours(f"Section 4.2, RMSE of the coil's position, {axis}, {stage}", value, "m", reason)
-        for stage, values in COIL_M.items()
-        for axis, value in values.items()
-    ]
 
 
 def _without_ours(name: str, printed: float, unit: str, reason: str) -> Row:

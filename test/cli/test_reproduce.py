@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
-from tam_calibration.reproduce import li2018a, wu2025
+from tam_calibration.reproduce import li2018a, wu2025, wu2025_coil_sweeps
 
 
 @pytest.fixture
@@ -71,6 +71,22 @@ def test_another_status_than_on_record_exits_1(run, monkeypatch):
         "tam: 1 number came out with another status than is on record: Table 1, TMI, before, sensor 1\n"
     )
     assert Path("reproduce_li2018a.csv").exists()
+
+
+def test_experiment_with_the_coil_alone(run, monkeypatch):
+    """Its numbers, what each unmodelled error needs, and a page with the plot; of another paper there is none."""
+    monkeypatch.setattr(wu2025_coil_sweeps, "_DIRECTIONS", 3)
+    monkeypatch.setattr(wu2025_coil_sweeps, "_DRAWS", 3)
+    result = run("wu2025", "--experiment", "coil", "--report", "page.html")
+    assert result.exit_code == 0, result.stderr
+    assert result.stdout.splitlines()[-1] == "wu2025: 24 numbers, 8 reproduced, 16 not reproduced, 0 paper in error"
+    assert "reached by baseline length: " in result.stdout
+    first, rows = read("reproduce_wu2025_coil.csv")
+    assert first == "# tam reproduce wu2025 --experiment coil" and len(rows) == 24
+    assert len(read("reproduce_wu2025_coil_sweeps.csv")[1]) == 66
+    assert "What the coil of Wu 2025 needs" in Path("page.html").read_text(encoding="utf-8")
+    other = run("li2018a", "--experiment", "coil")
+    assert other.exit_code == 2 and "is one of wu2025" in other.stderr
 
 
 def test_a_folder_that_is_not_there_exits_2(run):
