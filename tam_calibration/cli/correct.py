@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tam_calibration.array import OUTPUT_NAMES
 from tam_calibration.calibration import Calibration, Corrected
 from tam_calibration.cli.terminal import PATH, reading, showing_progress, tolerance_option, working
-from tam_calibration.files import read_array, read_calibration, read_pieces, write_corrected_pieces
+from tam_calibration.files import read_array, read_calibration, read_pieces, read_samples, write_corrected_pieces
 from tam_calibration.files.json_text import to_json
 from tam_calibration.files.samples import Samples
 from tam_calibration.problems import InputError
@@ -43,7 +43,9 @@ def command(
         raise InputError(f"{output} would be overwritten: choose another name for the output")
     intensity = _Intensity()
     with showing_progress() as progress:
-        pieces = read_pieces(recording, calibration.errors.sensor_count, tolerance_s, reading(progress))
+        source = recording, calibration.errors.sensor_count, tolerance_s, reading(progress)
+        # Effects reach from one piece into the next, and holes in their channels are filled from both sides.
+        pieces = [read_samples(*source)] if calibration.effects else read_pieces(*source)
         corrected = _correct(pieces, calibration, intensity)
         write_corrected_pieces(output, corrected, recording, working(progress, f"writing {output}"))
     summary = _summarise(intensity, calibration, output)
@@ -86,14 +88,18 @@ def _correct(
     wrong_units: list[InputError] = []
     right_units = 0
     for samples in pieces:
+        if calibration.effects:
+            corrected = calibration.correct(samples.recording)
+        else:
+            outputs = calibration.apply(samples.recording.readings_T)
+            corrected = Corrected(samples.recording.time_s, outputs, calibration.output_standard_errors)
         try:
             samples.recording.check_units()
             right_units += 1
         except InputError as problem:
             wrong_units.append(problem)
-        outputs = calibration.apply(samples.recording.readings_T)
-        intensity.add(outputs)
-        yield Corrected(samples.recording.time_s, outputs, calibration.output_standard_errors), samples.stamps_ns
+        intensity.add(corrected.outputs)
+        yield corrected, samples.stamps_ns
     if len(wrong_units) > right_units:
         raise wrong_units[0]
 

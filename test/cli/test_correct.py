@@ -1,6 +1,7 @@
 """`tam correct`: CSV and bags in, CSV and bags out, all with the same numbers."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -75,3 +76,30 @@ def test_a_summary_is_told(folder, recording):
 def test_the_array_is_compared(folder):
     """With the right array file the result is the same."""
     run("run.csv", "--calibration", "c.yaml", "--array", "array.yaml", "-o", "out.csv")
+
+
+def test_pieces_give_the_whole(folder, monkeypatch):
+    """A bag that is corrected in many pieces holds bit by bit the results of the whole, and the same summary."""
+    run("run", "--calibration", "c.yaml", "-o", "whole")
+    whole = run("run", "--calibration", "c.yaml", "-o", "whole.csv", "--json").stdout
+    monkeypatch.setattr("tam_calibration.files.bag.BATCH", 100)
+    monkeypatch.setattr("tam_calibration.files.bag_sqlite3.ROWS", 64)
+    run("run", "--calibration", "c.yaml", "-o", "pieces")
+    pieces = run("run", "--calibration", "c.yaml", "-o", "pieces.csv", "--json").stdout
+    assert read_cloud(folder / "pieces").tolist() == read_cloud(folder / "whole").tolist()
+    assert (folder / "pieces.csv").read_text() == (folder / "whole.csv").read_text()
+    assert json.loads(pieces)["intensity_mean_nT"] == pytest.approx(json.loads(whole)["intensity_mean_nT"])
+
+
+def test_readings_in_another_unit_are_refused_after_some_that_are_none(folder, recording, monkeypatch):
+    """A few pieces of nonsense are corrected like the rest; when most are not in tesla, nothing is written."""
+    monkeypatch.setattr("tam_calibration.files.bag.BATCH", 500)
+    monkeypatch.setattr("tam_calibration.files.bag_sqlite3.ROWS", 500)
+    for name, bad in (("few", slice(100, 200)), ("most", slice(100, 600))):
+        readings = recording.readings_T.copy()
+        readings[bad] *= 1e9
+        write_recording(name, replace(recording, readings_T=readings))
+    run("few", "--calibration", "c.yaml", "-o", "few_out")
+    result = CliRunner().invoke(main, ["correct", "most", "--calibration", "c.yaml", "-o", "most_out"])
+    assert result.exit_code == 2 and "nT given as T" in result.stderr
+    assert not (folder / "most_out").exists()
