@@ -67,8 +67,9 @@ def hysteresis(rng: Generator, scene: Scene) -> Disturbance:
         along, onto, mask = draw_direction(rng), draw_direction(rng), np.ones(3)
         magnetised, parameters = law(rng, scene.field_T @ along / scene.intensity_T.mean())
         rows, place = np.outer(magnetised, onto), "rod"
+        parameters["axis"] = numbers(along)
     change = proportional(of_sensors(scene, {sensor: 1e-9 * rows}))
-    parameters = {"place": place, **parameters}
+    parameters["place"] = place
     return Disturbance("hysteresis", (sensor + 1,), named(mask), change, "nT at saturation", parameters)
 
 

@@ -1,0 +1,103 @@
+"""The check on withheld effects: cases from a seed, their diagnosis, their score.
+
+Run ``python benchmarks/blind.py --seed SEED [--cases 400] [--folder KEPT] [--judged]``. Every recording is made by
+``tam blind make``, diagnosed by ``tam diagnose`` from its two files alone, once more with its true effect left out of
+the library, and scored against the sealed keys. With ``--judged`` the figures go to ``results/blind*.csv`` and into
+``docs/gap_check.md``, with the pictures of its confusion matrix and reliability curve; the seed must then be one that
+nothing was tuned on. The figures and what is asked of them are described in ``docs/gap_check.md``.
+"""
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+from rich.console import Console
+
+from tam_calibration.blind.folder import TIMES, read_json, read_keys, read_outcomes
+from tam_calibration.blind.score import Score
+from tam_calibration.cli.blind_page import draw_confusion, draw_reliability
+from tam_calibration.cli.blind_table import HEADER, cells, effects, print_score, remarks
+from tam_calibration.files.whole import write_whole
+
+RESULTS = Path(__file__).parent / "results"
+DOCS = Path(__file__).parents[1] / "docs"
+MARKS = ("<!-- figures: written by benchmarks/blind.py -->", "<!-- end of figures -->")
+
+
+@click.command()
+@click.option("--seed", type=click.IntRange(min=0), required=True)
+@click.option("--cases", default=400, show_default=True)
+@click.option("--folder", type=click.Path(path_type=Path), help="Keep the cases here; they are answered anew.")
+@click.option("--judged", is_flag=True, help="Write the results and the figures of the documentation.")
+def main(seed: int, cases: int, folder: Path | None, judged: bool) -> None:
+    """Make, answer and score cases, and print the figures."""
+    with TemporaryDirectory() as passing:
+        place = folder or Path(passing) / "cases"
+        if not place.exists():
+            tam("make", place, "--seed", seed, "--cases", cases)
+        tam("answer", place)
+        tam("answer", place, "--without-effect")
+        keys = read_keys(place, None)
+        score = Score(read_outcomes(place, keys, "answer.json"), read_outcomes(place, keys, "answer_without.json"))
+        times_s = read_json(place / TIMES)
+    print_score(Console(width=120), score, times_s)
+    if judged:
+        write_results(score)
+        document(score, times_s, f"python benchmarks/blind.py --seed {seed} --cases {cases} --judged")
+
+
+def tam(*words: object) -> None:
+    """Run a command of the check."""
+    subprocess.run([sys.executable, "-m", "tam_calibration", "blind", *map(str, words)], check=True)
+
+
+def write_results(score: Score) -> None:
+    """Write figures, confusion matrix and reliability curve as CSV."""
+    figures = [(f'"{row.name}"', row.size, *cells(row)[2:4], *cells(row)[5:]) for row in score.rows]
+    header = (*HEADER[:4], *HEADER[5:])
+    counts = [(truth, told, str(n)) for truth, own in score.confusion.items() for told, n in own.most_common()]
+    curve = [(f"{one.told:.4f}", f"{one.true:.4f}", str(one.count)) for one in score.reliability]
+    write_csv("blind.csv", header, figures)
+    write_csv("blind_confusion.csv", ("truth", "first answer", "cases"), counts)
+    write_csv("blind_reliability.csv", ("told", "true", "statements"), curve)
+
+
+def write_csv(name: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Write one table of results."""
+    with write_whole(RESULTS / name) as beside:
+        beside.write_text("\n".join(map(",".join, [header, *rows])) + "\n", encoding="utf-8")
+
+
+def document(score: Score, times_s: dict[str, float], command: str) -> None:
+    """Put the figures between their marks in the documentation, and draw the pictures."""
+    draw_confusion(score).savefig(DOCS / "images" / "gap_confusion.png", dpi=110)
+    draw_reliability(score).savefig(DOCS / "images" / "gap_reliability.png", dpi=110)
+    parts = [
+        MARKS[0],
+        f"Made by `{command}`, on cases that nothing was tuned on.",
+        markdown(HEADER, [cells(row) for row in score.rows]),
+        "\n".join(f"- {line}" for line in remarks(score, times_s)),
+        "![How often each answer came first; rows are the truth](images/gap_confusion.png)",
+        "![What came true of what was told](images/gap_reliability.png)",
+        markdown(("effect", "solved", "amplitude left, median"), effects(score)),
+        MARKS[1],
+    ]
+    path = DOCS / "gap_check.md"
+    between = re.compile(f"{re.escape(MARKS[0])}.*?{re.escape(MARKS[1])}", re.DOTALL)
+    text = between.sub(lambda _: "\n\n".join(parts), path.read_text(encoding="utf-8"))
+    with write_whole(path) as beside:
+        beside.write_text(text, encoding="utf-8")
+
+
+def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(cell.replace('|', '∣') for cell in line)} |" for line in lines)
+
+
+if __name__ == "__main__":
+    main()
