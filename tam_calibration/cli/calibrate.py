@@ -1,11 +1,14 @@
 """`tam calibrate`: from a recording to a calibration."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import click
 import numpy as np
 
+from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
 from tam_calibration.cli.place import field_at
 from tam_calibration.cli.terminal import (
@@ -29,6 +32,8 @@ from tam_calibration.fit.ambient_gradient import as_if_uniform
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 
+_Fit = Callable[[Recording, Array], Calibration]
+
 
 @click.command()
 @click.argument("recording", type=PATH)
@@ -41,6 +46,11 @@ from tam_calibration.recording import Recording
     is_flag=True,
     help="Fit a gradient of the site's field too, from the recorded attitude: for a site that is not perfect.",
 )
+@click.option(
+    "--effects",
+    help="Fit effects too and keep them: names such as temperature_drift,current_interference, or auto for those that "
+    "tam diagnose finds.",
+)
 @tolerance_option
 @click.option("--json", "json_path", type=PATH, help="Write the result as JSON; - is stdout, instead of the tables.")
 @click.option("--report", type=PATH, help="Write an HTML page with residuals, coverage and parameters.")
@@ -51,6 +61,7 @@ def command(
     method: str,
     place: str | None,
     ambient_gradient: bool,
+    effects: str | None,
     tolerance_s: float,
     json_path: Path | None,
     report: Path | None,
@@ -59,7 +70,10 @@ def command(
     to_stdout = json_path == Path("-")
     outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
     with write_together(outputs, [recording, array]) as beside:
-        data, calibration = _calibrate(recording, array, method, place, ambient_gradient, tolerance_s)
+        fit: _Fit = partial(calibrate, method=method, ambient_gradient=ambient_gradient)
+        if effects is not None:
+            fit = _fit_of_effects(effects, method, ambient_gradient)
+        data, calibration = _calibrate(recording, array, fit, place, tolerance_s)
         if "yaml" in beside:
             beside["yaml"].write_text(calibration_to_yaml(calibration), encoding="utf-8")
         if "json" in beside:
@@ -74,8 +88,20 @@ def command(
         _print(data, calibration, [path for path in outputs.values() if path])
 
 
+def _fit_of_effects(effects: str, method: str, ambient_gradient: bool) -> _Fit:
+    """Return the fit of the errors together with the effects named."""
+    if method != DEFAULT_METHOD:
+        raise InputError(f"{method} cannot fit effects: {DEFAULT_METHOD} can")
+    if ambient_gradient:
+        raise InputError("name the gradient among the effects instead: --effects ambient_gradient")
+    from tam_calibration.gap.calibration_with_effects import calibrate_with_effects  # late: not every fit needs it
+
+    names = [name.strip() for name in effects.split(",") if name.strip()]
+    return partial(calibrate_with_effects, effects=names)
+
+
 def _calibrate(
-    path: Path, array_path: Path, method: str, place: str | None, ambient_gradient: bool, tolerance_s: float
+    path: Path, array_path: Path, fit: _Fit, place: str | None, tolerance_s: float
 ) -> tuple[Recording, Calibration]:
     """Return the calibration, and the recording as it would be without the gradient that was fitted."""
     array = read_array(array_path)
@@ -84,7 +110,7 @@ def _calibrate(
         if place is not None:
             recording = _with_intensity(recording, place)
         progress.add_task(f"fitting {recording.sample_count} samples", total=None)
-        calibration = calibrate(recording, array, method, ambient_gradient=ambient_gradient)
+        calibration = fit(recording, array)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     return uniform, replace(calibration, source=provenance(path))
 

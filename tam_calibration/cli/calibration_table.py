@@ -9,6 +9,7 @@ from tam_calibration.calibration import AmbientGradient, Calibration
 from tam_calibration.files import FORMULA
 from tam_calibration.fit.coverage import Coverage
 from tam_calibration.fit.weakness import Weakness
+from tam_calibration.report.effect_rows import NUMBERS_HEADER, effect_number_rows
 from tam_calibration.report.formatting import number, sentence, with_error
 from tam_calibration.report.parameter_rows import parameter_rows
 from tam_calibration.residuals import Residuals
@@ -18,6 +19,8 @@ from tam_calibration.units import to_nanotesla
 def print_calibration(console: Console, calibration: Calibration, coverage: Coverage, weakness: Weakness) -> None:
     """Print parameters, residuals, coverage, what to know, and how to apply the calibration by hand."""
     console.print(_parameters(calibration))
+    if calibration.effects:
+        console.print(_effects(calibration))
     console.print(_residuals(calibration))
     intensity = number(to_nanotesla(calibration.intensity_T), 6)
     reference = "from the scalar reference" if calibration.has_scalar_reference else "fitted, on an unknown scale"
@@ -41,6 +44,13 @@ def _parameters(calibration: Calibration) -> Table:
     for sensor in range(calibration.errors.sensor_count):
         table.add_column(f"sensor {sensor + 1}", justify="right")
     for row in parameter_rows(calibration):
+        table.add_row(*row)
+    return table
+
+
+def _effects(calibration: Calibration) -> Table:
+    table = Table(*NUMBERS_HEADER, title="Effects beside the errors ± standard errors")
+    for row in effect_number_rows(calibration):
         table.add_row(*row)
     return table
 

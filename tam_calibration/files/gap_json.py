@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tam_calibration.calibration import Provenance
-from tam_calibration.effects.effect import ALL, SCALAR, Contribution
+from tam_calibration.effects.effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.files.json_text import to_json
 from tam_calibration.files.whole import write_whole
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
@@ -56,16 +56,18 @@ def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]
 
 
 def parameters_of(cause: Cause) -> dict[str, dict[str, Any]]:
-    """Return value, standard error and unit of each parameter of a cause, by a name that is unique.
+    """Return the parameters of a cause, as ``numbers_of`` does."""
+    return numbers_of(cause.fitted, cause.units)
+
+
+def numbers_of(fitted: FittedEffect, units: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Return value, standard error and unit of each parameter of an effect, by a name that is unique.
 
     Names are such as "time constant" of the shape, and "sensor 2 x offset" of a coefficient, with the name of its
     term where it would not be unique otherwise; a standard error that is not known is NaN.
     """
-    fitted = cause.fitted
     parameters = {
-        _without_unit(name, cause.units[name]): _parameter(
-            value, fitted.shape_errors.get(name, math.nan), cause.units[name]
-        )
+        _without_unit(name, units[name]): _parameter(value, fitted.shape_errors.get(name, math.nan), units[name])
         for name, value in fitted.shape.items()
     }
     entries = list(_coefficients(fitted.contributions))
@@ -75,7 +77,7 @@ def parameters_of(cause: Cause) -> dict[str, dict[str, Any]]:
         if uses[name] > 1:
             name = _name(part, f"{part.term} {coefficient}")
         error = part.standard_errors.get(coefficient, math.nan)
-        parameters[name] = _parameter(part.values[coefficient], error, cause.units[coefficient])
+        parameters[name] = _parameter(part.values[coefficient], error, units[coefficient])
     return parameters
 
 

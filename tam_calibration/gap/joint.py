@@ -1,12 +1,13 @@
 """What a joint fit of calibration and effects does not know of either, from their common information."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from tam_calibration.calibration import Calibration, EffectSize
-from tam_calibration.effects.effect import FittedEffect, Shape, Term
+from tam_calibration.effects.effect import ALL, Coefficient, FittedEffect, Shape, Term
 from tam_calibration.effects.removal import on_sensors
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.scale import free_scale
@@ -14,10 +15,14 @@ from tam_calibration.gap.channels import Channels, Design, calibration_design
 from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.nominal import stepped
 from tam_calibration.gap.regression import Base, pseudo_inverse
+from tam_calibration.gap.selection import columns_of
 from tam_calibration.units import FloatArray
 
 _STEP = 0.01
 """Of a parameter of the shape, as part of itself, for derivatives."""
+
+_FIRST_TURN = slice(9, 12)
+"""Misalignment of the first sensor, which is zero."""
 
 _SAMPLES = 2000
 """Samples, spread over the recording, from which the uncertainty of what an effect adds is worked out."""
@@ -68,6 +73,7 @@ class Joint:
             for size, step in zip(deviation, (shift * deviation).T, strict=True)
         ]
         slope = np.column_stack(columns)
+        slope[_FIRST_TURN] = 0
         correlation = self._covariance / np.outer(*[np.where(deviation > 0, deviation, 1)] * 2)
         added: FloatArray = slope @ correlation @ slope.T
         return added
@@ -77,14 +83,16 @@ class Joint:
         unmix = calibration.correction_matrix
         some = slice(None, None, -(-self.model.recording.sample_count // _SAMPLES))
         sizes, start = [], 0
-        for part, terms, design, fitted in zip(self.model.parts, self._terms, self._designs, self.effects, strict=True):
-            own = slice(start, start + design.width)
-            start += design.width
+        for part, terms, all_terms, fitted in zip(
+            self.model.parts, self._terms, self._all_terms, self.effects, strict=True
+        ):
+            own = slice(start, start + sum(len(term.coefficients) for term in all_terms))
+            start = own.stop
             if on_sensors(fitted) is None:
                 sizes.append(EffectSize(np.zeros(9), np.zeros(9)))
                 continue
             added = part.signal(terms, unmix.shape[1] + 1)[:, :-1] @ unmix.T
-            sizes.append(EffectSize(_rms(added), _deviation(design, unmix, self._covariance[own, own], some)))
+            sizes.append(EffectSize(_rms(added), _deviation(all_terms, unmix, self._covariance[own, own], some)))
         return tuple(sizes)
 
     @cached_property
@@ -100,16 +108,16 @@ class Joint:
         return [part.terms(self._channels) for part in self.model.parts]
 
     @cached_property
-    def _designs(self) -> list[Design]:
-        """One for each effect: its coefficients, then the free parameters of its shape."""
+    def _all_terms(self) -> list[list[Term]]:
+        """Of each effect the terms, then the free parameters of its shape."""
         return [
-            Design.joined([Design.of(terms), *(_moved(part, name, self._channels) for name in names)])
+            [*terms, *(_moved(part, name, self._channels) for name in names)]
             for part, terms, names in zip(self.model.parts, self._terms, self.free, strict=True)
         ]
 
     @cached_property
     def _design(self) -> Design:
-        return Design.joined(self._designs)
+        return Design.of([term for terms in self._all_terms for term in terms])
 
     @cached_property
     def _covariance(self) -> FloatArray:
@@ -117,8 +125,8 @@ class Joint:
         return self._nominal.project(self._design).inverse()[0]
 
 
-def _moved(part: Part, name: str, channels: Channels) -> Design:
-    """Return the derivative of what an effect adds by one parameter of its shape."""
+def _moved(part: Part, name: str, channels: Channels) -> Term:
+    """Return the derivative of what an effect adds by one parameter of its shape, as a term."""
     size = _STEP * part.shape[name] or _STEP
     count = channels.situation.scalar_row + 1
 
@@ -129,7 +137,8 @@ def _moved(part: Part, name: str, channels: Channels) -> Design:
 
     slope = (added(part.shape[name] + size) - added(part.shape[name] - size)) / (2 * size)
     rows = np.flatnonzero(slope.any(axis=0))
-    return Design(slope[:, rows], rows, np.zeros(len(rows), dtype=np.intp), 1)
+    parameter = Coefficient(name, part.effect.shape_units[name])
+    return Term(ALL, None, name, (parameter,), slope[:, rows], rows, np.zeros(len(rows), dtype=np.intp))
 
 
 def _rms(values: FloatArray) -> FloatArray:
@@ -137,12 +146,13 @@ def _rms(values: FloatArray) -> FloatArray:
     return root
 
 
-def _deviation(design: Design, unmix: FloatArray, covariance: FloatArray, some: slice) -> FloatArray:
-    """Return the root mean square (9,) of the standard deviation of what a design adds to the outputs."""
-    features = design.features[some]
-    by_column = np.zeros((len(features), 9, design.width))
-    for atom in np.flatnonzero(design.rows < unmix.shape[1]):
-        by_column[:, :, design.columns[atom]] += features[:, atom, None] * unmix[:, design.rows[atom]]
-    variance = np.einsum("nop,pq,noq->o", by_column, covariance, by_column, optimize=True) / len(features)
+def _deviation(terms: Sequence[Term], unmix: FloatArray, covariance: FloatArray, some: slice) -> FloatArray:
+    """Return the root mean square (9,) of the standard deviation of what terms add to the outputs."""
+    by_column = np.zeros((len(terms[0].features[some]), 9, len(covariance)))
+    for term, columns in zip(terms, columns_of(terms), strict=True):
+        for atom in np.flatnonzero(term.rows < unmix.shape[1]):
+            own = columns[term.columns[atom]]
+            by_column[:, :, own] += term.features[some, atom, None] * unmix[:, term.rows[atom]]
+    variance = np.einsum("nop,pq,noq->o", by_column, covariance, by_column, optimize=True) / len(by_column)
     deviation: FloatArray = np.sqrt(variance)
     return deviation

@@ -24,7 +24,7 @@ class Evidence:
     coverage : Coverage
         Directions of the field in the array frame.
     before, after : ResidualSeries
-        Residuals of the raw and of the corrected recording.
+        Residuals of the raw and of the corrected recording, what effects add taken off.
     """
 
     calibration: Calibration
@@ -55,5 +55,5 @@ def gather(calibration: Calibration, recording: Recording, coverage: Coverage | 
         recording,
         coverage or measure_coverage(field_T),
         residual_series(SensorErrors.none(errors.sensor_count), array, recording, intensity_T),
-        residual_series(errors, array, recording, intensity_T),
+        residual_series(errors, array, calibration.without_effects(recording), intensity_T),
     )

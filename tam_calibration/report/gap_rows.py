@@ -1,9 +1,10 @@
 """A gap as rows of text, for the page and for the terminal."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from tam_calibration.files.gap_json import parameters_of
+from tam_calibration.effects.effect import FittedEffect
+from tam_calibration.files.gap_json import numbers_of
 from tam_calibration.gap.result import Cause, Considered, Size, Where
 from tam_calibration.report.formatting import fixed, join, number, with_error
 from tam_calibration.units import to_nanotesla
@@ -77,9 +78,14 @@ def cause_row(cause: Cause, sensor_count: int) -> list[str]:
 
 def parameter_rows(cause: Cause) -> list[list[str]]:
     """Return name, value ± standard error and unit of each parameter."""
+    return number_rows(cause.fitted, cause.units)
+
+
+def number_rows(fitted: FittedEffect, units: Mapping[str, str]) -> list[list[str]]:
+    """Return name, value ± standard error and unit of each number of an effect."""
     return [
         [name, _with_error(parameter["value"], parameter["standard_error"]), parameter["unit"]]
-        for name, parameter in parameters_of(cause).items()
+        for name, parameter in numbers_of(fitted, units).items()
     ]
 
 
