@@ -28,39 +28,55 @@ class Design:
 
     Parameters
     ----------
-    features : (N, J) array
-        Of the atoms, tesla per unit of their coefficient.
-    rows, columns : (J,) array of int
-        Row and column of each atom.
+    features : (N, F) array
+        Tesla per unit of a coefficient.
+    index, rows, columns : (J,) array of int
+        Feature, row and column of each atom; atoms of several rows may share a feature.
     width : int
         Number of columns P.
     """
 
     features: FloatArray
+    index: NDArray[np.intp]
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
     width: int
 
     @classmethod
     def of(cls, terms: Sequence[Term]) -> "Design":
-        """Put terms side by side."""
-        widths = [len(term.coefficients) for term in terms]
-        starts = np.cumsum([0, *widths])
-        features = np.concatenate([term.features for term in terms], axis=1)
-        rows = np.concatenate([term.rows for term in terms])
-        columns = np.concatenate([term.columns + start for term, start in zip(terms, starts[:-1], strict=True)])
-        return cls(features, rows, columns, int(starts[-1]))
+        """Put terms side by side; those that hold the same array of features share it."""
+        starts = np.cumsum([0, *(len(term.coefficients) for term in terms)])
+        own: dict[int, tuple[int, FloatArray]] = {}
+        total = 0
+        for term in terms:
+            if id(term.features) not in own:
+                own[id(term.features)] = total, term.features
+                total += term.features.shape[1]
+        return cls(
+            np.concatenate([features for _, features in own.values()], axis=1),
+            np.concatenate([own[id(term.features)][0] + np.arange(len(term.rows)) for term in terms]),
+            np.concatenate([term.rows for term in terms]),
+            np.concatenate([term.columns + start for term, start in zip(terms, starts[:-1], strict=True)]),
+            int(starts[-1]),
+        )
 
     @classmethod
     def joined(cls, designs: "Sequence[Design]") -> "Design":
         """Put designs side by side."""
-        starts = np.cumsum([0, *(design.width for design in designs)])
+        columns = np.cumsum([0, *(design.width for design in designs)])
+        features = np.cumsum([0, *(design.features.shape[1] for design in designs)])
         return cls(
             np.concatenate([design.features for design in designs], axis=1),
+            np.concatenate([design.index + start for design, start in zip(designs, features[:-1], strict=True)]),
             np.concatenate([design.rows for design in designs]),
-            np.concatenate([design.columns + start for design, start in zip(designs, starts[:-1], strict=True)]),
-            int(starts[-1]),
+            np.concatenate([design.columns + start for design, start in zip(designs, columns[:-1], strict=True)]),
+            int(columns[-1]),
         )
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether so many rows share the features that it pays to take directions and rows apart."""
+        return 4 * self.features.shape[1] < len(self.rows)
 
     @cached_property
     def scatter(self) -> FloatArray | None:
@@ -114,8 +130,10 @@ class Channels:
         How a shift of each row moves the differential channels, 1/T.
     differential : (N, 3K - 3) array
         Residuals of them.
-    row_direction : (N, 3K + 1) array
-        How a shift of each row moves the scalar minus the length of the field.
+    direction : (N, 4) array
+        Of the field in the array frame, and 1.
+    turn : (4, 3K + 1) array
+        ``direction @ turn`` is how a shift of each row moves the scalar minus the length of the field.
     misfit_T : (N,) array
         That difference; 0 where there is no reference.
     precision : (N,) array
@@ -128,7 +146,8 @@ class Channels:
     situation: Situation
     directions: FloatArray
     differential: FloatArray
-    row_direction: FloatArray
+    direction: FloatArray
+    turn: FloatArray
     misfit_T: FloatArray
     precision: FloatArray
     is_counted: NDArray[np.bool_]
@@ -142,6 +161,7 @@ class Channels:
         intensity_T: float,
         added_T: FloatArray | None = None,
         is_counted: NDArray[np.bool_] | None = None,
+        row_variance: FloatArray | None = None,
     ) -> "Channels":
         """Return the channels of a recording.
 
@@ -159,12 +179,15 @@ class Channels:
             What known effects add to the rows, and what is taken off them.
         is_counted : (N,) array of bool, optional
             By default every sample counts.
+        row_variance : (3K + 1,) array, optional
+            Of white noise beyond that of the array, T².
         """
         assert array.vector_noise_T is not None
         count = recording.sensor_count
         added = np.zeros(3 * count + 1) if added_T is None else added_T
         matrix = errors.matrix.reshape(-1, 3)
-        weight = 1 / np.repeat(array.vector_noise_T, 3)
+        beyond = np.zeros(3 * count + 1) if row_variance is None else row_variance
+        weight = 1 / np.sqrt(np.repeat(array.vector_noise_T**2, 3) + beyond[:-1])
         covariance = inv(matrix.T @ (weight[:, None] ** 2 * matrix))
         unmix = covariance @ (weight[:, None] ** 2 * matrix).T
         basis, _ = np.linalg.qr(weight[:, None] * matrix, mode="complete")
@@ -174,9 +197,10 @@ class Channels:
         length = norm(field, axis=1)
         direction = field / length[:, None]
         scalar = np.full(len(rows), intensity_T) if recording.scalar_T is None else recording.scalar_T - added[..., -1]
-        variance = (array.scalar_noise_T or 0.0) ** 2 + np.einsum("ni,ij,nj->n", direction, covariance, direction)
+        variance = (array.scalar_noise_T or 0.0) ** 2 + beyond[-1] + np.einsum("ni,ij,nj->n", direction, covariance, direction)
         known = np.isfinite(scalar)
-        row_direction = np.column_stack([-direction @ unmix, np.ones(len(rows))])
+        turn = np.zeros((4, 3 * count + 1))
+        turn[:3, :-1], turn[3, -1] = -unmix, 1
         situation = Situation(
             recording.time_s,
             field,
@@ -191,11 +215,18 @@ class Channels:
             situation,
             directions,
             rows @ directions,
-            row_direction,
+            np.column_stack([direction, np.ones(len(rows))]),
+            turn,
             np.where(known, scalar - length, 0.0),
             np.where(known, 1 / variance, 0.0),
             np.ones(len(rows), dtype=bool) if is_counted is None else is_counted,
         )
+
+    @cached_property
+    def row_direction(self) -> FloatArray:
+        """(N, 3K + 1) how a shift of each row moves the scalar minus the length of the field."""
+        by_row: FloatArray = self.direction @ self.turn
+        return by_row
 
     @cached_property
     def coupling(self) -> FloatArray:
@@ -243,28 +274,42 @@ class Channels:
 
     def cross(self, left: Design, right: Design, part: slice | None = None) -> FloatArray:
         """Return the information (P, Q) between the columns of two designs, from all samples or a slice of them."""
-        total = np.zeros((len(left.rows), len(right.rows)))
-        same = left is right
-        coupling = self.coupling[np.ix_(left.rows, right.rows)]
+        between = np.zeros((left.features.shape[1], right.features.shape[1]))
+        common: FloatArray | float = 0.0
         for piece in self._pieces(part):
-            counted = self.is_counted[piece]
-            first = left.features[piece] * counted[:, None]
-            second = first if same else right.features[piece]
-            total += coupling * (first.T @ second)
-            direction, precision = self.row_direction[piece], self.precision[piece]
-            first = first * direction[:, left.rows] * precision[:, None]
-            total += first.T @ (second * direction[:, right.rows])
+            first, second = left.features[piece], right.features[piece]
+            if not self.is_counted[piece].all():
+                first = first * self.is_counted[piece][:, None]
+            between += first.T @ second
+            own = self._common(left, first, piece) * self.precision[piece][:, None]
+            common = common + own.T @ self._common(right, second, piece)
+        total = between[np.ix_(left.index, right.index)] * self.coupling[np.ix_(left.rows, right.rows)]
+        total += self._by_atom(left, self._by_atom(right, np.asarray(common).T).T)
         if left.scatter is not None:
             total = left.scatter.T @ total
         return total if right.scatter is None else total @ right.scatter
 
+    def _common(self, design: Design, features: FloatArray, piece: slice) -> FloatArray:
+        """Return what a design adds to the common mode: of each atom, or of each feature in each direction."""
+        if design.is_shared:
+            return (features[:, :, None] * self.direction[piece][:, None, :]).reshape(len(features), -1)
+        by_atom: FloatArray = features[:, design.index] * (self.direction[piece] @ self.turn[:, design.rows])
+        return by_atom
+
+    def _by_atom(self, design: Design, values: FloatArray) -> FloatArray:
+        """Return values (C, Q) of what ``_common`` returns as values (J, Q) of the atoms."""
+        if not design.is_shared:
+            return values
+        by_feature = values.reshape(design.features.shape[1], 4, -1)[design.index]
+        return np.einsum("jxq,xj->jq", by_feature, self.turn[:, design.rows])
+
     def score(self, design: Design, part: slice | None = None) -> FloatArray:
         """Return the score (P,) of the columns of a design: their products with the residuals."""
-        total = np.zeros(len(design.rows))
+        total = np.zeros((design.features.shape[1], self.turn.shape[1]))
         for piece in self._pieces(part):
-            by_row = self.row_score[piece]
-            total += np.einsum("nj,nj->j", design.features[piece], by_row[:, design.rows])
-        return total if design.scatter is None else total @ design.scatter
+            total += design.features[piece].T @ self.row_score[piece]
+        of_atoms = total[design.index, design.rows]
+        return of_atoms if design.scatter is None else of_atoms @ design.scatter
 
     @cached_property
     def row_score(self) -> FloatArray:
@@ -300,7 +345,7 @@ def calibration_design(situation: Situation) -> Design:
     features = np.column_stack([situation.field_T, np.full(situation.sample_count, unit)])
     count = situation.scalar_row
     rows = np.repeat(np.arange(count), 4)
-    return Design(np.tile(features, count), rows, np.arange(4 * count), 4 * count)
+    return Design(features, np.tile(np.arange(4), count), rows, np.arange(4 * count), 4 * count)
 
 
 def update(errors: SensorErrors, step: FloatArray, unit_T: float) -> tuple[FloatArray, FloatArray]:

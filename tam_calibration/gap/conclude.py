@@ -14,39 +14,37 @@ from tam_calibration.gap.model import Model
 from tam_calibration.gap.probability import probabilities
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Cause, Considered, Gap, Residue, Size, Verdict, Where
-from tam_calibration.gap.search import Hypothesis
+from tam_calibration.gap.search import Hypothesis, Place
 from tam_calibration.gap.shares import shares_of
 from tam_calibration.gap.size import measure, noise_variance
-from tam_calibration.gap.where import Place, locate, sensors_and_axes
+from tam_calibration.gap.where import locate, sensors_and_axes
 from tam_calibration.units import FloatArray
 
 SMALLEST_GAP = 0.1
 """In noise floors; what is smaller is no gap, however certain."""
 
-_CLOSED = 0.75
-_PARTLY_CLOSED = 0.3
+_CLOSED = 0.9
+_PARTLY_CLOSED = 0.5
 _AS_GOOD = 10.0
 """Difference of BIC within which two effects cannot be told apart."""
 
 
 def conclude(found: Search) -> Gap:
     """Return the gap that a search found."""
-    last = found.rivals
-    variance = noise_variance(found.model, last, LEAST_EVIDENCE)
+    variance = noise_variance(found.model, found.remaining, LEAST_EVIDENCE)
     size = measure(found.nominal, found.model, variance)
     chances = probabilities(found)
     base = found.nominal.base()
     nominal = base.channels
     causes = _causes(found, size, chances, variance)
     verdict = _verdict(found, size, nominal, variance)
-    if verdict == "no_gap":
+    if verdict in ("no_gap", "unexplained"):
         causes = ()
-    first = found.steps[0].rivals if found.steps else found.rivals
     places = [_places(cause.fitted) for cause in causes]
     where = (
         Where((), (), None, None, {})
         if verdict == "no_gap"
-        else locate(base, places, first, variance, LEAST_EVIDENCE)
+        else locate(base, places, found.rivals, variance, LEAST_EVIDENCE)
     )
     considered = _considered(found, causes)
     return Gap(
@@ -65,7 +63,7 @@ def conclude(found: Search) -> Gap:
 def _verdict(found: Search, size: Size, nominal: Channels, variance: float) -> Verdict:
     if size.before < SMALLEST_GAP:
         return "no_gap"
-    strongest = max((rival.delta_bic for rival in found.rivals), default=0.0)
+    strongest = max((rival.delta_bic for rival in found.remaining), default=0.0)
     if not found.steps:
         return "no_gap" if strongest < LEAST_EVIDENCE and variance < 1.44 else "unexplained"
     if size.closed >= _CLOSED or strongest < LEAST_EVIDENCE:
@@ -143,7 +141,7 @@ def _units(effect: FittedEffect, evidence: Evidence) -> dict[str, str]:
 def _considered(found: Search, causes: tuple[Cause, ...]) -> tuple[Considered, ...]:
     named = {cause.fitted.effect for cause in causes}
     result = {one.effect: one for one in found.considered}
-    for one in found.steps[0].weighed if found.steps else found.weighed:
+    for one in found.weighed:
         if one.effect in named:
             why = "the data ask for it"
             result[one.effect] = Considered(one.effect, "supported", why, one.delta_bic)

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 from math import log
 
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect, Situation
+from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
 from tam_calibration.gap.search import Hypothesis, best_form
 from tam_calibration.gap.unknown import FunctionOfDirection, FunctionOfNeighbours, FunctionOfRate, FunctionOfTime
+from tam_calibration.recording import Recording
 
 CHANNEL_NAMES = {
     "scalar_T": "scalar magnetometer",
@@ -41,10 +43,10 @@ class Evidence:
     gain: float
 
 
-def unusable(effect: Effect, situation: Situation) -> Considered | None:
+def unusable(effect: Effect, recording: Recording, situation: Situation) -> Considered | None:
     """Return why a recording cannot show an effect, or None where it can."""
     for channel in effect.channels:
-        if getattr(situation, channel, None) is None:
+        if getattr(recording, channel, None) is None:
             name = CHANNEL_NAMES[channel]
             return Considered(effect.name, "channel_missing", f"needs the {name} channel, which is not recorded")
     obstacle = effect.obstacle(situation)
@@ -52,14 +54,14 @@ def unusable(effect: Effect, situation: Situation) -> Considered | None:
 
 
 def usable(
-    effects: Mapping[str, Effect], without: Collection[str], situation: Situation
+    effects: Mapping[str, Effect], without: Collection[str], channels: Channels
 ) -> tuple[dict[str, Effect], list[Considered]]:
     """Return the effects that can be tried, and what keeps the others from it."""
     tried, considered = {}, []
     for name, effect in effects.items():
         if name in without:
             continue
-        reason = unusable(effect, situation)
+        reason = unusable(effect, channels.recording, channels.situation)
         if reason is None:
             tried[name] = effect
         else:

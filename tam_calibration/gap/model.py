@@ -106,7 +106,11 @@ class Model:
 
     def channels(self, added_T: FloatArray | None = None) -> Channels:
         """Return the channels at the errors of the fit, what is added to the rows taken off."""
-        return Channels.at(self.recording, self.array, self.errors, self.intensity_T, added_T, self.is_counted)
+        variances = [finding.variance for finding in self.findings if finding.variance is not None]
+        beyond = np.sum(variances, axis=0) if variances else None
+        return Channels.at(
+            self.recording, self.array, self.errors, self.intensity_T, added_T, self.is_counted, beyond
+        )
 
     def settled(self) -> "Model":
         """Return the model with calibration and effects fitted together, by Gauss-Newton steps."""
@@ -146,14 +150,8 @@ class Model:
         designs = [Design.of(part.terms(channels)) for part in self.parts]
         return Base(channels, [calibration_design(channels.situation), *designs])
 
-    def accept(self, form: Hypothesis) -> "Model":
+    def accept(self, form: Hypothesis | Finding) -> "Model":
         """Return the model with one more effect, fitted together."""
+        if isinstance(form, Finding):
+            return replace(self, findings=(*self.findings, form)).settled()
         return replace(self, parts=(*self.parts, Part.of(form))).settled()
-
-    def accept_finding(self, finding: Finding) -> "Model":
-        """Return the model with one more effect that was found otherwise."""
-        return replace(self, findings=(*self.findings, finding)).settled()
-
-    def without(self, index: int) -> "Model":
-        """Return the model without one of its parts, fitted together."""
-        return replace(self, parts=self.parts[:index] + self.parts[index + 1 :]).settled()

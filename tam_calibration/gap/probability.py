@@ -12,14 +12,12 @@ _TEMPER = 6.0
 
 def probabilities(found: Search) -> Mapping[str, float]:
     """Return the probability of no gap, of each effect that was weighed first, and of none of these; their sum is one."""
-    weighed = found.steps[0].weighed if found.steps else found.weighed
-    rivals = found.steps[0].rivals if found.steps else found.rivals
     accepted = [step.accepted.effect for step in found.steps]
     logits = {"no_gap": LEAST_EVIDENCE / 2}
-    for one in weighed:
+    for one in found.weighed:
         penalty = 0.0 if one.effect in accepted[:1] or not accepted else 1.0
         logits[one.effect] = one.delta_bic / 2 - penalty
-    strongest = max((rival.delta_bic for rival in rivals), default=0.0)
+    strongest = max((rival.delta_bic for rival in found.rivals), default=0.0)
     logits["none_of_these"] = strongest / 2 if not accepted else -np.inf
     values = np.array(list(logits.values())) / _TEMPER
     odds = np.exp(np.maximum(values - values.max(), -700))

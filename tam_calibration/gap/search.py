@@ -5,12 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from tam_calibration.effects.effect import LinearEffect, Shape, Term
+from tam_calibration.effects.effect import Finding, LinearEffect, Shape, Situation, Term
 from tam_calibration.gap.channels import Design
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.selection import Selection, select
 
 _REFINEMENTS = 14
+
+Place = tuple[int, int | None]
+"""Sensor (index, ``SCALAR`` or ``ALL``) and axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +37,23 @@ class Hypothesis:
     terms: tuple[Term, ...]
     selection: Selection
 
+    def moved(self, situation: Situation) -> "Hypothesis":
+        """Return the same terms of the same shape in another situation."""
+        found = {(term.sensor, term.axis, term.name): term for term in self.effect.terms(situation, self.shape)}
+        terms = tuple(found[term.sensor, term.axis, term.name] for term in self.terms)
+        return Hypothesis(self.effect, self.shape, terms, self.selection)
+
     @property
     def design(self) -> Design:
         """The selected terms side by side."""
         return Design.of(self.terms)
+
+
+def places_of(form: Hypothesis | Finding) -> list[Place]:
+    """Return the places of a hypothesis or finding."""
+    if isinstance(form, Hypothesis):
+        return list(dict.fromkeys((term.sensor, term.axis) for term in form.terms))
+    return list(dict.fromkeys((one.sensor, one.axis) for one in form.fitted.contributions))
 
 
 def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:

@@ -36,18 +36,10 @@ def left_by(model: Model, interleaved: bool) -> Left:
     """Return what a model leaves out of sample; what the calibration itself costs is counted as noise."""
     base = model.base()
     energy = held_out_energy(base.channels, base.designs, [len(base.designs)], interleaved)[:, 0]
-    expected = sum(_variance_energy(model, base.channels.misfit.row_information).tolist())
     size = base.channels.count + base.calibration_rank * FOLDS / (FOLDS - 1)
     share = size / base.channels.count
     counts = np.full(FOLDS, base.channels.count / FOLDS)
-    return Left(energy - expected / FOLDS, counts * share)
-
-
-def _variance_energy(model: Model, row_information: FloatArray) -> FloatArray:
-    """Return the energy (V,) that the noise of each accepted finding brings."""
-    found = [finding.variance for finding in model.findings if finding.variance is not None]
-    counted = row_information[model.is_counted].sum(axis=0)
-    return np.array([float(counted @ variance) for variance in found])
+    return Left(energy, counts * share)
 
 
 def is_interleaved(model: Model) -> bool:
@@ -61,9 +53,8 @@ def noise_variance(model: Model, rivals: tuple[Evidence, ...], least_evidence: f
     What a rival without physics still explains is not noise, nor is what exceeds ``LARGEST_NOISE``.
     """
     base = model.base()
-    expected = float(np.sum(_variance_energy(model, base.channels.misfit.row_information)))
     gain = max((rival.gain for rival in rivals if rival.delta_bic > least_evidence), default=0.0)
-    energy = base.energy * exp(-gain / base.channels.count) - expected
+    energy = base.energy * exp(-gain / base.channels.count)
     return float(min(energy / max(base.channels.count - base.rank, 1.0), LARGEST_NOISE**2))
 
 

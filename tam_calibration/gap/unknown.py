@@ -116,7 +116,8 @@ class FunctionOfNeighbours(LinearEffect):
         return [
             Term.of_row(situation, row, "shift", [Coefficient("shift", "1")], mean[:, [row]])
             for row in range(mean.shape[1])
-            if np.any(mean[:, row])
+            # What the calibration took off a row turns its neighbours against it: that is no shift they share.
+            if mean[:, row] @ self._shift[:, row] > 0
         ]
 
 

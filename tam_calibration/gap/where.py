@@ -9,24 +9,13 @@ from tam_calibration.gap.channels import Channels, Design
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Where
-from tam_calibration.gap.search import Hypothesis
+from tam_calibration.gap.search import Hypothesis, Place
 from tam_calibration.gap.selection import columns_of
 from tam_calibration.units import FloatArray
 
 _SPAN_ENERGY = 0.9
 _SHORT_SPAN = 0.6
 _NEARLY_ALL = 0.85
-
-Place = tuple[int, int | None]
-"""Sensor (index, ``SCALAR`` or ``ALL``) and axis."""
-
-
-def places_of(form: object) -> list[Place]:
-    """Return the places of a hypothesis or finding."""
-    if isinstance(form, Hypothesis):
-        return list(dict.fromkeys((term.sensor, term.axis) for term in form.terms))
-    return list(dict.fromkeys((one.sensor, one.axis) for one in form.fitted.contributions))  # type: ignore[attr-defined]
-
 
 def sensors_and_axes(places: Iterable[Place], sensor_count: int) -> tuple[tuple[int | str, ...], tuple[str, ...]]:
     """Return what people call places: sensor numbers or "scalar", and axes."""
