@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.calibration import Calibration
+from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.removal import EffectStream, linear_effect, on_sensors
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
@@ -29,6 +31,15 @@ class CorrectedBatch:
     left_in: tuple[str, ...]
 
 
+def why_left_in(name: str) -> str:
+    """Return, in one clause, what keeps an effect from being taken off samples as they arrive."""
+    effect = effect_named(name)
+    if isinstance(effect, LinearEffect) and not effect.is_causal:
+        return f"{name} needs later samples, tam correct takes it off a recording"
+    channels = " and ".join(channel.partition("_")[0] for channel in effect.channels)
+    return f"{name} needs the {channels}, and none arrives"
+
+
 class Correction:
     """Corrects the samples of one run in the order of time; the same as ``Calibration.correct`` of all of them.
 
@@ -51,6 +62,11 @@ class Correction:
         self._names = tuple(fitted.effect for fitted, _ in kept)
         self._squares = np.array([rms**2 for _, rms in kept]).reshape(-1, 9)
         self._stream = EffectStream(live, calibration.errors, calibration.array) if live else None
+
+    @property
+    def takes_off(self) -> tuple[str, ...]:
+        """Names of the effects that go with the array."""
+        return self._names
 
     def correct(self, recording: Recording) -> CorrectedBatch:
         """Return the results of the next samples."""

@@ -12,6 +12,7 @@ from sensor_msgs.msg import MagneticField, PointCloud2
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, String
 
 from tam_calibration.calibration import Calibration
+from tam_calibration.correction import Correction, why_left_in
 from tam_calibration.files import calibration_from_yaml, read_calibration
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import make_cloud, read_cloud
@@ -43,13 +44,19 @@ DOUBTFUL_RATIO = 3.0
 
 
 class Corrector(TamNode):
-    """Publishes `center`, `gradient` and `field_gradient` of every sample, each only where somebody listens."""
+    """Publishes `center`, `gradient` and `field_gradient` of every sample, each only where somebody listens.
+
+    The calibration's effects are taken off as far as the channels of a sample tell them; what stays in is said in
+    /diagnostics, and the standard errors are larger by its size.
+    """
 
     def __init__(self) -> None:
         super().__init__("corrector", RULES)
         self._array = array_of(self)
         self._frame_id: str = self.value("frame_id")
         self._calibration: Calibration | None = None
+        self._correction: Correction | None = None
+        self._left_in: tuple[str, ...] = ()
         self._problem_of_calibration = self._problem_of_samples = ""
         self._received = self._corrected = 0
         self._heard_s, self._newest_s = -np.inf, np.nan
@@ -71,6 +78,8 @@ class Corrector(TamNode):
             "corrected": self._corrected,
             "center_residual_T": f"{residual_T:.4g}",
             "center_floor_T": f"{self._calibration.floor.center_intensity_T:.4g}" if self._calibration else "nan",
+            "effects": " ".join(self._correction.takes_off) if self._correction else "",
+            "effects_left_in": " ".join(self._left_in),
         }
         return Health(level, message, values | figures(self._calibration, self._newest_s))
 
@@ -83,6 +92,9 @@ class Corrector(TamNode):
             return WARN, f"a new calibration was not taken, the old one stays: {self._problem_of_calibration}"
         if time.monotonic() - self._heard_s > SILENCE_S:
             return STALE, "no samples arrive: see the collector"
+        if self._left_in:
+            reasons = "; ".join(map(why_left_in, self._left_in))
+            return WARN, f"an effect stays in, the standard errors hold its size: {reasons}"
         if np.isnan(residual_T):
             return OK, "samples are corrected; no scalar reference to compare with"
         floor_T = self._calibration.floor.center_intensity_T
@@ -102,10 +114,15 @@ class Corrector(TamNode):
     def _switch(self, calibration: Calibration) -> None:
         if not calibration.array.has_geometry_of(self._array):
             raise InputError("the calibration is of another array: choose the array_file that it was made with")
-        self._covariance = center_covariance(calibration.output_standard_errors).tolist()
-        self._standard_errors = calibration.output_standard_errors.tolist()
+        correction = Correction(calibration)
+        self._correction = correction if correction.takes_off else None
+        self._tell_errors(calibration.output_standard_errors, ())
         self._calibration, self._problem_of_calibration = calibration, ""
         self._squares.clear()
+
+    def _tell_errors(self, standard_errors: FloatArray, left_in: tuple[str, ...]) -> None:
+        self._covariance = center_covariance(standard_errors).tolist()
+        self._standard_errors, self._left_in = standard_errors.tolist(), left_in
 
     def _take_samples(self, cloud: PointCloud2) -> None:
         try:
@@ -124,12 +141,23 @@ class Corrector(TamNode):
 
     def _correct(self, calibration: Calibration, stamp: Time, layout: SampleLayout, row: FloatArray) -> None:
         last = 1 + 3 * layout.sensor_count
-        outputs = calibration.apply(row[1:last].reshape(1, -1, 3))[0]
+        readings = row[1:last].reshape(1, -1, 3)
+        if self._correction is None or not np.isfinite(readings).all():
+            outputs = calibration.apply(readings)[0]
+        else:
+            outputs = self._without_effects(self._correction, layout, row)
         if layout.scalar and np.isfinite(scalar_T := row[last]):
             self._squares.append(float((np.linalg.norm(outputs[:3]) - scalar_T) ** 2))
         self._newest_s = float(row[0])
         self._corrected += 1
         self._publish(Header(stamp=stamp, frame_id=self._frame_id), outputs.tolist())
+
+    def _without_effects(self, correction: Correction, layout: SampleLayout, row: FloatArray) -> FloatArray:
+        batch = correction.correct(layout.recording(np.where(np.isfinite(row), row, np.nan)[None]))
+        if batch.left_in != self._left_in:
+            self._tell_errors(batch.standard_errors[0], batch.left_in)
+        outputs: FloatArray = batch.outputs[0]
+        return outputs
 
     def _publish(self, header: Header, outputs: list[float]) -> None:
         if self._center.get_subscription_count():
