@@ -75,15 +75,20 @@ def examine(base: Base, effect: Effect) -> Evidence | str:
         form = best_form(base, effect)
         if form is None:
             return "no part of it is visible beside the calibration in this recording"
-        left = max(base.energy - form.selection.gain, 1e-300)
-        gain = base.channels.count * log(base.energy / left)
-        return Evidence(effect.name, form, form.selection.delta_bic, gain)
+        return evidence_of(base, form)
     assert isinstance(effect, FoundEffect)
     finding = effect.find(base.channels.misfit)
     if isinstance(finding, str):
         return finding
     count = base.channels.count
     return Evidence(effect.name, finding, finding.gain - finding.parameter_count * log(count), finding.gain)
+
+
+def evidence_of(base: Base, form: Hypothesis) -> Evidence:
+    """Return the evidence for an effect in a form."""
+    left = max(base.energy - form.selection.gain, 1e-300)
+    gain = base.channels.count * log(base.energy / left)
+    return Evidence(form.effect.name, form, form.selection.delta_bic, gain)
 
 
 def rivals(base: Base) -> list[Evidence]:

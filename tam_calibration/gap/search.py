@@ -72,8 +72,13 @@ def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
     return best
 
 
-def _selected(base: Base, effect: LinearEffect, shape: Shape) -> Hypothesis | None:
-    terms = effect.terms(base.channels.situation, shape)
+def restricted(base: Base, form: Hypothesis, sensor: int) -> Hypothesis | None:
+    """Return what the data ask for of the same effect and shape at one sensor."""
+    return _selected(base, form.effect, form.shape, sensor)
+
+
+def _selected(base: Base, effect: LinearEffect, shape: Shape, sensor: int | None = None) -> Hypothesis | None:
+    terms = [term for term in effect.terms(base.channels.situation, shape) if sensor in (None, term.sensor)]
     if not terms:
         return None
     projected = base.project(Design.of(terms))

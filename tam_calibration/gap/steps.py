@@ -1,19 +1,19 @@
 """The diagnosis of a recording: is there a gap, where, which effect causes it, and how far it shrinks."""
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import expm1, log
 
 from tam_calibration.array import Array
-from tam_calibration.effects.effect import ALL, Finding
+from tam_calibration.effects.effect import ALL, Effect, Finding, LinearEffect
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap.channels import Design
-from tam_calibration.gap.hypotheses import Evidence, examine, rivals, usable
+from tam_calibration.gap.hypotheses import Evidence, evidence_of, examine, rivals, usable
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.nominal import prepared
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
-from tam_calibration.gap.search import Hypothesis, places_of
+from tam_calibration.gap.search import Hypothesis, places_of, restricted
 from tam_calibration.recording import Recording
 
 Progress = Callable[[str, float], None]
@@ -71,51 +71,136 @@ class Search:
 
 
 def search(recording: Recording, array: Array, without: Collection[str] = (), progress: Progress | None = None) -> Search:
-    """Look for causes, the strongest first, until nothing more speaks for one; then drop those that do not hold."""
+    """Look for causes, the strongest first, until nothing more speaks for one; then drop those that do not hold.
+
+    What acts on all sensors alike may be one thing at one sensor and another at the scalar magnetometer: where the
+    first cause is spread over several sensors, the search is made again from its strongest sensor alone, and the
+    better of the two is kept.
+    """
     tell = progress or (lambda what, part: None)
     tell("nominal calibration", 0.0)
-    nominal = model = Model.nominal(prepared(recording), array)
-    steps: list[Step] = []
-    explained = 0.0
-    while True:
-        base = model.base()
-        effects, considered = usable(installed_effects(), without, base.channels)
-        weighed: list[Evidence] = []
-        for number, (name, effect) in enumerate(effects.items()):
-            tell(name, (len(steps) + number / len(effects)) / (_MOST_CAUSES + 1))
-            found = examine(base, effect)
-            if isinstance(found, Evidence):
-                weighed.append(found)
-            else:
-                considered.append(Considered(name, "not_supported", found))
-        unknown = rivals(base)
-        accepted = None if len(steps) == _MOST_CAUSES else _choose(base, weighed, unknown, steps, explained)
-        if accepted is None:
-            break
-        steps.append(Step(accepted, tuple(weighed), tuple(unknown)))
-        explained = max(explained, _energy(accepted, base.energy, base.channels.count))
-        model = model.accept(accepted.form)
-    kept = _holding(nominal, steps)
-    first = steps[0] if steps else None
-    if len(kept) < len(steps):
-        steps = kept
-        model = nominal
-        for step in steps:
-            model = model.accept(step.accepted.form)
-        unknown = rivals(model.base())
+    nominal = Model.nominal(prepared(recording), array)
+    looking = _Looking(nominal, frozenset(without), tell)
+    found = looking.forward(None)
+    spread = found.steps[0].accepted if found.steps else None
+    if spread is not None and isinstance(spread.form, Hypothesis) and len({t.sensor for t in spread.form.terms}) > 1:
+        alone = _at_strongest_sensor(nominal.base(), spread.form)
+        if alone is not None:
+            found = max(found, looking.forward(alone), key=lambda one: one.evidence)
+    steps = _holding(nominal, _swapped(nominal, found.steps, looking.effects))
+    model = nominal
+    for step in steps:
+        model = model.accept(step.accepted.form)
+    first = found.steps[0] if found.steps else found
     return Search(
-        nominal,
-        model,
-        tuple(steps),
-        first.weighed if first else tuple(weighed),
-        first.rivals if first else tuple(unknown),
-        tuple(unknown),
-        tuple(considered),
+        nominal, model, tuple(steps), first.weighed, first.rivals, tuple(rivals(model.base())), looking.considered
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Path:
+    """Causes, and what was weighed last."""
+
+    steps: tuple[Step, ...]
+    weighed: tuple[Evidence, ...]
+    rivals: tuple[Evidence, ...]
+    evidence: float
+
+
+class _Looking:
+    """A search at a nominal model."""
+
+    def __init__(self, nominal: Model, without: Collection[str], tell: Progress) -> None:
+        self._nominal, self._tell = nominal, tell
+        self._first_base = nominal.base()
+        self.effects, missing = usable(installed_effects(), without, self._first_base.channels)
+        self._considered = {one.effect: one for one in missing}
+        self._first: tuple[tuple[Evidence, ...], tuple[Evidence, ...]] | None = None
+
+    @property
+    def considered(self) -> tuple[Considered, ...]:
+        """What nothing speaks for."""
+        return tuple(self._considered.values())
+
+    def _weigh(self, base: Base, depth: int) -> tuple[tuple[Evidence, ...], tuple[Evidence, ...]]:
+        if depth == 0 and self._first is not None:
+            return self._first
+        weighed = []
+        for number, (name, effect) in enumerate(self.effects.items()):
+            self._tell(name, (depth + number / len(self.effects)) / (_MOST_CAUSES + 1))
+            found = examine(base, effect)
+            if isinstance(found, Evidence):
+                weighed.append(found)
+            elif depth == 0:
+                self._considered[name] = Considered(name, "not_supported", found)
+        result = tuple(weighed), tuple(rivals(base))
+        if depth == 0:
+            self._first = result
+        return result
+
+    def forward(self, first: Evidence | None) -> _Path:
+        """Accept causes, the strongest first, or one that is given and then the strongest."""
+        model, base = self._nominal, self._first_base
+        steps: list[Step] = []
+        explained = 0.0
+        while True:
+            weighed, unknown = self._weigh(base, len(steps))
+            accepted = first if first is not None and not steps else None
+            if accepted is None and len(steps) < _MOST_CAUSES:
+                accepted = _choose(base, weighed, unknown, steps, explained)
+            if accepted is None:
+                count = base.channels.count
+                spent = base.rank - self._first_base.rank
+                spent += sum(finding.parameter_count for finding in model.findings)
+                return _Path(tuple(steps), weighed, unknown, -count * log(base.energy / count) - spent * log(count))
+            steps.append(Step(accepted, weighed, unknown))
+            explained = max(explained, _energy(accepted, base.energy, base.channels.count))
+            model = model.accept(accepted.form)
+            base = model.base()
+
+
+def _at_strongest_sensor(base: Base, form: Hypothesis) -> Evidence | None:
+    """Return the part of a form at the sensor where it explains most."""
+    alone: dict[int, Hypothesis] = {}
+    for sensor in {term.sensor for term in form.terms}:
+        found = restricted(base, form, sensor)
+        if found is not None:
+            alone[sensor] = found
+    if not alone:
+        return None
+    best = max(alone.values(), key=lambda one: one.selection.gain)
+    return evidence_of(base, best)
+
+
+def _swapped(nominal: Model, steps: Sequence[Step], effects: Mapping[str, Effect]) -> list[Step]:
+    """Return the causes, each replaced by the effect that explains most beside the others."""
+    kept = list(steps)
+    if len(kept) < 2:
+        return kept
+    for index, step in enumerate(kept):
+        if not isinstance(step.accepted.form, Hypothesis):
+            continue
+        base = _beside(nominal, kept, step).base()
+        others = {one.accepted.effect for one in kept if one is not step}
+        names = [name for name, effect in effects.items() if isinstance(effect, LinearEffect) and name not in others]
+        offers = [offer for offer in (examine(base, effects[name]) for name in names) if isinstance(offer, Evidence)]
+        best = max(offers, key=lambda offer: offer.delta_bic, default=step.accepted)
+        if best.effect != step.accepted.effect:
+            kept[index] = Step(best, step.weighed, step.rivals)
+    return kept
+
+
+def _beside(nominal: Model, steps: Sequence[Step], step: Step) -> Model:
+    """Return the model with all causes but one."""
+    model = nominal
+    for other in steps:
+        if other is not step:
+            model = model.accept(other.accepted.form)
+    return model
+
+
 def _choose(
-    base: Base, weighed: list[Evidence], unknown: list[Evidence], steps: list[Step], explained: float
+    base: Base, weighed: Sequence[Evidence], unknown: Sequence[Evidence], steps: list[Step], explained: float
 ) -> Evidence | None:
     """Return the strongest effect that is no mere trifle and no poor stand-in for a function without physics."""
     count, energy = base.channels.count, base.energy
@@ -147,16 +232,12 @@ def _holding(nominal: Model, steps: list[Step]) -> list[Step]:
 
 
 def _holds(nominal: Model, steps: list[Step], step: Step) -> bool:
-    model = nominal
-    for other in steps:
-        if other is not step:
-            model = model.accept(other.accepted.form)
-    base = model.base()
+    base = _beside(nominal, steps, step).base()
     assert isinstance(step.accepted.form, Hypothesis)
     form = step.accepted.form.moved(base.channels.situation)
     gain, rank = base.project(form.design).gain()
     gain = base.channels.count * log(base.energy / max(base.energy - gain, 1e-300))
-    unknown = step.rivals if model is nominal and step is steps[0] else rivals(base)
+    unknown = step.rivals if steps == [step] else rivals(base)
     alone = Evidence(step.accepted.effect, form, gain - rank * log(base.channels.count), gain)
     return alone.delta_bic >= LEAST_EVIDENCE and _beats(base, alone, unknown, _AGAINST_RIVAL)
 
