@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from numpy.linalg import inv, norm
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 from tam_calibration.array import Array
-from tam_calibration.effects.effect import FittedEffect, Misfit, Situation
+from tam_calibration.effects.effect import Contribution, FittedEffect, Misfit, Situation
 from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import Recording
 
@@ -104,3 +106,87 @@ def make_bench(samples=2000, sensors=4, has_scalar=True, moves=True, seed=1, she
 def bench():
     """Return the maker of benches."""
     return make_bench
+
+
+@pytest.fixture(scope="session")
+def turning():
+    """Return the maker of situations of a cross that tumbles for a minute, or as long as asked, with all channels."""
+    return make_turning
+
+
+def make_turning(samples=1200, step_s=0.05, sensors=4, start_s=0.0, attitude=None):
+    """Return a situation whose field is known exactly; temperature and current vary."""
+    generator = np.random.default_rng(5)
+    time = start_s + step_s * np.arange(samples)
+    phase = time - start_s
+    if attitude is None:
+        attitude = Rotation.from_euler("XYZ", np.outer(phase, [0.9, 0.55, 0.35])).as_quat()
+    field = Rotation.from_quat(attitude).inv().apply([12e-6, 18e-6, -45e-6])
+    turned = np.radians(generator.uniform(-1, 1, (2, sensors, 3)))
+    bias = generator.uniform(-4e-8, 4e-8, (sensors, 3))
+    errors = SensorErrors(1 + generator.uniform(-0.02, 0.02, (sensors, 3)), turned[0], bias, turned[1])
+    cross = Array.cross(0.5).positions_m[:sensors]
+    array = Array(cross, np.full(sensors, NOISE_T), SCALAR_NOISE_T, np.array([0.1, 0.2, 0.4]))
+    temperature = 20 + 3 * np.sin(0.31 * phase) + np.sin(1.7 * phase)
+    current = 2.0 * (np.sin(0.83 * phase) > 0.2) + 0.2 * np.sin(2.1 * phase)
+    return Situation(time, field, errors, array, temperature, current, attitude)
+
+
+@pytest.fixture(scope="session")
+def refitted():
+    """Return the regression of an effect's own signal, with noise and the calibration as nuisance."""
+    return refit
+
+
+def refit(effect, situation, shape, *terms):
+    """Return the deviations of coefficients found by regression in their standard errors, and the relative errors.
+
+    Coefficients of the terms, given as (sensor, axis, name), are drawn so that each adds some ten times the noise.
+    """
+    found = {(term.sensor, term.axis, term.name): term for term in effect.terms(situation, shape)}
+    generator = np.random.default_rng(8)
+    row_count = situation.scalar_row + 1
+    blocks, truth, contributions = [], [], []
+    for key in terms:
+        term = found[key]
+        values = []
+        for one in np.eye(len(term.coefficients)):
+            block = term.signal(one, row_count)
+            values.append(10 * NOISE_T / np.abs(block).max() * generator.choice([-1.0, 1.0]))
+            blocks.append(block.ravel())
+        truth += values
+        names = [coefficient.name for coefficient in term.coefficients]
+        contributions.append(Contribution(*key, dict(zip(names, values, strict=True))))
+    fitted = FittedEffect(effect.name, shape, tuple(contributions))
+    clean = np.zeros((situation.sample_count, row_count))
+    added = effect.add(clean, situation, fitted, generator)
+    assert_allclose(added.ravel(), np.column_stack(blocks) @ truth, atol=1e-20)
+    observed = added + NOISE_T * generator.normal(size=added.shape)
+    nuisance = np.kron(
+        np.column_stack([np.ones(situation.sample_count), situation.field_T / INTENSITY_T]), np.eye(row_count)
+    )
+    nuisance = nuisance.reshape(situation.sample_count * row_count, -1)
+    size = np.max(np.abs(blocks), axis=1)
+    design = np.column_stack([np.transpose(blocks) / size, nuisance])
+    covariance = np.linalg.pinv(design.T @ design, hermitian=True)
+    step = (covariance @ design.T @ observed.ravel())[: len(size)] / size
+    error = NOISE_T * np.sqrt(np.diag(covariance)[: len(size)]) / size
+    return (step - truth) / error, np.abs(error / truth)
+
+
+@pytest.fixture(scope="session")
+def left_by():
+    """Return the maker of the misfit that an effect leaves in a situation, with noise, under the true errors."""
+    return make_left_by
+
+
+def make_left_by(effect, situation, shape, *contributions, seed=6):
+    """Return what the true errors leave of readings with an effect; contributions are (sensor, axis, term, values)."""
+    generator = np.random.default_rng(seed)
+    fitted = FittedEffect(effect.name, shape, tuple(Contribution(*contribution) for contribution in contributions))
+    rows = np.column_stack([situation.sensed_T + situation.errors.bias_T.ravel(), situation.intensity_T])
+    rows = effect.add(rows, situation, fitted, generator)
+    rows[:, :-1] += NOISE_T * generator.normal(size=rows[:, :-1].shape)
+    rows[:, -1] += SCALAR_NOISE_T * generator.normal(size=len(rows))
+    readings = rows[:, :-1].reshape(situation.sample_count, -1, 3)
+    return misfit_of(Recording(situation.time_s, readings, rows[:, -1]), situation.array, situation.errors)

@@ -7,17 +7,21 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.array import Array
 from tam_calibration.effects.ambient_gradient import (
     BASIS,
     COLUMNS,
     ROWS,
+    AmbientGradient,
     gradient_field,
     require_attitude,
     turned,
     without_gradient,
 )
+from tam_calibration.effects.effect import ALL, Contribution, FittedEffect
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.channels import AttitudeChannel
 
@@ -77,3 +81,59 @@ def test_no_attitude_is_told(scenario):
     recording = replace(simulate(scenario).recording, attitude=None)
     with pytest.raises(InputError, match="the recording has no attitude: record it"):
         without_gradient(recording, scenario.errors, scenario.array, GRADIENT)
+
+
+def test_the_effect_is_the_gradient_of_the_fit(turning):
+    """Its terms of degree 2 add, at sensors and scalar, what the fit takes off."""
+    situation, weak = turning(samples=60), GRADIENT / 100
+    names = ("xx", "xy", "xz", "yy", "yz")
+    values = {f"gradient {name}": value for name, value in zip(names, weak[ROWS, COLUMNS], strict=True)}
+    fitted = FittedEffect("ambient_gradient", {}, (Contribution(ALL, None, "degree 2", values),))
+    rows = np.column_stack([situation.sensed_T + situation.errors.bias_T.ravel(), situation.intensity_T])
+    disturbed = AmbientGradient().add(rows, situation, fitted, np.random.default_rng(1))
+    readings = disturbed[:, :-1].reshape(60, -1, 3)
+    recording = Recording(situation.time_s, readings, disturbed[:, -1], attitude=situation.attitude)
+    uniform = without_gradient(recording, situation.errors, situation.array, weak)
+    assert_allclose(uniform.readings_T.reshape(60, -1), rows[:, :-1], atol=1e-18)
+    assert_allclose(uniform.scalar_T, rows[:, -1], rtol=0, atol=1e-13)
+
+
+def test_coefficients_come_back(turning, refitted):
+    """Potentials of three degrees are told apart."""
+    keys = [(ALL, None, f"degree {degree}") for degree in (2, 3, 4)]
+    deviation, _ = refitted(AmbientGradient(), turning(), {}, *keys)
+    assert np.abs(deviation).max() < 4
+
+
+def test_a_dipole_at_some_distance_is_within_the_terms(turning):
+    """Two metres from a cross of half a metre the degrees 2 to 4 leave a hundredth of its field."""
+    situation = turning(samples=300)
+    source, moment = np.array([1.2, 0.9, -1.4]), np.array([2.0, -1.0, 3.0])
+
+    def field(position):
+        away = position - source
+        distance = np.linalg.norm(away, axis=1, keepdims=True)
+        return 1e-7 * (3 * away * (away @ moment)[:, None] / distance**5 - moment / distance**3)
+
+    rotation = Rotation.from_quat(situation.attitude)
+    change = [
+        rotation.inv().apply(field(rotation.apply(at)) - field(np.zeros((1, 3)))) for at in situation.array.positions_m
+    ]
+    signal = np.einsum("kij,knj->nki", situation.errors.matrix, change).reshape(300, -1)
+    terms = AmbientGradient().terms(situation, {})
+    basis = np.column_stack(
+        [term.signal(one, 13)[:, :-1].ravel() for term in terms for one in np.eye(len(term.coefficients))]
+    )
+    basis = basis / np.abs(basis).max(axis=0)
+    left = signal.ravel() - basis @ np.linalg.lstsq(basis, signal.ravel(), rcond=None)[0]
+    assert np.linalg.norm(left) < 0.01 * np.linalg.norm(signal)
+
+
+def test_where_no_gradient_can_be_seen(turning):
+    """Neither an array at rest nor a sensor in the centre of rotation shows it."""
+    situation = turning()
+    assert AmbientGradient().obstacle(situation) is None
+    rest = turning(attitude=np.tile([0.0, 0.6, 0.0, 0.8], (1200, 1)))
+    assert "the attitude changes by" in AmbientGradient().obstacle(rest)
+    middle = replace(turning(sensors=1), array=Array(np.zeros((1, 3)), np.array([1e-9]), 1e-10))
+    assert "centre of rotation" in AmbientGradient().obstacle(middle)

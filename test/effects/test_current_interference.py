@@ -1,0 +1,48 @@
+"""The field of a current."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.testing import assert_allclose
+
+from tam_calibration.effects.current_interference import CurrentInterference
+from tam_calibration.effects.effect import SCALAR, Contribution, FittedEffect
+
+SHAPE = {"reference_A": 0.5, "time_constant_s": 0.3}
+EFFECT = CurrentInterference()
+
+
+def test_coefficients_come_back(turning, refitted):
+    """The field at the axes, its second order and what lags are told from each other."""
+    keys = (0, 0, "field"), (0, 0, "lagged"), (0, 0, "quadratic"), (3, 1, "field")
+    deviation, error = refitted(EFFECT, turning(), SHAPE, *keys)
+    assert np.abs(deviation).max() < 4
+    assert error.max() < 0.1
+
+
+def test_the_scalar_sees_the_part_along_the_field(turning):
+    """A small field changes the length of the sum as the scalar row says."""
+    situation = turning()
+    added = np.array([3e-9, -2e-9, 1e-9])
+    values = dict(zip(("field x", "field y", "field z"), added, strict=True))
+    fitted = FittedEffect(EFFECT.name, {"reference_A": 0.0}, (Contribution(SCALAR, None, "field", values),))
+    total = situation.field_T + np.outer(situation.current_A, added)
+    longer = np.linalg.norm(total, axis=1) - situation.intensity_T
+    assert_allclose(EFFECT.signal(situation, fitted)[:, -1], longer, atol=1e-12)
+
+
+def test_a_constant_current_shows_nothing(turning):
+    """A supply that varies by some thousandths is constant; switched for a short while it is not."""
+    situation = turning()
+    ripple = 10 + 0.005 * np.random.default_rng(1).normal(size=situation.sample_count)
+    assert "the current changes by" in EFFECT.obstacle(replace(situation, current_A=ripple))
+    pulse = np.where(np.abs(situation.time_s - 30) < 2, 1.0, 0.0)
+    assert EFFECT.obstacle(replace(situation, current_A=pulse)) is None
+
+
+def test_the_field_without_lag_is_tried_first(turning, left_by):
+    """Where no lag is needed none is reported."""
+    situation = turning()
+    first, *others = EFFECT.shapes(situation, left_by(EFFECT, situation, SHAPE))
+    assert "time_constant_s" not in first
+    assert all("time_constant_s" in shape for shape in others)

@@ -1,0 +1,37 @@
+"""Arms that bend under their weight."""
+
+import numpy as np
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.effects.effect import Contribution, FittedEffect
+from tam_calibration.effects.flexure import Flexure
+
+EFFECT = Flexure()
+
+
+def test_coefficients_come_back(turning, refitted):
+    """All nine of a sensor are told from the calibration."""
+    deviation, _ = refitted(EFFECT, turning(), {}, (1, None, "turn"))
+    assert np.abs(deviation).max() < 4
+
+
+def test_it_is_a_small_rotation_of_the_sensor(turning):
+    """A sensor that turns about x by the gravity along y reads the field turned so far."""
+    situation = turning()
+    values = {"turn about x by weight along y": 1e-6}
+    fitted = FittedEffect(EFFECT.name, {}, (Contribution(2, None, "turn", values),))
+    upwards = Rotation.from_quat(situation.attitude).inv().apply([0, 0, 1])
+    turns = Rotation.from_rotvec(np.outer(1e-6 * upwards[:, 1], [1, 0, 0]))
+    expected = (turns.apply(situation.field_T) - situation.field_T) @ situation.errors.matrix[2].T
+    added = EFFECT.signal(situation, fitted)
+    assert_allclose(added[:, 6:9], expected, atol=1e-16)
+    assert not np.delete(added, [6, 7, 8], axis=1).any()
+
+
+def test_where_no_bending_can_be_seen(turning):
+    """An array that keeps level, whatever its heading, or has a single sensor does not show it."""
+    level = Rotation.from_rotvec(np.outer(np.linspace(0, 20, 1200), [0, 0, 1])).as_quat()
+    assert "tilted by 0 rad only" in EFFECT.obstacle(turning(attitude=level))
+    assert "single sensor" in EFFECT.obstacle(turning(sensors=1))
+    assert EFFECT.obstacle(turning()) is None

@@ -1,0 +1,100 @@
+"""Readings that depend on where the field came from."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from tam_calibration.effects.effect import Contribution, FittedEffect
+from tam_calibration.effects.hysteresis import Hysteresis, play, rounded_loop
+from tam_calibration.effects.memory import Memory
+
+EFFECT = Hysteresis()
+SHAPE = {"full_scale_T": 50e-6}
+
+
+def test_coefficients_come_back(turning, refitted):
+    """Loops of two kinds and a curve of an axis are told from the calibration."""
+    keys = [(1, 1, name) for name in ("loop", "rounded loop", "saturating loop", "curve")]
+    deviation, error = refitted(EFFECT, turning(), SHAPE, *keys)
+    assert np.abs(deviation).max() < 4
+    assert np.median(error) < 0.5
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 1000), st.integers(1, 120))
+def test_plays_are_those_of_their_recursion(seed, count):
+    """Worked through in blocks, states are those of sample after sample."""
+    drive, widths = np.cumsum(np.random.default_rng(seed).normal(size=(count, 2)), axis=0), np.array([0.1, 1.0, 4.0])
+    state, expected = np.zeros((2, 3)), []
+    for now in drive[:, :, None]:
+        state = np.minimum(now + widths, np.maximum(now - widths, state))
+        expected.append(state)
+    assert_allclose(play(drive, widths), expected, atol=0)
+
+
+def test_a_rounded_loop_forgets_along_its_way():
+    """Up by a way s from rest it is w (1 - exp(-s / w)); the rate does not matter."""
+    drive = np.array([0.0, 0.5, 2.0, 2.0, 3.0])[:, None]
+    assert_allclose(rounded_loop(drive, 2.0)[:, 0], 2 * (1 - np.exp(-drive[:, 0] / 2)))
+
+
+def test_the_rate_does_not_matter(turning):
+    """The same way in another time, and with rests, makes the same loops."""
+    situation = turning()
+    slow = replace(situation.take(np.repeat(np.arange(1200), 2)), time_s=0.2 * np.arange(2400))
+    for quick, rested in zip(EFFECT.terms(situation, SHAPE), EFFECT.terms(slow, SHAPE), strict=True):
+        assert_allclose(rested.features[::2], quick.features, atol=1e-12 * np.abs(quick.features).max())
+
+
+def test_it_goes_on_from_batch_to_batch(turning):
+    """Taken off while samples arrive it is what it is in the whole recording."""
+    situation = turning()
+    loop, rounded = {"play 0.15": 1e-4, "play 0.4": 2e-4}, {"width 0.1": 1e-4, "width 0.5": -1e-4}
+    parts = Contribution(2, 1, "loop", loop), Contribution(0, 0, "rounded loop", rounded)
+    fitted, memory, batches = FittedEffect(EFFECT.name, SHAPE, parts), Memory(), []
+    for batch in (slice(0, 1), slice(1, 300), slice(300, 1200)):
+        memory.rewind()
+        batches.append(EFFECT.signal(replace(situation.take(batch), memory=memory), fitted))
+    assert_allclose(np.concatenate(batches), EFFECT.signal(situation, fitted), atol=1e-20)
+
+
+@pytest.mark.parametrize("kind", ["relays", "friction"])
+def test_loops_of_other_makes_are_within_the_terms(turning, kind):
+    """Preisach's relays of scattered thresholds and Bouc and Wen's equation are met to a sixth of their amplitude."""
+    situation = turning(samples=3000, step_s=0.1)
+    way = situation.sensed_T[:, 4] / 50e-6
+    if kind == "relays":
+        generator = np.random.default_rng(1)
+        middle, width = generator.normal(0, 0.3, 500), np.abs(generator.normal(0, 0.25, 500))
+        state, signal = np.ones(500), []
+        for now in way:
+            state = np.where(now > middle + width, 1, np.where(now < middle - width, -1, state))
+            signal.append(state.mean())
+    else:
+        signal = [0.0]
+        for change in np.repeat(np.diff(way) / 8, 8):
+            signal.append(signal[-1] + 4 * change - 5 * abs(change) * signal[-1])
+        signal = signal[::8]
+    curves = [term.features for term in EFFECT.terms(situation, SHAPE) if (term.sensor, term.axis) == (1, 1)]
+    linear = np.column_stack([np.ones(3000), situation.field_T / 50e-6])
+
+    def left(*functions):
+        basis = np.column_stack([linear, *functions])
+        basis = basis / np.abs(basis).max(axis=0)
+        return np.linalg.norm(signal - basis @ np.linalg.lstsq(basis, np.array(signal), rcond=1e-10)[0])
+
+    assert left(*curves) < left() / 6
+
+
+def test_a_field_that_is_not_turned_back_shows_nothing(turning):
+    """A single turn one way has no loop."""
+    situation = turning(samples=1200)
+    rising = np.linspace(0.2, 0.9, 1200)
+    field = 50e-6 * np.column_stack([rising, np.sqrt(1 - rising**2 - 0.01), np.full(1200, 0.1)])
+    aligned = replace(situation.errors, non_orthogonality=np.zeros((4, 3)), misalignment=np.zeros((4, 3)))
+    assert "no axis" in EFFECT.obstacle(replace(situation, field_T=field, errors=aligned))
+    assert EFFECT.obstacle(situation) is None

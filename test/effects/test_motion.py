@@ -1,0 +1,64 @@
+"""Rates of change of the field."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.effects.motion import jumps, rates
+
+
+def test_the_rate_of_a_turning_field_is_its_derivative(turning):
+    """In continuous motion the derivative agrees with that of the attitudes to a millionth, at holes less well."""
+    situation = turning()
+    finer = turning(samples=120_000, step_s=0.0005)
+    expected = np.gradient(finer.field_T, 0.0005, axis=0)[::100]
+    kept = np.r_[0:400, 500:1200]
+    broken = situation.take(kept)
+    assert len(broken.stretches) == 2
+    error = np.abs(rates(broken) - expected[kept]).max(axis=1) / np.abs(expected).max()
+    assert error.max() < 1e-3
+    assert np.median(error) < 1e-6
+
+
+def test_irregular_sampling_is_followed(turning):
+    """Times that jitter by a third of a step change nothing."""
+    finer = turning(samples=60_000, step_s=0.001)
+    generator = np.random.default_rng(2)
+    kept = 50 * np.arange(1, 1199) + generator.integers(-16, 17, 1198)
+    expected = np.gradient(finer.field_T, 0.001, axis=0)[kept]
+    assert_allclose(rates(finer.take(kept))[10:-10], expected[10:-10], atol=1e-4 * np.abs(expected).max())
+
+
+def test_a_sample_is_not_in_its_own_rate(turning):
+    """Noise of a sample does not meet itself in a regression."""
+    situation = turning(samples=50)
+    field = situation.field_T.copy()
+    field[20] += 1e-6
+    changed = np.flatnonzero((rates(replace(situation, field_T=field)) != rates(situation)).any(axis=1))
+    assert 20 not in changed
+    assert set(changed) == {17, 18, 19, 21, 22, 23}
+
+
+@pytest.mark.parametrize("rest", [1, 5, 40])
+def test_poses_are_no_motion(turning, rest):
+    """An array that rests in random poses, with noise, shows no continuous motion."""
+    generator = np.random.default_rng(3)
+    quaternion = np.repeat(generator.normal(size=(1200 // rest, 4)), rest, axis=0)
+    situation = turning(samples=len(quaternion), attitude=quaternion)
+    noisy = replace(situation, field_T=situation.field_T + 1e-9 * generator.normal(size=situation.field_T.shape))
+    assert "jumps" in jumps(noisy)
+
+
+@pytest.mark.parametrize("noise_T", [0.0, 1e-9, 300e-9])
+def test_a_tumble_is_motion_in_spite_of_noise(turning, noise_T):
+    """Noise that exceeds the change of a step does not hide the motion."""
+    situation = turning()
+    noise = noise_T * np.random.default_rng(4).normal(size=situation.field_T.shape)
+    assert jumps(replace(situation, field_T=situation.field_T + noise)) is None
+
+
+def test_few_samples_are_no_motion(turning):
+    """A handful of samples tells nothing."""
+    assert "too few" in jumps(turning(samples=8))

@@ -1,0 +1,34 @@
+"""A reading that is a curve of the field."""
+
+import numpy as np
+from numpy.testing import assert_allclose
+
+from tam_calibration.effects.nonlinearity import Nonlinearity
+
+EFFECT = Nonlinearity()
+SHAPE = {"full_scale_T": 50e-6}
+
+
+def test_coefficients_come_back(turning, refitted):
+    """Curves of all orders of two axes are told apart."""
+    keys = [(sensor, axis, name) for sensor, axis in ((1, 2), (3, 0)) for name in ("quadratic", "cubic", "higher")]
+    deviation, error = refitted(EFFECT, turning(), SHAPE, *keys)
+    assert np.abs(deviation).max() < 4
+    assert error.max() < 0.1
+
+
+def test_a_power_of_the_field_is_within_the_terms(turning):
+    """s⁵ is a sum of the curves, an offset and a scale factor."""
+    situation = turning()
+    sensed = situation.sensed_T[:, 4] / 50e-6
+    own = [term.features for term in EFFECT.terms(situation, SHAPE) if (term.sensor, term.axis) == (1, 1)]
+    basis = np.column_stack([np.ones_like(sensed), sensed, *own])
+    left = sensed**5 - basis @ np.linalg.lstsq(basis, sensed**5, rcond=None)[0]
+    assert_allclose(left, 0, atol=1e-12)
+
+
+def test_small_turns_show_nothing(turning):
+    """Within some degrees every curve is straight."""
+    still = turning(attitude=np.tile([0.1, 0.2, 0.3, 0.9], (1200, 1)) + 1e-3 * np.eye(4)[np.arange(1200) % 4])
+    assert "no axis sees the field change" in EFFECT.obstacle(still)
+    assert EFFECT.obstacle(turning()) is None

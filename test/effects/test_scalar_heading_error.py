@@ -1,0 +1,65 @@
+"""A scalar magnetometer with heading error."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.effects.effect import SCALAR
+from tam_calibration.effects.scalar_heading_error import ScalarHeadingError, harmonics
+
+EFFECT = ScalarHeadingError()
+AXIS = {"azimuth_rad": 0.7, "elevation_rad": 0.4}
+
+
+@pytest.fixture(scope="module")
+def sphere(turning):
+    """Return a situation with fields from all directions."""
+    return turning(attitude=Rotation.random(1200, random_state=2).as_quat())
+
+
+def test_coefficients_come_back(sphere, refitted):
+    """Harmonics of all degrees, and polynomials about an axis, are told apart."""
+    deviation, _ = refitted(EFFECT, sphere, {}, *((SCALAR, None, f"degree {degree}") for degree in (3, 4, 5, 6)))
+    assert np.abs(deviation).max() < 4
+    keys = [(SCALAR, None, f"about an axis, degree {degree}") for degree in (3, 4, 5, 7)]
+    deviation, error = refitted(EFFECT, sphere, AXIS, *keys)
+    assert np.abs(deviation).max() < 4
+    assert error.max() < 0.1
+
+
+def test_harmonics_are_orthonormal():
+    """On a grid that integrates them exactly their products are those of the unit matrix."""
+    node, weight = np.polynomial.legendre.leggauss(8)
+    azimuth = 2 * np.pi * np.arange(16) / 16
+    z, phi = (grid.ravel() for grid in np.meshgrid(node, azimuth, indexing="ij"))
+    direction = np.column_stack([np.sqrt(1 - z**2) * np.cos(phi), np.sqrt(1 - z**2) * np.sin(phi), z])
+    function = harmonics(direction, 6)
+    product = function.T @ (function * np.repeat(weight, 16)[:, None]) * 2 * np.pi / 16
+    assert_allclose(product, np.eye(49), atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", ["cubic", "cusp"])
+def test_the_axis_is_found(sphere, left_by, kind):
+    """Among the few that are tried is the true one, to a hundredth of a radian."""
+    true = np.array([np.cos(0.4) * np.cos(0.7), np.cos(0.4) * np.sin(0.7), np.sin(0.4)])
+    cosine = sphere.field_T @ true / sphere.intensity_T
+    error = 3e-9 * (cosine**3 if kind == "cubic" else np.abs(cosine))
+
+    class Heading(ScalarHeadingError):
+        def signal(self, situation, fitted):
+            return np.column_stack([np.zeros((1200, 12)), error])
+
+    tried = EFFECT.shapes(sphere, left_by(Heading(), sphere, {}))
+    assert tried[0] == {}
+    found = [(shape["azimuth_rad"], shape["elevation_rad"]) for shape in tried[1:]]
+    axes = [[np.cos(up) * np.cos(round_), np.cos(up) * np.sin(round_), np.sin(up)] for round_, up in found]
+    assert 1 <= len(axes) <= 4
+    assert np.abs(axes @ true).max() > np.cos(0.04)
+
+
+def test_directions_on_a_narrow_cone_show_nothing(turning, sphere):
+    """Within some degrees every function of the direction is inside the calibration."""
+    narrow = Rotation.from_rotvec(0.02 * np.random.default_rng(1).normal(size=(1200, 3))).as_quat()
+    assert "enough directions" in EFFECT.obstacle(turning(attitude=narrow))
+    assert EFFECT.obstacle(sphere) is None
