@@ -122,7 +122,7 @@ class AmbientGradient(LinearEffect):
             return "all sensors are at the centre of rotation"
         turn = turn_spread(situation)
         if turn < _LEAST_TURN:
-            return f"the attitude changes by {turn:.2g} rad only"
+            return f"the attitude changes by {turn:.2f} rad only"
         return None
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:

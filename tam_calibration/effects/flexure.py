@@ -30,7 +30,7 @@ class Flexure(LinearEffect):
         up = upwards(situation)
         tilt = float(np.sqrt(np.mean(np.sum((up - up.mean(axis=0)) ** 2, axis=1))))
         if tilt < _LEAST_TILT:
-            return f"the array is tilted by {tilt:.2g} rad only"
+            return f"the array is tilted by {tilt:.2f} rad only"
         return None
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:

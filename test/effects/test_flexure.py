@@ -32,6 +32,6 @@ def test_it_is_a_small_rotation_of_the_sensor(turning):
 def test_where_no_bending_can_be_seen(turning):
     """An array that keeps level, whatever its heading, or has a single sensor does not show it."""
     level = Rotation.from_rotvec(np.outer(np.linspace(0, 20, 1200), [0, 0, 1])).as_quat()
-    assert "tilted by 0 rad only" in EFFECT.obstacle(turning(attitude=level))
+    assert "tilted by 0.00 rad only" in EFFECT.obstacle(turning(attitude=level))
     assert "single sensor" in EFFECT.obstacle(turning(sensors=1))
     assert EFFECT.obstacle(turning()) is None
