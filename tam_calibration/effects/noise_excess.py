@@ -2,7 +2,7 @@
 
 Noise is what has no regular cause: an excess that is smooth in time, stands in a line of the spectrum, follows the
 direction of the field or comes as spikes is left to other effects. White excess counts, also where it comes and goes,
-and so does the 1/f noise of a sensor up to a slope of about one: its neighbouring samples are alike by less than 0.9.
+and so does the 1/f noise of a sensor up to a slope of about 0.9: neighbouring samples are alike by less than 0.75.
 """
 
 from collections.abc import Mapping
@@ -16,14 +16,20 @@ from tam_calibration.effects.places import row_deviations
 from tam_calibration.effects.saturation import rows_of
 from tam_calibration.units import FloatArray
 
-_ALIKE = 0.9
-"""Correlation of neighbouring samples of the excess from which on it is no noise but a course in time."""
+_ALIKE = 0.75
+"""Mean correlation of the excess with the next three samples from which on it is no noise but a course in time."""
 
 _LINE = 0.4
 """Part of the excess within a fortieth of the band from which on it is a line."""
 
-_DIRECTED = 0.3
-"""Part of the excess that may follow the direction of the field."""
+_DIRECTED = 0.35
+"""Correlation of the excess at neighbouring directions, far in time, from which on it follows the direction."""
+
+_CERTAIN = 3.0
+"""Standard errors by which either must differ from that of white noise."""
+
+_NEIGHBOURS = 16
+_MOST_NEIGHBOURS = 20_000
 
 _HEAVY = 3.0
 """Excess kurtosis, with the variance of the surroundings taken out, from which on it is spikes."""
@@ -84,21 +90,22 @@ def _objection(misfit: Misfit, excess: Excess) -> str | None:
     deviation = row_deviations(misfit)[counted, row]
     variance = float(np.mean(deviation**2))
     surplus = max(variance - excess.floor, 1e-3 * variance)
-    if _alike(deviation, variance) > _ALIKE * surplus:
+    chance = _CERTAIN * variance / float(np.sqrt(len(deviation)))
+    if _alike(deviation) > max(_ALIKE * surplus, chance):
         return "the excess follows a course in time"
     if _line_part(deviation, excess.floor) > _LINE:
         return "the excess stands in a line of the spectrum"
     direction = (misfit.situation.field_T / misfit.situation.intensity_T[:, None])[counted]
-    if _directed(deviation, variance, direction) > _DIRECTED * surplus:
+    if _directed(deviation, direction) > max(_DIRECTED * surplus, chance):
         return "the excess follows the direction of the field"
     if _kurtosis(deviation) > _HEAVY:
         return "the excess comes as spikes"
     return None
 
 
-def _alike(deviation: FloatArray, variance: float) -> float:
-    """Return the covariance of neighbouring samples, less two standard errors."""
-    return float(np.mean(deviation[1:] * deviation[:-1])) - 2 * variance / float(np.sqrt(len(deviation)))
+def _alike(deviation: FloatArray) -> float:
+    """Return the mean covariance with the next three samples."""
+    return float(np.mean([np.mean(deviation[lag:] * deviation[:-lag]) for lag in (1, 2, 3)]))
 
 
 def _line_part(deviation: FloatArray, floor: float) -> float:
@@ -110,17 +117,19 @@ def _line_part(deviation: FloatArray, floor: float) -> float:
     return float(bands[_BANDS // 10 :].max() / max(bands.sum(), np.finfo(float).tiny))
 
 
-def _directed(deviation: FloatArray, variance: float, direction: FloatArray) -> float:
-    """Return the mean square that a cubic function of the direction explains, less what noise gives it."""
-    x, y, z = direction.T
-    powers = [(i, j, k) for i in range(4) for j in range(4 - i) for k in range(4 - i - j)]
-    basis = np.stack([x**i * y**j * z**k for i, j, k in powers], axis=1)
-    if len(deviation) < 3 * basis.shape[1]:
-        return 0.0
-    left, size, _ = np.linalg.svd(basis.T @ basis)
-    kept = size > 1e-8 * size[0]
-    projected = (left[:, kept].T @ (basis.T @ deviation)) ** 2 / size[kept]
-    return (float(projected.sum()) - variance * int(kept.sum())) / len(deviation)
+def _directed(deviation: FloatArray, direction: FloatArray) -> float:
+    """Return the covariance of samples with the one at the nearest direction that is far off in time."""
+    from scipy.spatial import cKDTree
+
+    every = max(1, len(deviation) // _MOST_NEIGHBOURS)
+    chosen, values = direction[::every], deviation[::every]
+    count = min(_NEIGHBOURS, len(values) - 1)
+    _, near = cKDTree(chosen).query(chosen, count + 1)
+    is_far = np.abs(near - np.arange(len(values))[:, None]) > len(values) / 20
+    found = is_far.any(axis=1)
+    nearest = near[np.arange(len(values)), np.argmax(is_far, axis=1)]
+    products = (values * values[nearest])[found]
+    return float(np.mean(products)) if len(products) > _LEAST_SAMPLES else 0.0
 
 
 def _kurtosis(deviation: FloatArray) -> float:

@@ -51,9 +51,16 @@ _MOST = 0.15
 
 _NEIGHBOURS = 8
 _SHARED = 0.3
-"""Part of a spike that its neighbours on the sphere may share."""
+"""Part of a spike that its neighbours on the sphere or in time may share."""
 
-_CLUSTERED = 1e-5
+_AROUND = 25
+"""Samples on either side against whose scale a spike must stand out as well."""
+
+_IN_TIME = slice(_AROUND - _NEIGHBOURS // 2, _AROUND + _NEIGHBOURS // 2)
+_STANDS_OUT = 3.5
+
+_MOST_NEIGHBOURS = 20_000
+_CLUSTERED = 1e-3
 """Probability below which bursts do not come at random times."""
 
 
@@ -117,8 +124,10 @@ def _suspects(misfit: Misfit) -> _Suspects | str:
         usable[limit.samples] = False
     if usable.sum() < 2 * LONGEST_BURST:
         return "there are too few samples to tell a spike from noise"
-    deviation = _standardised(misfit, usable)
-    worst = np.argmax(np.abs(deviation), axis=1)
+    raw = row_deviations(misfit)
+    deviation = _standardised(raw, usable)
+    # The row that explains most, not that which is off most: noise of one leaks into all.
+    worst = np.argmax(np.abs(raw), axis=1)
     height = np.abs(deviation[np.arange(len(worst)), worst]) * usable
     far = _beyond_noise(height, int(usable.sum()), deviation.shape[1])
     if not far.any():
@@ -131,17 +140,16 @@ def _suspects(misfit: Misfit) -> _Suspects | str:
         return f"what is far off lasts longer than {LONGEST_BURST} samples"
     far[_shared(misfit, deviation, worst, far)] = False
     if not far.any():
-        return "what is far off is so at neighbouring directions of the field as well"
+        return "what is far off is so at neighbouring times or directions of the field as well"
     if _is_clustered(far, usable):
         return "what is far off comes in spells, as where the noise changes"
     samples = np.flatnonzero(far)
     return _Suspects(samples, worst[samples], height[samples])
 
 
-def _standardised(misfit: Misfit, usable: NDArray[np.bool_]) -> FloatArray:
+def _standardised(raw: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
     """Return the deviation of each row in units of the larger of the record's scale and that of the surroundings."""
-    deviation = row_deviations(misfit)
-    deviation[~usable] = 0
+    deviation = np.where(usable[:, None], raw, 0)
     chosen = np.abs(deviation[usable])
     count = max(1, len(chosen) // _BLOCK)
     size = len(chosen) // count
@@ -179,20 +187,27 @@ def _bursts(hot: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 
 def _shared(misfit: Misfit, deviation: FloatArray, worst: NDArray[np.intp], far: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Return the samples whose neighbours in the direction of the field are off in the same row and way."""
+    """Return the samples that neighbours in time or in the field's direction equal, or whose surroundings are loud."""
     from scipy.spatial import cKDTree
 
-    direction = misfit.situation.field_T / misfit.situation.intensity_T[:, None]
-    others = np.flatnonzero(~far & (misfit.channel_count > 0))
-    others = others[:: max(1, len(others) // 20_000)]
-    samples = np.flatnonzero(far)
+    others, samples = np.flatnonzero(~far & (misfit.channel_count > 0)), np.flatnonzero(far)
     if len(others) < 4 * _NEIGHBOURS:
         return samples[:0]
-    _, near = cKDTree(direction[others]).query(direction[samples], _NEIGHBOURS)
-    rows = worst[samples]
-    common = np.median(deviation[others[near], rows[:, None]], axis=1)
-    shared: NDArray[np.intp] = samples[common / deviation[samples, rows] > _SHARED]
-    return shared
+    rows = worst[samples][:, None]
+    own = deviation[samples, rows[:, 0]]
+    order = np.searchsorted(others, samples)[:, None]
+    around = others[np.clip(order + np.arange(-_AROUND, _AROUND), 0, len(others) - 1)]
+    shared = np.median(deviation[around[:, _IN_TIME], rows], axis=1) / own > _SHARED
+    usable = np.flatnonzero(misfit.channel_count > 0)
+    thinned = usable[:: max(1, len(usable) // _MOST_NEIGHBOURS)]
+    direction = misfit.situation.field_T / misfit.situation.intensity_T[:, None]
+    near = thinned[cKDTree(direction[thinned]).query(direction[samples], 2 * _NEIGHBOURS)[1]]
+    at_direction = np.where(np.abs(near - samples[:, None]) > LONGEST_BURST, deviation[near, rows], np.nan)
+    several = np.sum(np.isfinite(at_direction), axis=1) >= _NEIGHBOURS
+    shared[several] |= np.nanmedian(at_direction[several], axis=1) / own[several] > _SHARED
+    shared |= np.abs(own) < _STANDS_OUT * _NORMAL * np.median(np.abs(deviation[around, rows]), axis=1)
+    found: NDArray[np.intp] = samples[shared]
+    return found
 
 
 def _is_clustered(far: NDArray[np.bool_], usable: NDArray[np.bool_]) -> bool:

@@ -218,11 +218,13 @@ def _by_step(lattices: list[Lattice]) -> list[list[Lattice]]:
 
 def _visible(lattices: list[Lattice], square: FloatArray, information: FloatArray) -> list[Lattice]:
     """Return the lattices whose rows' residuals, of given mean square, are as large as the rounding makes them."""
+    fine = np.setdiff1d(np.flatnonzero(information > 0), [lattice.row for lattice in lattices])
+    floor = min(1.0, float(np.median(square[fine]))) if len(fine) else 1.0
     kept = []
     for group in _by_step(lattices):
         rows = [lattice.row for lattice in group]
         rounding = float(information[rows].sum()) * group[0].step_T ** 2 / 12
-        if float((square[rows] - 1).sum()) > _EXPECTED * rounding:
+        if float((square[rows] - floor).sum()) > _EXPECTED * rounding:
             kept += group
     return sorted(kept, key=lambda lattice: lattice.row)
 

@@ -24,8 +24,11 @@ from tam_calibration.effects.effect import (
 )
 from tam_calibration.units import FloatArray
 
-LEAST_READINGS = 4
-"""Fewer readings at a limit are told from spikes by nothing."""
+_LEAST_SAME = 2
+"""A single reading that falls short is a spike as well."""
+
+_LEAST_PILED = 4
+"""Readings that stay within their noise of one value, for it to be a limit."""
 
 _SAME = 1e-3
 """Readings that differ by less than this part of their noise are the same."""
@@ -57,7 +60,7 @@ class Saturation(FoundEffect):
         "An axis cannot read beyond the range of its amplifier or converter: the reading stays at the limit "
         "(IEEE Std 1241-2010)."
     )
-    excitation = "turns that bring the axis to the end of its range, four readings or more at the limit"
+    excitation = "turns that bring the axis to the end of its range, for several readings"
     units: ClassVar[Mapping[str, str]] = {"upper limit": "T", "lower limit": "T"}
 
     def find(self, misfit: Misfit) -> Finding | str:
@@ -126,9 +129,9 @@ def _limit_of(misfit: Misfit, row: int, end: str, sign: float, reading: FloatArr
     inner = outward[outward < below]
     # On a coarse lattice of readings the next step down holds about as many.
     next_count = int(np.sum(inner >= inner.max() - _SAME * noise)) if len(inner) else 0
-    if len(at_limit) < LEAST_READINGS or len(at_limit) < 3 * next_count:
+    if len(at_limit) < max(_LEAST_SAME, 3 * (next_count - 1) + 1):
         at_limit = _pile(outward, sign * misfit.row_shift_T[:, row], noise)
-    if len(at_limit) < LEAST_READINGS:
+    if not len(at_limit):
         return None
     shortfall = -sign * misfit.row_shift_T[at_limit, row]
     sure = np.sqrt(information[at_limit])
@@ -149,7 +152,7 @@ def _pile(outward: FloatArray, shift: FloatArray, noise: float) -> NDArray[np.in
     # What a constant in place of the expected reading explains, for the k readings that should be the largest.
     best = int(np.argmax(lost - count * np.maximum(scatter, 0)))
     chosen = order[: best + 1]
-    if len(chosen) < 2 * LEAST_READINGS:
+    if len(chosen) < _LEAST_PILED:
         return chosen[:0]
     should, did = expected[chosen] - expected[chosen].mean(), outward[chosen] - outward[chosen].mean()
     is_flat = should @ should > len(chosen) * (3 * noise) ** 2 and abs(should @ did) < _FLAT * (should @ should)
