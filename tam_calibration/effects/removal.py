@@ -183,8 +183,15 @@ def _knows(recording: Recording, channels: Sequence[str]) -> NDArray[np.bool_]:
     return known
 
 
+def agreed_field(readings_T: FloatArray, errors: SensorErrors, array: Array) -> FloatArray:
+    """Return the field (N, 3) that the readings (N, K, 3) of all sensors agree on, each weighed by its noise, tesla."""
+    unbiased = (readings_T - errors.bias_T).reshape(len(readings_T), -1)
+    field: FloatArray = unbiased @ _unmixing(errors, array).T
+    return field
+
+
 def _unmixing(errors: SensorErrors, array: Array) -> FloatArray:
-    """Return the (3, 3K) matrix to the field that the sensors agree on, each weighed by its noise."""
+    """Return the (3, 3K) matrix from readings without bias to the field."""
     assert array.vector_noise_T is not None
     matrix = errors.matrix.reshape(-1, 3)
     weighted = matrix / np.repeat(array.vector_noise_T**2, 3)[:, None]

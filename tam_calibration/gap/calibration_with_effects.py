@@ -84,7 +84,7 @@ def _with_named(model: Model, names: Collection[str]) -> tuple[Model, tuple[str,
     """Return the model with the named effects accepted, the strongest first, and what speaks against them."""
     left, warnings = {name: effect_named(name) for name in names}, []
     for effect in left.values():
-        reason = unusable(effect, model.channels().situation)
+        reason = unusable(effect, model.recording, model.channels().situation)
         if reason is None:
             continue
         if reason.status == "channel_missing":

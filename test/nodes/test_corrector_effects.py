@@ -1,0 +1,98 @@
+"""The corrector with a calibration that keeps an effect: processes over DDS, the temperature on a topic of its own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tam_calibration.files import read_calibration, write_calibration
+from tam_calibration.files.scenario import read_scenario
+from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
+from tam_calibration.pointcloud_layout import SampleLayout
+from tam_calibration.simulation import simulate
+
+sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
+
+LAYOUT = SampleLayout(4, scalar=True, temperature=True, current=True, attitude=True)
+SILENT_S = 100.0
+"""Longer than the collector holds a temperature."""
+
+
+@pytest.fixture(scope="module")
+def drifting():
+    """Return a recording whose sensor 2 drifts with temperature."""
+    scenario = read_scenario("warming_up")
+    return simulate(replace(scenario, sample_count=1000, rate_hz=5.0)).recording
+
+
+@pytest.fixture(scope="module")
+def calibration_file(drifting, tmp_path_factory):
+    """Return the path of the calibration that keeps the drift."""
+    path = tmp_path_factory.mktemp("calibration") / "calibration.yaml"
+    write_calibration(path, calibrate_with_effects(drifting, read_scenario("warming_up").array, ["temperature_drift"]))
+    return path
+
+
+def rows_of(clouds):
+    """Return the rows of one-row clouds, one below the other."""
+    from tam_calibration.nodes.cloud import read_cloud
+
+    return np.concatenate([read_cloud(cloud)[1] for cloud in clouds])
+
+
+def publish_temperature(publisher, time_s, temperature_C):
+    """Publish a temperature."""
+    from rclpy.time import Time
+
+    message = sensor_msgs.Temperature(temperature=float(temperature_C))
+    message.header.stamp = Time(nanoseconds=round(time_s * 1e9)).to_msg()
+    publisher.publish(message)
+
+
+def test_drift_is_taken_off_as_offline_and_a_silent_temperature_is_told(bench, drifting, calibration_file):
+    """Live outputs are those of the whole recording; without temperature they are raw, and errors hold the drift."""
+    calibration = read_calibration(calibration_file)
+    bench.start_nodes(collector={}, corrector={"calibration_file": calibration_file})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    outputs = bench.listen(sensor_msgs.PointCloud2, "field_gradient")
+    temperature = bench.node.create_publisher(sensor_msgs.Temperature, "temperature", 1000)
+    bench.spin_until(temperature.get_subscription_count, "the temperature is subscribed")
+    sensors = bench.publish_sensors()
+    bench.connect(collector={"samples": 2}, corrector={"field_gradient": 1})
+
+    def publish(recording, index):
+        publish_temperature(temperature, recording.time_s[index], recording.temperature_C[index])
+        sensors(recording, index)
+
+    publish_temperature(temperature, drifting.time_s[0], drifting.temperature_C[0])
+    bench.health("collector", lambda _, figures: figures.get("temperature.received") == "1", "it has a temperature")
+    bench.play(drifting, publish, samples, last=200)
+    bench.spin_until(lambda: len(outputs) == 200, "all are corrected")
+
+    taken = LAYOUT.recording(rows_of(samples))
+    offline = calibration.correct(taken)
+    live = rows_of(outputs)
+    assert_allclose(live[:, :9], offline.outputs, rtol=1e-9, atol=1e-20)
+    assert_allclose(live[:, 9:], np.tile(offline.standard_errors, (200, 1)), rtol=1e-12)
+    raw = calibration.apply(taken.readings_T)
+    assert np.abs(raw[:, 0] - live[:, 0]).max() > 1e-9
+    status, figures = bench.health("corrector", lambda status, _: "noise floor" in status.message, "all is well")
+    assert status.level == b"\x00" and figures["effects"] == "temperature_drift" and not figures["effects_left_in"]
+
+    later = replace(drifting, time_s=drifting.time_s + SILENT_S)
+    bench.play(later, sensors, samples, first=200, last=250)
+    bench.spin_until(lambda: len(outputs) == 250, "all are corrected")
+    silent = rows_of(outputs[200:])
+    assert_array_equal(silent[:, :9], calibration.apply(later.readings_T[200:250]))
+    expected = np.hypot(offline.standard_errors, calibration.effect_sizes[0].rms)
+    assert_allclose(silent[:, 9:], np.tile(expected, (50, 1)), rtol=1e-12)
+    status, figures = bench.health("corrector", lambda status, _: "stays in" in status.message, "what stays in is told")
+    assert status.level == b"\x01" and "needs the temperature" in status.message
+    assert figures["effects_left_in"] == "temperature_drift"
+
+    publish_temperature(temperature, later.time_s[250], later.temperature_C[250])
+    bench.health("collector", lambda _, figures: figures["temperature.received"] == "202", "it has a temperature")
+    sensors(later, 250)
+    bench.spin_until(lambda: len(outputs) == 251, "the next is corrected")
+    bench.health("corrector", lambda status, _: "stays in" not in status.message, "all is well again")
