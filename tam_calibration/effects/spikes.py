@@ -1,0 +1,187 @@
+"""Readings that stand alone: which samples are so far off that no noise explains them, and no cause of another kind.
+
+A reading is flagged where a shift of its row alone lies beyond what noise reaches in so many readings: the tail of
+Student's distribution for a scale from the median (whose efficiency of 37 % gives the degrees of freedom), with the
+false discovery rate of Benjamini and Hochberg (1995). The scale is the larger of the record's and that of the
+surroundings, so that a noisy axis or a noisy while has no outliers. Left out are what lasts longer than a burst, what
+neighbours in time or on the sphere share, what comes where the noise is louder, and readings at the end of an axis'
+range: these have causes of their own.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.effects.effect import Misfit
+from tam_calibration.effects.places import row_deviations
+from tam_calibration.effects.saturation import find_limits
+from tam_calibration.units import FloatArray
+
+LONGEST_BURST = 8
+"""Samples; what lasts longer is no spike."""
+
+_FALSE_DISCOVERIES = 0.02
+_EFFICIENCY = 0.37
+"""Of the median of absolute values as an estimate of a Gaussian scale."""
+
+_NORMAL = 1.4826
+_BLOCK = 200
+"""Samples over which the scale of the surroundings is taken."""
+
+_HOT = 3.0
+"""Standard deviations beyond which a sample beside a spike belongs to the same burst."""
+
+_MOST = 0.15
+"""Part of the samples; more cannot be outliers."""
+
+_NEIGHBOURS = 8
+_SHARED = 0.3
+"""Part of a spike that its neighbours on the sphere or in time may share."""
+
+_AROUND = 25
+"""Samples on either side against whose scale a spike must stand out as well."""
+
+_IN_TIME = slice(_AROUND - _NEIGHBOURS // 2, _AROUND + _NEIGHBOURS // 2)
+_STANDS_OUT = 3.5
+_BESIDE = 10
+_LOUD = 1.1
+"""Scale of what is beside spikes, relative to the row's, that is no louder than elsewhere."""
+
+_MOST_NEIGHBOURS = 20_000
+_CLUSTERED = 1e-3
+"""Probability below which bursts do not come at random times."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spikes:
+    """Samples that stand alone.
+
+    Parameters
+    ----------
+    samples : (k,) array of int
+        Their indices.
+    rows : (k,) array of int
+        The row that shows each best.
+    """
+
+    samples: NDArray[np.intp]
+    rows: NDArray[np.intp]
+
+
+def find_spikes(misfit: Misfit) -> Spikes | str:
+    """Return the samples that stand alone, or why there are none, in one clause."""
+    usable = misfit.channel_count > 0
+    for limit in find_limits(misfit):
+        usable[limit.samples] = False
+    if usable.sum() < 2 * LONGEST_BURST:
+        return "there are too few samples to tell a spike from noise"
+    raw = row_deviations(misfit)
+    deviation = _standardised(raw, usable)
+    # The row that explains most, not that which is off most: noise of one leaks into all.
+    worst = np.argmax(np.abs(raw), axis=1)
+    height = np.abs(deviation[np.arange(len(worst)), worst]) * usable
+    far = _beyond_noise(height, int(usable.sum()), deviation.shape[1])
+    if not far.any():
+        return "no reading lies beyond what noise reaches"
+    if far.sum() > _MOST * usable.sum():
+        return f"{far.sum()} of {usable.sum()} samples are too many for spikes"
+    bursts = _bursts(height > _HOT)
+    far &= bursts <= LONGEST_BURST
+    if not far.any():
+        return f"what is far off lasts longer than {LONGEST_BURST} samples"
+    far[_shared(misfit, deviation, worst, far)] = False
+    if not far.any():
+        return "what is far off is so at neighbouring times or directions of the field as well"
+    if _is_clustered(far, usable) or _is_loud_around(deviation, worst, far, usable):
+        return "what is far off comes in spells, as where the noise changes"
+    samples = np.flatnonzero(far)
+    return Spikes(samples, worst[samples])
+
+
+def _standardised(raw: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
+    """Return the deviation of each row in units of the larger of the record's scale and that of the surroundings."""
+    deviation = np.where(usable[:, None], raw, 0)
+    chosen = np.abs(deviation[usable])
+    count = max(1, len(chosen) // _BLOCK)
+    size = len(chosen) // count
+    blocks = chosen[: count * size].reshape(count, size, -1)
+    scale = _NORMAL * np.median(blocks, axis=1)
+    scale = np.maximum(scale, _NORMAL * np.median(chosen, axis=0))
+    index = np.zeros(len(deviation), dtype=np.intp)
+    index[usable] = np.minimum(np.arange(len(chosen)) // size, count - 1)
+    scale = np.where(scale > 0, scale, np.inf)
+    standardised: FloatArray = deviation / scale[index]
+    return standardised
+
+
+def _beyond_noise(height: FloatArray, count: int, row_count: int) -> NDArray[np.bool_]:
+    """Return the samples whose largest deviation is improbable, by the false discovery rate among all."""
+    from scipy.special import stdtr
+
+    freedom = _EFFICIENCY * min(count, _BLOCK)
+    chance = np.minimum(1.0, 2 * row_count * stdtr(freedom, -height))
+    ordered = np.sort(chance)
+    allowed = ordered <= _FALSE_DISCOVERIES * np.arange(1, len(chance) + 1) / count
+    if not allowed.any():
+        return np.zeros(len(chance), dtype=bool)
+    improbable: NDArray[np.bool_] = chance <= ordered[np.flatnonzero(allowed)[-1]]
+    return improbable
+
+
+def _bursts(hot: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return the length of the unbroken run of hot samples that each sample is in, 0 outside."""
+    edges = np.flatnonzero(np.diff(hot.astype(np.int8), prepend=0, append=0))
+    lengths = np.zeros(len(hot), dtype=np.intp)
+    for start, stop in edges.reshape(-1, 2):
+        lengths[start:stop] = stop - start
+    return lengths
+
+
+def _shared(misfit: Misfit, deviation: FloatArray, worst: NDArray[np.intp], far: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return the samples that neighbours in time or in the field's direction equal, or whose surroundings are loud."""
+    from scipy.spatial import cKDTree
+
+    others, samples = np.flatnonzero(~far & (misfit.channel_count > 0)), np.flatnonzero(far)
+    if len(others) < 4 * _NEIGHBOURS:
+        return samples[:0]
+    rows = worst[samples][:, None]
+    own = deviation[samples, rows[:, 0]]
+    order = np.searchsorted(others, samples)[:, None]
+    around = others[np.clip(order + np.arange(-_AROUND, _AROUND), 0, len(others) - 1)]
+    shared = np.median(deviation[around[:, _IN_TIME], rows], axis=1) / own > _SHARED
+    usable = np.flatnonzero(misfit.channel_count > 0)
+    thinned = usable[:: max(1, len(usable) // _MOST_NEIGHBOURS)]
+    direction = misfit.situation.field_T / misfit.situation.intensity_T[:, None]
+    near = thinned[cKDTree(direction[thinned]).query(direction[samples], 2 * _NEIGHBOURS)[1]]
+    at_direction = np.where(np.abs(near - samples[:, None]) > LONGEST_BURST, deviation[near, rows], np.nan)
+    several = np.sum(np.isfinite(at_direction), axis=1) >= _NEIGHBOURS
+    shared[several] |= np.nanmedian(at_direction[several], axis=1) / own[several] > _SHARED
+    shared |= np.abs(own) < _STANDS_OUT * _NORMAL * np.median(np.abs(deviation[around, rows]), axis=1)
+    found: NDArray[np.intp] = samples[shared]
+    return found
+
+
+def _is_clustered(far: NDArray[np.bool_], usable: NDArray[np.bool_]) -> bool:
+    """Return whether bursts crowd in parts of the record, by the index of dispersion of their numbers in blocks."""
+    from scipy.special import chdtrc
+
+    struck = np.flatnonzero(far[usable])
+    starts = struck[np.diff(struck, prepend=-LONGEST_BURST - 1) > LONGEST_BURST]
+    blocks = int(min(len(starts) // 2, 50))
+    if blocks < 3:
+        return False
+    counts = np.bincount(starts * blocks // int(usable.sum()), minlength=blocks)
+    dispersion = float(np.sum((counts - counts.mean()) ** 2) / counts.mean())
+    return bool(chdtrc(blocks - 1, dispersion) < _CLUSTERED)
+
+
+def _is_loud_around(
+    deviation: FloatArray, worst: NDArray[np.intp], far: NDArray[np.bool_], usable: NDArray[np.bool_]
+) -> bool:
+    """Return whether the samples beside those that are far off scatter more than the others of the same rows."""
+    others, samples = np.flatnonzero(~far & usable), np.flatnonzero(far)
+    steps = np.concatenate([np.arange(-_BESIDE, 0), np.arange(_BESIDE)])
+    beside = others[np.clip(np.searchsorted(others, samples)[:, None] + steps, 0, len(others) - 1)]
+    scale = _NORMAL * float(np.median(np.abs(deviation[beside, worst[samples][:, None]])))
+    return scale > _LOUD + 4 / float(np.sqrt(2 * _EFFICIENCY * beside.size))
