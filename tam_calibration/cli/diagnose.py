@@ -15,7 +15,7 @@ from tam_calibration.cli.terminal import (
     write_together,
 )
 from tam_calibration.effects.library import effect_named
-from tam_calibration.files import provenance, read_array, read_samples
+from tam_calibration.files import provenance, read_array, read_calibration, read_samples
 from tam_calibration.files.gap_json import gap_to_mapping
 from tam_calibration.files.json_text import to_json
 from tam_calibration.gap import diagnose
@@ -31,6 +31,12 @@ _ANSWERS = ("no_gap", "explained")
 @click.option("--json", "json_path", type=PATH, help="Write the result as JSON; - is stdout, instead of the tables.")
 @click.option("--report", type=PATH, help="Write an HTML page: where the gap is, its causes, what they leave.")
 @click.option("--without", multiple=True, metavar="EFFECT", help="Leave an effect out of those tried; may be repeated.")
+@click.option(
+    "--calibration",
+    "calibration_path",
+    type=PATH,
+    help="Calibration YAML whose effects are taken off first: what is left is the gap that they do not explain.",
+)
 @tolerance_option
 @click.pass_context
 def command(
@@ -40,6 +46,7 @@ def command(
     json_path: Path | None,
     report: Path | None,
     without: tuple[str, ...],
+    calibration_path: Path | None,
     tolerance_s: float,
 ) -> None:
     """Say whether RECORDING (a CSV file or a bag) holds more than the model and the noise can make, where, and why.
@@ -50,7 +57,7 @@ def command(
     to_stdout = json_path == Path("-")
     outputs = {"json": None if to_stdout else json_path, "report": report}
     with write_together(outputs, [recording, array]) as beside:
-        gap = _diagnose(recording, array, without, tolerance_s)
+        gap = _diagnose(recording, array, without, calibration_path, tolerance_s)
         source = provenance(recording)
         content = to_json(gap_to_mapping(gap, source))
         if "json" in beside:
@@ -66,12 +73,17 @@ def command(
     ctx.exit(0 if gap.verdict in _ANSWERS else 1)
 
 
-def _diagnose(path: Path, array_path: Path, without: tuple[str, ...], tolerance_s: float) -> Gap:
+def _diagnose(
+    path: Path, array_path: Path, without: tuple[str, ...], calibration_path: Path | None, tolerance_s: float
+) -> Gap:
     for name in without:
         effect_named(name)
     array = read_array(array_path)
+    calibration = None if calibration_path is None else read_calibration(calibration_path)
     with showing_progress() as progress:
         recording = read_samples(path, array.sensor_count, tolerance_s, reading(progress)).recording
+        if calibration is not None:
+            recording = calibration.without_effects(recording)
         return diagnose(recording, array, without=without, progress=_diagnosing(progress))
 
 

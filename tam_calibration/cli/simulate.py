@@ -4,20 +4,32 @@ import json
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.units import to_nanotesla
-
-if TYPE_CHECKING:
-    from tam_calibration.simulation import Simulation
+from tam_calibration.cli.terminal import PATH
+from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray, to_nanotesla
 
 
 @click.command()
-@click.argument("scenario")
+@click.argument("scenario", required=False)
+@click.option(
+    "--from-calibration",
+    "calibration_path",
+    type=PATH,
+    help="Calibration YAML whose array, errors, noise and effects are simulated, instead of the scenario's.",
+)
+@click.option(
+    "--recording",
+    "run_path",
+    type=PATH,
+    help="Recording whose field, attitude, temperature and current the twin gets, instead of a scenario's.",
+)
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), required=True, help="A .csv, a .mcap, or a bag's folder."
 )
@@ -30,18 +42,44 @@ if TYPE_CHECKING:
     help="Of a bag's folder.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON.")
-def command(scenario: str, output: Path, seed: int | None, storage: str, as_json: bool) -> None:
+def command(
+    scenario: str | None,
+    calibration_path: Path | None,
+    run_path: Path | None,
+    output: Path,
+    seed: int | None,
+    storage: str,
+    as_json: bool,
+) -> None:
     """Make the recording of SCENARIO, a file or the name of a shipped one, with array file and truth beside it.
 
-    Shipped are wu_table_1, wu_turntable, tumble_100_hz, auv and warming_up.
+    Shipped are wu_table_1, wu_turntable, tumble_100_hz, auv and warming_up. With --from-calibration the twin of a
+    calibrated array is made, on the run of SCENARIO or of a recording.
     """
+    if run_path is not None:
+        if scenario is not None or calibration_path is None:
+            raise InputError("--recording takes the place of a scenario, and needs --from-calibration")
+        result = _twin(calibration_path, run_path, output, seed or 0, storage)
+    elif scenario is not None:
+        result = _simulate(scenario, calibration_path, output, seed, storage)
+    else:
+        raise InputError("say what to simulate: a scenario, or --from-calibration with --recording")
+    click.echo(json.dumps(result) if as_json else sentences(result))
+
+
+def _simulate(
+    scenario: str, calibration_path: Path | None, output: Path, seed: int | None, storage: str
+) -> dict[str, Any]:
     from rich.console import Console
 
-    from tam_calibration.files import write_array, write_recording
+    from tam_calibration.files import read_calibration, write_array, write_recording
     from tam_calibration.files.scenario import read_scenario, write_truth
     from tam_calibration.simulation import simulate
 
     plan = read_scenario(scenario)
+    if calibration_path is not None:
+        calibration = read_calibration(calibration_path)
+        plan = replace(plan, array=calibration.array, errors=calibration.errors, effects=calibration.effects)
     paths = {"recording": output, "array": beside(output, "array.yaml"), "truth": beside(output, "truth.yaml")}
     with Console(stderr=True).status("simulating") as status:
         made = simulate(plan if seed is None else replace(plan, seed=seed))
@@ -49,8 +87,31 @@ def command(scenario: str, output: Path, seed: int | None, storage: str, as_json
         write_recording(output, made.recording, storage)
         write_array(paths["array"], plan.array)
         write_truth(paths["truth"], made)
-    result = summary(made) | {name: str(path) for name, path in paths.items()}
-    click.echo(json.dumps(result) if as_json else sentences(result))
+    intensity = norm(made.center_field_T, axis=1)
+    summary = _summary(made.recording, intensity, plan.rate_hz, made.scenario.seed)
+    return summary | {name: str(path) for name, path in paths.items()}
+
+
+def _twin(calibration_path: Path, run_path: Path, output: Path, seed: int, storage: str) -> dict[str, Any]:
+    from rich.console import Console
+
+    from tam_calibration.effects.removal import agreed_field
+    from tam_calibration.files import read_calibration, read_recording, write_array, write_recording
+    from tam_calibration.simulation.twin import twin
+
+    calibration = read_calibration(calibration_path)
+    paths = {"recording": output, "array": beside(output, "array.yaml")}
+    if {path.resolve() for path in paths.values()} & {calibration_path.resolve(), run_path.resolve()}:
+        raise InputError(f"{output} or what goes with it would overwrite an input: choose another name for the output")
+    with Console(stderr=True).status("simulating") as status:
+        made = twin(calibration, read_recording(run_path, calibration.errors.sensor_count), seed)
+        status.update(f"writing {made.sample_count} samples")
+        write_recording(output, made, storage)
+        write_array(paths["array"], calibration.array)
+    field = agreed_field(made.readings_T, calibration.errors, calibration.array)
+    rate_hz = float(1 / np.median(np.diff(made.time_s))) if made.sample_count > 1 else float("nan")
+    summary = _summary(made, norm(field, axis=1), rate_hz, seed)
+    return summary | {name: str(path) for name, path in paths.items()} | {"truth": str(calibration_path)}
 
 
 def beside(output: Path, ending: str) -> Path:
@@ -59,18 +120,17 @@ def beside(output: Path, ending: str) -> Path:
     return output.with_name(f"{stem}.{ending}")
 
 
-def summary(made: "Simulation") -> dict[str, Any]:
+def _summary(recording: Recording, intensity_T: FloatArray, rate_hz: float, seed: int) -> dict[str, Any]:
     """Return what was made, for programs."""
-    recording = made.recording
     optional = ("scalar_T", "temperature_C", "current_A", "attitude")
     return {
         "samples": recording.sample_count,
         "sensors": recording.sensor_count,
-        "rate_hz": made.scenario.rate_hz,
+        "rate_hz": rate_hz,
         "duration_s": float(np.ptp(recording.time_s)),
-        "intensity_nT": float(to_nanotesla(norm(made.center_field_T, axis=1).mean())),
+        "intensity_nT": float(to_nanotesla(intensity_T.mean())),
         "channels": [name.partition("_")[0] for name in optional if getattr(recording, name) is not None],
-        "seed": made.scenario.seed,
+        "seed": seed,
     }
 
 
