@@ -67,6 +67,30 @@ class EffectSize:
     standard_errors: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class KnownSource:
+    """What a source of known place and strength showed of the array; array and errors of the calibration hold it.
+
+    Parameters
+    ----------
+    baseline_scale, baseline_scale_standard_error : float
+        True distances of the sensors from the centre over the stated ones.
+    rotation, rotation_standard_errors : (3,) array
+        Rotation vector from the array frame to the frame of the uniform field's calibration, radians.
+    axis_offsets_standard_errors_m : (K, 3, 3) array
+        Of ``array.axis_offsets_m``, metres.
+    reduced_chi_square : float
+        Squared residuals over the noise of the amplitudes, per degree of freedom.
+    """
+
+    baseline_scale: float
+    baseline_scale_standard_error: float
+    rotation: FloatArray
+    rotation_standard_errors: FloatArray
+    axis_offsets_standard_errors_m: FloatArray
+    reduced_chi_square: float
+
+
 @dataclass(frozen=True)
 class Provenance:
     """The recording that a calibration came from: file name, size and SHA-256 of its bytes."""
@@ -142,6 +166,8 @@ class Calibration:
         corrected.
     effect_sizes : tuple of EffectSize
         Of each effect, where they are known.
+    known_source : KnownSource, optional
+        What completed the calibration, where a source was recorded.
     """
 
     method: str
@@ -165,6 +191,7 @@ class Calibration:
     frame: str = FRAME_STATEMENT
     effects: tuple[FittedEffect, ...] = ()
     effect_sizes: tuple[EffectSize, ...] = ()
+    known_source: KnownSource | None = None
 
     @property
     def statements(self) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from tam_calibration.calibration import AmbientGradient, Calibration, EffectSize, Provenance
+from tam_calibration.calibration import AmbientGradient, Calibration, EffectSize, KnownSource, Provenance
 from tam_calibration.errors import SensorErrors
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.effects_schema import EffectFile
@@ -108,6 +108,26 @@ class _Effect(EffectFile):
         return EffectSize(self.size.to_tesla(), self.size_standard_error.to_tesla())
 
 
+class _KnownSource(Document):
+    baseline_scale: Finite
+    baseline_scale_standard_error: Finite
+    rotation_deg: Vector
+    rotation_standard_error_deg: Vector
+    axis_offsets_standard_error_m: list[Tensor]
+    reduced_chi_square: Finite
+
+    def to_known_source(self) -> KnownSource:
+        """Return what the source showed in SI."""
+        return KnownSource(
+            self.baseline_scale,
+            self.baseline_scale_standard_error,
+            from_degrees(np.array(self.rotation_deg)),
+            from_degrees(np.array(self.rotation_standard_error_deg)),
+            np.array(self.axis_offsets_standard_error_m),
+            self.reduced_chi_square,
+        )
+
+
 class _Calibration(Document):
     schema_version: Literal["tam_calibration/calibration/1"] = Field(alias="schema")
     software: str
@@ -122,6 +142,7 @@ class _Calibration(Document):
     residuals: _AllResiduals
     reduced_chi_square: dict[str, float]
     effects: list[_Effect] = Field(default_factory=list)
+    known_source: _KnownSource | None = None
     recording: _Recording
     covariance_order: str
     covariance_SI: list[list[Finite]] | None
@@ -167,6 +188,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         frame=stored.frame,
         effects=tuple(effect.to_fitted() for effect in stored.effects),
         effect_sizes=tuple(effect.to_size() for effect in stored.effects),
+        known_source=stored.known_source and stored.known_source.to_known_source(),
     )
 
 

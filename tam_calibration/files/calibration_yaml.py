@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from tam_calibration import __version__
-from tam_calibration.calibration import AmbientGradient, Calibration
+from tam_calibration.calibration import AmbientGradient, Calibration, KnownSource
 from tam_calibration.effects.numbers import units_of
 from tam_calibration.files.array_yaml import array_to_mapping
 from tam_calibration.files.calibration_schema import SCHEMA, calibration_of
@@ -100,6 +100,7 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
         },
         "reduced_chi_square": {name: _rounded(value) for name, value in calibration.reduced_chi_square.items()},
         **_effects(calibration),
+        **_known_source(calibration.known_source),
         "recording": {
             "samples": calibration.samples,
             "time_span_s": list(calibration.time_span_s),
@@ -109,6 +110,21 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
         },
         "covariance_order": COVARIANCE_ORDER,
         "covariance_SI": None if calibration.covariance is None else calibration.covariance.tolist(),
+    }
+
+
+def _known_source(found: KnownSource | None) -> dict[str, Any]:
+    if found is None:
+        return {}
+    return {
+        "known_source": {
+            "baseline_scale": found.baseline_scale,
+            "baseline_scale_standard_error": _rounded(found.baseline_scale_standard_error),
+            "rotation_deg": degrees_to_write(found.rotation).tolist(),
+            "rotation_standard_error_deg": _rounded(to_degrees(found.rotation_standard_errors)),
+            "axis_offsets_standard_error_m": _rounded(found.axis_offsets_standard_errors_m),
+            "reduced_chi_square": _rounded(found.reduced_chi_square),
+        }
     }
 
 

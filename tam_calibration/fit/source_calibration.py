@@ -22,6 +22,9 @@ from tam_calibration.units import FloatArray
 _STEPS = 30
 _SMALLEST_STEP = 1e-12
 _LARGEST_CONDITION = 1e6
+_OTHER_SOURCE = (
+    "the readings cannot be those of the stated source: check its position, axis, strength and radius, and the poses"
+)
 _UNDETERMINED = (
     "these poses do not determine baselines, frame and places of the axes: turn the array through more headings, about "
     "more than one axis if need be, or nearer to the source"
@@ -118,7 +121,7 @@ def calibrate_by_source(
     readings, noise = _check(amplitudes_T, noise_T, poses, array)
     model, allowed = _Model(source, poses, errors, array), _allowed(array)
     parameters, rotation = np.zeros(len(allowed)), np.eye(3)
-    parameters[0] = 1.0
+    parameters[0], is_moved = 1.0, False
     for _ in range(_STEPS):
         predicted, derivative = model.predict(parameters[0], rotation, parameters[4:].reshape(-1, 3, 3))
         signs = np.sign(np.sum(readings * predicted, axis=(1, 2)))[:, None, None]
@@ -127,14 +130,14 @@ def calibrate_by_source(
         scale = norm(design, axis=0)
         left, size, right = np.linalg.svd(design / np.where(scale > 0, scale, 1.0), full_matrices=False)
         if len(residual) < design.shape[1] or size[-1] * _LARGEST_CONDITION < size[0]:
-            raise Refused(_UNDETERMINED)
+            raise Refused(_OTHER_SOURCE if is_moved else _UNDETERMINED)
         step = allowed @ (right.T @ ((left.T @ residual) / size) / scale)
         parameters = parameters + step
-        rotation = _matrix(step[1:4]) @ rotation
+        rotation, is_moved = _matrix(step[1:4]) @ rotation, True
         if norm(design @ (allowed.T @ step)) < _SMALLEST_STEP * norm(readings / noise):
             break
     else:
-        raise Refused("the fit to the source does not converge: are its position, axis and strength right?")
+        raise Refused(_OTHER_SOURCE)
     root = allowed @ (right.T / size / scale[:, None])
     return SourceCalibration(
         float(parameters[0]),

@@ -99,7 +99,7 @@ def fit_dipole(
     Raises
     ------
     InputError
-        When a shape is wrong or values are not finite.
+        When a shape is wrong, values are not finite, or the axes of the array are known to sit in different places.
     Refused
         When the readings do not determine the source.
     """
@@ -158,6 +158,8 @@ def _fit(
 
 
 def _check(fields_T: FloatArray, array: Array, poses: Poses) -> FloatArray:
+    if array.axis_offsets_m is not None:
+        raise InputError("the direct fit takes the axes of a sensor to be in one place: locate from field and gradient")
     fields = np.asarray(fields_T, dtype=float)
     shape = (len(poses.attitude), array.sensor_count, 3)
     if fields.shape != shape:

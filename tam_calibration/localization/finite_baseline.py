@@ -43,14 +43,14 @@ def locate_dipole(outputs: FloatArray, array: Array, covariance: FloatArray | No
     outputs = np.asarray(outputs, dtype=float)
     euler = locate(outputs, covariance)
     at = np.flatnonzero(euler.is_located)
-    operator = array.operator[:8]
+    operator, (points, by_points) = array.operator[:8], _elements(array)
     noise = operator @ operator.T if covariance is None else np.asarray(covariance, dtype=float)[..., :8, :8]
     if noise.ndim == 3:
         noise = noise[at]
     whitening = _whitening(noise)
-    weights = (whitening @ operator)[..., None, :, :]
+    weights = (whitening @ by_points)[..., None, :, :]
     data = (whitening @ outputs[at, :8, None])[..., 0]
-    problem = Problem(dipole_field, array.positions_m[None], weights, np.zeros((1, 8, 0)))
+    problem = Problem(dipole_field, points[None], weights, np.zeros((1, 8, 0)))
     start = np.concatenate([euler.position_m[at], euler.moment_Am2[at]], axis=1)
     solution = solve(problem, data, start)
     found = at[solution.is_found]
@@ -61,6 +61,16 @@ def locate_dipole(outputs: FloatArray, array: Array, covariance: FloatArray | No
     if covariance is not None:
         spread[found] = solution.covariance[solution.is_found]
     return EulerSolutions(unknowns[:, :3], spread[:, :3, :3], unknowns[:, 3:], spread[:, 3:, 3:], status)
+
+
+def _elements(array: Array) -> tuple[FloatArray, FloatArray]:
+    """Return where the field is read (P, 3), and the (8, 3 P) matrix from the fields there to the outputs."""
+    operator = array.operator[:8]
+    if array.axis_offsets_m is None:
+        return array.positions_m, operator
+    # Each axis reads its own component where its element sits.
+    by_elements = np.einsum("oka,ab->okab", operator.reshape(8, -1, 3), np.eye(3))
+    return array.element_positions_m.reshape(-1, 3), by_elements.reshape(8, -1)
 
 
 def _whitening(noise: FloatArray) -> FloatArray:

@@ -105,5 +105,7 @@ def test_too_few_values_are_refused():
     one = Array(np.zeros((1, 3)))
     with pytest.raises(Refused, match="do not determine"):
         fit_dipole(np.ones((1, 1, 3)), one)
+    with pytest.raises(InputError, match="in one place"):
+        fit_dipole(readings_of(DIPOLE), Array(ARRAY.positions_m, axis_offsets_m=np.zeros((4, 3, 3))), POSES)
     with pytest.raises(Refused, match="nowhere to start"):
         fit_dipole(np.ones((12, 1, 3)), one, POSES)

@@ -72,3 +72,14 @@ def test_what_cannot_be_weighed_is_refused(dipoles):
         locate_dipole(outputs, Array(np.eye(3)[:2]))
     with pytest.raises(InputError, match="positive, finite diagonal"):
         locate_dipole(outputs, ARRAY, np.zeros((9, 9)))
+
+
+def test_places_of_the_axes_are_part_of_the_model(dipoles):
+    """Each axis reads its component where its element sits: the dipole comes out exactly all the same."""
+    places, moments, _ = dipoles
+    offsets = 0.01 * np.random.default_rng(13).normal(size=(4, 3, 3))
+    array = Array(ARRAY.positions_m, axis_offsets_m=offsets)
+    fields = dipole_field(array.element_positions_m - places[:, None, None], moments[:, None, None])[0]
+    readings = np.diagonal(fields.reshape(len(places), 4, 3, 3), axis1=2, axis2=3)
+    found = locate_dipole(readings.reshape(len(places), -1) @ array.operator.T, array)
+    assert_allclose(found.position_m, places, atol=1e-9)

@@ -1,0 +1,97 @@
+"""The file of a known source: what it is, where it is, and the recording of it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from tam_calibration.files.calibration_schema import Vector
+from tam_calibration.files.location import in_file, read_text
+from tam_calibration.files.yaml_document import Document, check, parse_mapping
+from tam_calibration.localization.dipole import Dipole
+from tam_calibration.localization.loop import Loop, area_of
+from tam_calibration.problems import InputError
+
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+@dataclass(frozen=True, eq=False)
+class StatedSource:
+    """A source of known place, axis and strength.
+
+    Parameters
+    ----------
+    source : Dipole or Loop
+        In the world of the recorded attitude, from the array's centre.
+    frequency_hz : float
+        Of its field.
+    recording : Path
+        Of the array that was turned before it.
+    """
+
+    source: Dipole | Loop
+    frequency_hz: float
+    recording: Path
+
+
+class _SourceFile(Document):
+    """What the file may hold.
+
+    Parameters
+    ----------
+    recording : str
+        File beside this one: CSV or bag.
+    position_m : [x, y, z]
+        Of the centre of the source, in the world of the recorded attitude, from the array's centre.
+    axis : [x, y, z]
+        Direction of its magnetic moment, of any length.
+    moment_Am2 : float, optional
+        Size of the moment; either this, or the ampere turns of a loop.
+    ampere_turns : float, optional
+        Peak current times turns of a loop.
+    radius_m : float, optional
+        Of a circular loop; without it the source is a dipole.
+    frequency_Hz : float
+        Of its field.
+    """
+
+    recording: str
+    position_m: Vector
+    axis: Vector
+    moment_Am2: _Positive | None = None
+    ampere_turns: _Positive | None = None
+    radius_m: _Positive | None = None
+    frequency_Hz: _Positive
+
+    def to_source(self) -> Dipole | Loop:
+        """Return the source."""
+        length = float(np.linalg.norm(self.axis))
+        if length == 0:
+            raise InputError("axis: a direction must not be zero")
+        if (self.moment_Am2 is None) == (self.ampere_turns is None):
+            raise InputError("give either moment_Am2, or ampere_turns and radius_m of a loop")
+        if self.moment_Am2 is not None:
+            size = self.moment_Am2
+        elif self.radius_m is None or self.ampere_turns is None:
+            raise InputError("ampere_turns are those of a loop: give its radius_m too")
+        else:
+            size = self.ampere_turns * area_of(self.radius_m)
+        position, moment = np.array(self.position_m), size * np.array(self.axis) / length
+        return Dipole(position, moment) if self.radius_m is None else Loop(position, moment, self.radius_m)
+
+
+def read_known_source(path: Path) -> StatedSource:
+    """Read the file of a known source.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, a key is not known, or the values make no source.
+    """
+    path = Path(path)
+    text = read_text(path)
+    with in_file(path):
+        stored = check(parse_mapping(text), _SourceFile)
+        return StatedSource(stored.to_source(), stored.frequency_Hz, path.parent / stored.recording)
