@@ -233,6 +233,7 @@ class _Queue:
         newest = max(stream.newest, _LONG_AGO)
         previous = np.maximum.accumulate(np.concatenate([[newest], stamps]))[:-1]
         is_new = stamps > previous if not is_unstamped else np.ones(len(stamps), dtype=bool)
+        new = slice(None) if is_new.all() else is_new
         waiting = np.array([max(key, _LONG_AGO) for key, _ in stream.buffer], dtype=np.int64)
         values = np.array([values for _, values in stream.buffer]).reshape(len(waiting), width)
         return cls(
@@ -242,9 +243,9 @@ class _Queue:
             is_unstamped,
             previous,
             is_new,
-            np.concatenate([waiting, stamps[is_new]]),
-            np.concatenate([np.full(len(waiting), _EARLIER), messages.order[is_new]]),
-            np.concatenate([values, messages.values[is_new]]),
+            np.concatenate([waiting, stamps[new]]),
+            np.concatenate([np.full(len(waiting), _EARLIER), messages.order[new]]),
+            np.concatenate([values, messages.values[new]]),
         )
 
     @property
@@ -321,9 +322,13 @@ class _Match:
 
     def values(self, is_sample: BoolArray) -> FloatArray:
         """Return the values that join the samples; NaN where there are none."""
-        values = np.full((len(self.index), self.queue.values.shape[1]), np.nan)
-        values[self.found] = self.queue.values[self.index[self.found]]
-        return values[is_sample]
+        found = self.found[is_sample]
+        if not found.any():
+            return np.full((len(found), self.queue.values.shape[1]), np.nan)
+        values: FloatArray = self.queue.values[self.index[is_sample]]
+        if not found.all():
+            values[~found] = np.nan
+        return values
 
     def used(self, keys: IntArray, is_sample: BoolArray) -> tuple[int, int]:
         """Return the first message that may join a later sample, and how many joined these."""

@@ -11,6 +11,7 @@ from rosbags.rosbag2 import Reader
 
 from tam_calibration.batch_synchronisation import BatchSynchroniser, IntArray, StreamMessages
 from tam_calibration.files.bag_blocks import read_blocks
+from tam_calibration.files.bag_sqlite3 import QuickReader
 from tam_calibration.files.bag_topics import StreamTopics, find_topics
 from tam_calibration.files.location import in_file
 from tam_calibration.files.raw_messages import RawMessages
@@ -41,7 +42,7 @@ def open_bag(path: Path) -> Iterator[Reader]:
     """
     if path.is_dir() and not (path / "metadata.yaml").exists():
         raise InputError(f"{path} holds no metadata.yaml: is it a bag? `ros2 bag reindex` writes the file anew")
-    reader = Reader(path)
+    reader = QuickReader(path)
     with _damage_named(path):
         reader.open()
     try:
@@ -118,11 +119,13 @@ def read_bag(
     """
     with open_bag(path) as reader, in_file(path):
         topics = find_topics(reader.connections, sensor_count)
-        rows = np.empty((topics.connections["tam_1"].msgcount, len(topics.layout.columns)))
+        rows = np.empty((reader.message_count // topics.layout.sensor_count, len(topics.layout.columns)))
         stamps = np.empty(len(rows), dtype=np.int64)
         count = 0
         for stamps_ns, values in _join(reader, topics, tolerance_ns, progress):
             chosen = slice(count, count + len(stamps_ns))
+            if chosen.stop > len(rows):
+                raise InputError("the bag holds more messages than its metadata say: `ros2 bag reindex` counts them")
             stamps[chosen], rows[chosen, 0], rows[chosen, 1:] = stamps_ns, seconds_of(stamps_ns), values
             count = chosen.stop
         return Samples(topics.layout.recording(rows[:count]), stamps[:count])

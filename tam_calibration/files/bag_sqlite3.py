@@ -1,10 +1,15 @@
-"""Messages of sqlite3 files, many rows by one query."""
+"""Messages of sqlite3 files: opened without counting them, and many rows read by one query."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag2 import Reader, ReaderError
+from rosbags.rosbag2.metadata import ReaderMetadata, parse_qos
+from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from tam_calibration.files.raw_messages import IntArray, RawMessages
@@ -13,12 +18,68 @@ from tam_calibration.problems import InputError
 ROWS, BYTES = 16_384, 8_000_000
 """How much a query gathers, at most rows, and bytes of messages of mean size."""
 
-_SPAN = "SELECT min(timestamp), max(timestamp), count(*) FROM messages"
+_SPAN = """
+SELECT (SELECT min(timestamp) FROM messages), (SELECT max(timestamp) FROM messages), (SELECT count(*) FROM messages)
+"""
+_DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
 _NEXT = "SELECT timestamp FROM messages WHERE timestamp >= ? ORDER BY timestamp LIMIT 1 OFFSET ?"
 _GATHER = """
 SELECT group_concat(topic_id), group_concat(timestamp), group_concat(length(data)), CAST(group_concat(data, '') AS BLOB)
 FROM (SELECT * FROM messages WHERE timestamp >= ? AND timestamp < ? AND topic_id IN ({}) ORDER BY timestamp, id)
 """
+
+
+class QuickSqlite3Reader(Sqlite3Reader):
+    """The sqlite3 reader of rosbags, which opens a file without counting the messages of each topic.
+
+    Counting takes as long as reading them; ``msgcount`` is 0 in its connections.
+    """
+
+    def _open(self) -> None:
+        tables = {name for (name,) in self._rows("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        if not {"topics", "messages"} <= tables:
+            raise ReaderError(f"Cannot open database {self.path} or database missing tables.")
+        definitions = {}
+        if "message_definitions" in tables:
+            kinds = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
+            definitions = {name: MessageDefinition(kinds[kind], text) for name, kind, text in self._rows(_DEFINITIONS)}
+        columns = [column for _, column, *_ in self._rows("PRAGMA table_info(topics)")]
+        topics = [dict(zip(columns, row, strict=True)) for row in self._rows("SELECT * FROM topics ORDER BY id")]
+        unknown = MessageDefinition(MessageDefinitionFormat.NONE, "")
+        self.connections = [
+            Connection(
+                topic["id"],
+                topic["name"],
+                topic["type"],
+                definitions.get(topic["type"], unknown),
+                topic.get("type_description_hash", ""),
+                0,
+                ConnectionExtRosbag2(topic["serialization_format"], parse_qos(topic.get("offered_qos_profiles", []))),
+                self,
+            )
+            for topic in topics
+        ]
+        first, last, count = next(iter(self._rows(_SPAN)))
+        if count:
+            self.metadata = ReaderMetadata(last + 1 - first, first, last + 1, count, None, None, None, None)
+
+    def _rows(self, query: str) -> Any:
+        assert self.dbconn is not None
+        return self.dbconn.execute(query)
+
+
+class QuickDirectoryReader(DirectoryReader):
+    """The reader of folders of rosbags, which opens sqlite3 files as above."""
+
+    STORAGE_PLUGINS = MappingProxyType({**DirectoryReader.STORAGE_PLUGINS, "sqlite3": QuickSqlite3Reader})
+
+
+class QuickReader(Reader):
+    """The reader of rosbags, which opens sqlite3 files as above."""
+
+    STORAGE_PLUGINS = MappingProxyType(
+        {**Reader.STORAGE_PLUGINS, "dir": QuickDirectoryReader, ".db3": QuickSqlite3Reader}
+    )
 
 
 def read_rows(storage: Sqlite3Reader, position: Mapping[int, int]) -> Iterator[tuple[RawMessages, int]]:

@@ -18,6 +18,9 @@ ByteOrder = Literal["<", ">"]
 
 _PLAIN_CDR: dict[bytes, ByteOrder] = {b"\x00\x00": ">", b"\x00\x01": "<"}
 
+_KINDS: dict[ByteOrder, int] = {"<": 0x0100, ">": 0x0000}
+"""The first two bytes by byte order, read as a little-endian number."""
+
 _HEAD = np.dtype([("seconds", "i4"), ("nanoseconds", "u4"), ("length", "u4")])
 """Stamp, and length of the frame's name."""
 
@@ -80,7 +83,7 @@ def read_stamped_doubles(messages: RawMessages, count: int) -> tuple[IntArray, F
     """
     stamps, values = np.empty(len(messages), dtype=np.int64), np.empty((len(messages), count))
     for chosen, part, order in _by_byte_order(messages):
-        head = _take(part, np.full(len(part), _BODY), _HEAD.itemsize).view(_HEAD.newbyteorder(order))
+        head = _take(part, _BODY, _HEAD.itemsize).view(_HEAD.newbyteorder(order))
         stamps[chosen] = head["seconds"].astype(np.int64) * 1_000_000_000 + head["nanoseconds"]
         begin = _BODY + (_HEAD.itemsize + head["length"].astype(np.int64) + 7 & -8)
         values[chosen] = _take(part, begin, 8 * count).view(f"{order}f8").reshape(-1, count)
@@ -97,22 +100,24 @@ def read_float64s(messages: RawMessages) -> tuple[None, FloatArray]:
     """
     values = np.empty((len(messages), 1))
     for chosen, part, order in _by_byte_order(messages):
-        values[chosen, 0] = _take(part, np.full(len(part), _BODY), 8).view(f"{order}f8")
+        values[chosen, 0] = _take(part, _BODY, 8).view(f"{order}f8")
     return None, values
 
 
 def _by_byte_order(messages: RawMessages) -> Iterator[tuple[slice | NDArray[np.bool_], RawMessages, ByteOrder]]:
-    kinds = _take(messages, np.zeros(len(messages), dtype=np.int64), 2).view("S2")
-    for kind in np.unique(kinds).tolist():
-        if kind.ljust(2, b"\0") not in _PLAIN_CDR:
-            raise InputError(_DAMAGED)
+    kinds = _take(messages, 0, 2).view("<u2")
+    for order, kind in _KINDS.items():
         chosen = kinds == kind
-        whole = chosen.all()
-        order = _PLAIN_CDR[kind.ljust(2, b"\0")]
-        yield slice(None) if whole else chosen, messages if whole else messages.take(chosen), order
+        if chosen.all():
+            yield slice(None), messages, order
+            return
+        if chosen.any():
+            yield chosen, messages.take(chosen), order
+    if not np.isin(kinds, list(_KINDS.values())).all():
+        raise InputError(_DAMAGED)
 
 
-def _take(messages: RawMessages, begin: IntArray, size: int) -> NDArray[Any]:
+def _take(messages: RawMessages, begin: IntArray | int, size: int) -> NDArray[Any]:
     """Return so many bytes of each message, from a place in each on."""
     if (begin + size > messages.size).any():
         raise InputError(_DAMAGED)
