@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.units import FloatArray
 
 _LEAST_SAMPLES = 12
@@ -16,6 +17,9 @@ _SHORTEST = 3
 _ROUNDS = 3
 _MOST_OF_ROWS = 3
 _PRECISE = 1e-6
+
+_GROSS = 0.01
+"""Of the field: misfits above are no small disturbances, which the sums here take them for."""
 
 
 class BiasJump(LinearEffect):
@@ -42,11 +46,16 @@ class BiasJump(LinearEffect):
         """Return the times, and pairs of times, at which jumps of one row or of all explain most, of all samples."""
         if situation.sample_count < _LEAST_SAMPLES:
             return []
+        intensity = float(np.median(situation.intensity_T))
         middle = (situation.time_s[1:] + situation.time_s[:-1]) / 2
         whole, *rows = (_best(path) for path in _paths(misfit))
         ranked = [sorted((row[kind] for row in rows), key=lambda jump: -jump.gain)[:_MOST_OF_ROWS] for kind in range(2)]
         cuts = dict.fromkeys(jump.cuts for jump in (*whole, *ranked[0], *ranked[1]) if jump.gain > 0)
-        return [dict(zip(self.shape_units, (float(middle[cut]) for cut in found), strict=False)) for found in cuts]
+        shapes: list[Shape] = [
+            dict(zip(self.shape_units, (float(middle[cut]) for cut in found), strict=False)) for found in cuts
+        ]
+        gross = None if np.sqrt(np.mean(misfit.row_shift_T**2)) < _GROSS * intensity else moved_sphere(misfit.recording)
+        return shapes if gross is None else [gross.shape, *shapes]
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return an offset of each row from the one time on, until the other where there is one."""
