@@ -4,11 +4,12 @@ import struct
 from collections.abc import Mapping
 from io import BytesIO
 from itertools import pairwise
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
@@ -18,11 +19,22 @@ from tam_calibration.files.raw_messages import ByteArray, IntArray, RawMessages,
 CHUNK_BYTES = 1 << 20
 
 _CHUNK_HEAD = 40
+_INDEX = "timestamp_idx"
 _INSERT = "INSERT INTO messages (topic_id, timestamp, data) VALUES(?, ?, ?)"
 
 
 class Sqlite3BlockWriter(Sqlite3Writer):
-    """The sqlite3 writer of rosbags that takes many messages at once."""
+    """The sqlite3 writer of rosbags that takes many messages at once; their index is made when all are there."""
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)
+        # What fails is removed as a whole: no journal is needed to take back a part.
+        self.conn.executescript(f"PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; DROP INDEX {_INDEX};")
+
+    def close(self, version: int, metadata: str) -> None:
+        """Make the index, and close the file."""
+        self.cursor.execute(f"CREATE INDEX {_INDEX} ON messages (timestamp ASC)")
+        super().close(version, metadata)
 
     def write_block(self, messages: RawMessages) -> None:
         """Write messages, each of the connection of that id."""
