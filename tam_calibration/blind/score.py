@@ -166,8 +166,8 @@ class Score:
         """Of short recordings, how often the cause is named rightly, left open, or named wrongly."""
         short = self.of_kind("short")
         return {
-            "short recordings: right name": Rate.of(one.first_is_right for one in short),
-            "short recordings: left open": Rate.of(not one.causes for one in short),
+            "short recordings: right name, or rightly no gap": Rate.of(map(_is_right_though_short, short)),
+            "short recordings: left open": Rate.of(bool(one.truth) and not one.causes for one in short),
             "short recordings: wrong name": Rate.of(map(_names_wrongly, short)),
         }
 
@@ -208,6 +208,10 @@ def _is_spurious(one: Outcome) -> bool:
 
 def _is_pair_solved(one: Outcome) -> bool:
     return set(one.truth) == set(one.named)
+
+
+def _is_right_though_short(one: Outcome) -> bool:
+    return one.first_is_right if one.truth else one.verdict == NO_GAP
 
 
 def _names_wrongly(one: Outcome) -> bool:

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -155,7 +156,9 @@ def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: 
 
 
 def _in_processes(description: str, work: Callable[[Task], Result], tasks: list[Task], jobs: int) -> Iterator[Result]:
-    """Do the tasks in processes of one thread each, in any order."""
+    """Do the tasks in processes of one thread each, and return the results as they come."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with get_context("spawn").Pool(jobs) as pool, showing_progress() as progress:
-        yield from progress.track(pool.imap_unordered(work, tasks), total=len(tasks), description=description)
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool, showing_progress() as progress:
+        done = as_completed([pool.submit(work, task) for task in tasks])
+        for future in progress.track(done, total=len(tasks), description=description):
+            yield future.result()

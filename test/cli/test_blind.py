@@ -97,3 +97,27 @@ def test_a_folder_without_cases(tmp_path):
     result = run("answer", tmp_path)
     assert result.exit_code == 2
     assert "holds no case" in result.stderr
+
+
+def test_answers_are_those_of_diagnose(tmp_path):
+    """Each case is diagnosed from its two files alone, exactly as by hand; what cannot be read gives its reason."""
+    folder = tmp_path / "cases"
+    assert run("make", folder, "--cases", 2, "--seed", 2, "--kinds", "short", "--jobs", 1).exit_code == 0
+    (folder / "case_0002" / "data.csv").write_text("time_s\n")
+    assert run("answer", folder, "--jobs", 1).exit_code == 0
+    case = folder / "case_0001"
+    words = ["diagnose", case / "data.csv", "--array", case / "spec.yaml", "--json", tmp_path / "by_hand.json"]
+    assert CliRunner().invoke(main, list(map(str, words))).exit_code in (0, 1)
+    assert json.loads((case / "answer.json").read_text()) == json.loads((tmp_path / "by_hand.json").read_text())
+    spoilt = json.loads((folder / "case_0002" / "answer.json").read_text())
+    assert spoilt["verdict"] == "error" and "holds a header but no sample" in spoilt["why"]
+
+
+def test_the_true_effect_can_be_left_out(tmp_path):
+    """With the keys opened, single effects are answered once more without the effect that is there."""
+    folder = tmp_path / "cases"
+    assert run("make", folder, "--cases", 1, "--seed", 2, "--kinds", "single", "--jobs", 1).exit_code == 0
+    assert run("answer", folder, "--jobs", 1, "--without-effect").exit_code == 0
+    true = json.loads((folder / "keys.json").read_text())["case_0001"]["effects"][0]["effect"]
+    answer = json.loads((folder / "case_0001" / "answer_without.json").read_text())
+    assert true not in [one["effect"] for one in answer["causes"] + answer["considered"]]
