@@ -51,6 +51,11 @@ _Fit = Callable[[Recording, Array], Calibration]
     help="Fit effects too and keep them: names such as temperature_drift,current_interference, or auto for those that "
     "tam diagnose finds.",
 )
+@click.option(
+    "--source",
+    type=PATH,
+    help="YAML of a known source and its recording: fit baselines, common frame and places of the axes too.",
+)
 @tolerance_option
 @click.option("--json", "json_path", type=PATH, help="Write the result as JSON; - is stdout, instead of the tables.")
 @click.option("--report", type=PATH, help="Write an HTML page with residuals, coverage and parameters.")
@@ -62,6 +67,7 @@ def command(
     place: str | None,
     ambient_gradient: bool,
     effects: str | None,
+    source: Path | None,
     tolerance_s: float,
     json_path: Path | None,
     report: Path | None,
@@ -69,11 +75,13 @@ def command(
     """Estimate the errors of an array's sensors from RECORDING: a CSV file or a bag."""
     to_stdout = json_path == Path("-")
     outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
-    with write_together(outputs, [recording, array]) as beside:
+    with write_together(outputs, [recording, array, *([source] if source else [])]) as beside:
         fit: _Fit = partial(calibrate, method=method, ambient_gradient=ambient_gradient)
         if effects is not None:
             fit = _fit_of_effects(effects, method, ambient_gradient)
         data, calibration = _calibrate(recording, array, fit, place, tolerance_s)
+        if source is not None:
+            calibration = _complete(calibration, source, tolerance_s)
         if "yaml" in beside:
             beside["yaml"].write_text(calibration_to_yaml(calibration), encoding="utf-8")
         if "json" in beside:
@@ -113,6 +121,18 @@ def _calibrate(
         calibration = fit(recording, array)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     return uniform, replace(calibration, source=provenance(path))
+
+
+def _complete(calibration: Calibration, path: Path, tolerance_s: float) -> Calibration:
+    """Return the calibration with what the recording of a known source shows."""
+    from tam_calibration.files.known_source import read_known_source  # late: few calibrations have a source
+    from tam_calibration.fit.source_completion import complete
+
+    stated = read_known_source(path)
+    with showing_progress() as progress:
+        sensors = calibration.array.sensor_count
+        seen = read_samples(stated.recording, sensors, tolerance_s, reading(progress)).recording
+        return complete(calibration, seen, stated.source, stated.frequency_hz)
 
 
 def _with_intensity(recording: Recording, place: str) -> Recording:

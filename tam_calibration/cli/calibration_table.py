@@ -5,7 +5,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tam_calibration.array import OUTPUT_NAMES, TENSOR_OUTPUTS
-from tam_calibration.calibration import AmbientGradient, Calibration
+from tam_calibration.calibration import AmbientGradient, Calibration, KnownSource
 from tam_calibration.files import FORMULA
 from tam_calibration.fit.coverage import Coverage
 from tam_calibration.fit.weakness import Weakness
@@ -13,7 +13,7 @@ from tam_calibration.report.effect_rows import NUMBERS_HEADER, effect_number_row
 from tam_calibration.report.formatting import number, sentence, with_error
 from tam_calibration.report.parameter_rows import parameter_rows
 from tam_calibration.residuals import Residuals
-from tam_calibration.units import to_nanotesla
+from tam_calibration.units import to_degrees, to_nanotesla
 
 
 def print_calibration(console: Console, calibration: Calibration, coverage: Coverage, weakness: Weakness) -> None:
@@ -27,6 +27,8 @@ def print_calibration(console: Console, calibration: Calibration, coverage: Cove
     console.print(f"Field: {intensity} nT, {reference}. Samples: {calibration.samples}.")
     if calibration.ambient_gradient is not None:
         console.print(_gradient(calibration.ambient_gradient))
+    if calibration.known_source is not None:
+        console.print(_known_source(calibration.known_source))
     console.print(f"Coverage: {calibration.coverage:.0%} of the sphere. {sentence(coverage.advice)}")
     if weakness.parameters:
         console.print(str(weakness))
@@ -53,6 +55,17 @@ def _effects(calibration: Calibration) -> Table:
     for row in effect_number_rows(calibration):
         table.add_row(*row)
     return table
+
+
+def _known_source(found: KnownSource) -> str:
+    degrees = zip(to_degrees(found.rotation), to_degrees(found.rotation_standard_errors), strict=True)
+    turn = ", ".join(with_error(float(value), float(error), 3) for value, error in degrees)
+    return (
+        f"Known source: baselines {with_error(found.baseline_scale, found.baseline_scale_standard_error, 4)} times "
+        f"those stated; frame turned by {turn}° about x, y, z; places of the axes to "
+        f"{number(1e3 * float(found.axis_offsets_standard_errors_m.max()))} mm; reduced χ² "
+        f"{number(found.reduced_chi_square)}."
+    )
 
 
 def _gradient(gradient: AmbientGradient) -> str:
