@@ -56,7 +56,8 @@ def command(
     """
     to_stdout = json_path == Path("-")
     outputs = {"json": None if to_stdout else json_path, "report": report}
-    with write_together(outputs, [recording, array]) as beside:
+    inputs = [path for path in (recording, array, calibration_path) if path is not None]
+    with write_together(outputs, inputs) as beside:
         gap = _diagnose(recording, array, without, calibration_path, tolerance_s)
         source = provenance(recording)
         content = to_json(gap_to_mapping(gap, source))
