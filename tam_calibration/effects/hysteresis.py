@@ -50,25 +50,20 @@ class Hysteresis(LinearEffect):
         return ({"full_scale_T": full_scale(situation)},)
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return plays, loops that are rounded and loops that saturate of each axis, and a curve."""
+        """Return plays, loops that are rounded and loops that saturate of each axis."""
         scale = shape["full_scale_T"]
         states = play(situation.sensed_T, scale * np.array([_STILL, *_PLAYS]), situation.memory)
         rounded = [rounded_loop(states[:, :, 0], scale * width, situation.memory) for width in _ROUNDED]
+        # A curve alone is no loop: it is offered with those that it closes at the ends of the range.
+        saturating = ["P2", "P3", *(f"P{order} of play {width}" for width in _PLAYS for order in (3, 5))]
         terms = []
         for row in range(situation.scalar_row):
-            sensed = situation.sensed_T[:, row]
-            loops = states[:, row, 1:]
-            saturating = [curve for loop in loops.T for curve in legvander(loop / scale, 5).T[[3, 5]]]
+            sensed, loops = situation.sensed_T[:, row], states[:, row, 1:]
+            curves = [legvander(loop / scale, 5)[:, [3, 5]] for loop in loops.T]
             for name, unit, names, features in (
-                ("loop", "1", [f"play {width}" for width in _PLAYS], [loop - sensed for loop in loops.T]),
+                ("loop", "1", [f"play {width}" for width in _PLAYS], [loops - sensed[:, None]]),
                 ("rounded loop", "1", [f"width {width}" for width in _ROUNDED], [loop[:, row] for loop in rounded]),
-                (
-                    "saturating loop",
-                    "T",
-                    [f"P{order} of play {width}" for width in _PLAYS for order in (3, 5)],
-                    saturating,
-                ),
-                ("curve", "T", ["P2", "P3"], [*legvander(sensed / scale, 3)[:, 2:].T]),
+                ("saturating loop", "T", saturating, [legvander(sensed / scale, 3)[:, 2:], *curves]),
             ):
                 parts = [Coefficient(own, unit) for own in names]
                 terms.append(Term.of_row(situation, row, name, parts, np.column_stack(features)))
