@@ -1,6 +1,5 @@
 """The serialised messages of ROS 2 (CDR) whose stamp and numbers are read and filled in without building objects."""
 
-import struct
 from collections.abc import Iterator
 from typing import Any, Literal
 
@@ -16,8 +15,6 @@ _BODY = 4
 
 ByteOrder = Literal["<", ">"]
 
-_PLAIN_CDR: dict[bytes, ByteOrder] = {b"\x00\x00": ">", b"\x00\x01": "<"}
-
 _KINDS: dict[ByteOrder, int] = {"<": 0x0100, ">": 0x0000}
 """The first two bytes by byte order, read as a little-endian number."""
 
@@ -25,52 +22,6 @@ _HEAD = np.dtype([("seconds", "i4"), ("nanoseconds", "u4"), ("length", "u4")])
 """Stamp, and length of the frame's name."""
 
 _DAMAGED = "a message is damaged: it is too short, or not in the serialisation CDR"
-
-
-class StampedDoubles:
-    """Reads messages that are a header and then, first of all, doubles: MagneticField, Imu, Temperature.
-
-    Parameters
-    ----------
-    count : int
-        Number of doubles to read.
-    """
-
-    def __init__(self, count: int) -> None:
-        self._layouts = {
-            kind: (struct.Struct(f"{order}iII"), struct.Struct(f"{order}{count}d"))
-            for kind, order in _PLAIN_CDR.items()
-        }
-
-    def read(self, message: bytes) -> tuple[int, tuple[float, ...]]:
-        """Return stamp in nanoseconds and the doubles.
-
-        Raises
-        ------
-        InputError
-            When the message is truncated or not plain CDR.
-        """
-        try:
-            header, doubles = self._layouts[bytes(message[:2])]
-            seconds, nanoseconds, length = header.unpack_from(message, _BODY)
-            start = _BODY + _align(header.size + length)
-            return seconds * 1_000_000_000 + nanoseconds, doubles.unpack_from(message, start)
-        except (KeyError, struct.error):
-            raise InputError(_DAMAGED) from None
-
-
-def read_float64(message: bytes) -> tuple[None, tuple[float, ...]]:
-    """Return the number of a ``std_msgs/Float64``; it has no stamp.
-
-    Raises
-    ------
-    InputError
-        When the message is truncated or not plain CDR.
-    """
-    try:
-        return None, struct.unpack_from(f"{_PLAIN_CDR[bytes(message[:2])]}d", message, _BODY)
-    except (KeyError, struct.error):
-        raise InputError(_DAMAGED) from None
 
 
 def read_stamped_doubles(messages: RawMessages, count: int) -> tuple[IntArray, FloatArray]:
@@ -146,7 +97,3 @@ def fill(template: bytes, from_end: int, values: FloatArray, stamps_ns: IntArray
         stamp = np.column_stack(np.divmod(stamps_ns, 1_000_000_000)).astype("<i4")
         copies[:, _BODY : _BODY + 8] = stamp.view(np.uint8)
     return copies
-
-
-def _align(size: int) -> int:
-    return (size + 7) & -8

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from tam_calibration.files.cdr import StampedDoubles, fill, read_float64
+from tam_calibration.files.cdr import fill, read_float64s, read_stamped_doubles
+from tam_calibration.files.raw_messages import RawMessages
 from tam_calibration.problems import InputError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -18,26 +19,60 @@ def field(frame_id):
     return types[FIELD](header, types["geometry_msgs/msg/Vector3"](1.0, -2.0, 3e-5), np.arange(9.0))
 
 
+FRAMES = ["", "a", "abc", "abcd", "abcdefg", "abcdefgh", "Ångström"]
+
+
+def blocks(messages):
+    """Return messages in a block in which they begin at odd places."""
+    joined = RawMessages.of([0] * (len(messages) + 1), [0] * (len(messages) + 1), [b"odd", *messages])
+    return joined.take(slice(1, None))
+
+
 @pytest.mark.parametrize("little_endian", [True, False])
-@pytest.mark.parametrize("frame_id", ["", "a", "abc", "abcd", "abcdefg", "abcdefgh", "Ångström"])
+@pytest.mark.parametrize("frame_id", FRAMES)
 def test_stamp_and_numbers_are_read(frame_id, little_endian):
     """Whatever the frame's name, whose length moves the numbers, and the byte order."""
     message = STORE.serialize_cdr(field(frame_id), FIELD, little_endian=little_endian)
-    assert StampedDoubles(4).read(message) == (17_999_999_999, (1.0, -2.0, 3e-5, 0.0))
+    stamps, values = read_stamped_doubles(blocks([message] * 3), 4)
+    assert stamps.tolist() == [17_999_999_999] * 3
+    assert values.tolist() == [[1.0, -2.0, 3e-5, 0.0]] * 3
 
 
-def test_a_number_without_stamp_is_read():
+def test_messages_of_many_frames_and_byte_orders_are_read_together():
+    """A block may hold messages of any length and byte order, each keeps its place."""
+    kinds = [(frame_id, little_endian) for frame_id in FRAMES for little_endian in (True, False)]
+    messages = [STORE.serialize_cdr(field(frame), FIELD, little_endian=little) for frame, little in kinds]
+    _, values = read_stamped_doubles(blocks(messages), 12)
+    assert values.tolist() == [[1.0, -2.0, 3e-5, *range(9)]] * len(kinds)
+
+
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_numbers_without_stamp_are_read(little_endian):
     """std_msgs/Float64 has no header."""
-    message = STORE.serialize_cdr(STORE.types["std_msgs/msg/Float64"](4.5), "std_msgs/msg/Float64")
-    assert read_float64(message) == (None, (4.5,))
+    name = "std_msgs/msg/Float64"
+    messages = [
+        STORE.serialize_cdr(STORE.types[name](value), name, little_endian=little_endian) for value in (4.5, -1.0)
+    ]
+    stamps, values = read_float64s(blocks(messages))
+    assert stamps is None and values.tolist() == [[4.5], [-1.0]]
 
 
 @pytest.mark.parametrize("message", [b"", b"\x00\x01\x00\x00", b"\x00\x07\x00\x00" + bytes(100)])
 def test_other_messages_are_refused(message):
-    """What is too short or serialised otherwise is not read as numbers."""
-    for read in (StampedDoubles(3).read, read_float64):
-        with pytest.raises(InputError, match="a message is damaged"):
-            read(message)
+    """What is too short or serialised otherwise is not read as numbers, also among others."""
+    good = bytes(STORE.serialize_cdr(field("frame"), FIELD))
+    for read in (lambda messages: read_stamped_doubles(messages, 3), read_float64s):
+        for messages in ([message], [good, message, good]):
+            with pytest.raises(InputError, match="a message is damaged"):
+                read(blocks(messages))
+
+
+def test_a_name_that_reaches_beyond_the_message_is_refused():
+    """A damaged length of the frame's name does not lead into the next message."""
+    message = bytearray(STORE.serialize_cdr(field("frame"), FIELD))
+    message[12:16] = (2**32 - 1).to_bytes(4, "little")
+    with pytest.raises(InputError, match="a message is damaged"):
+        read_stamped_doubles(blocks([bytes(message)] * 2), 3)
 
 
 def test_copies_have_their_own_stamps_and_numbers():
@@ -46,7 +81,7 @@ def test_copies_have_their_own_stamps_and_numbers():
     stamps_ns = np.array([1, 1_700_000_000_123_456_789])
     values = np.array([[1.0, 2.0, 3.0], [4.0, np.nan, 6.0]])
     for message, stamp_ns, row in zip(fill(template, 96, values, stamps_ns), stamps_ns, values, strict=True):
-        read = STORE.deserialize_cdr(message, FIELD)
+        read = STORE.deserialize_cdr(message.tobytes(), FIELD)
         assert read.header.stamp.sec * 10**9 + read.header.stamp.nanosec == stamp_ns
         assert read.header.frame_id == "frame"
         np.testing.assert_array_equal([read.magnetic_field.x, read.magnetic_field.y, read.magnetic_field.z], row)
