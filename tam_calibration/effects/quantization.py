@@ -54,6 +54,13 @@ _VISIBLE = 0.1
 _EXPECTED = 0.5
 """Part of the rounding's variance that a row's residual must show."""
 
+_CERTAIN = 3.0
+"""Standard errors by which it must exceed the floor."""
+
+_FEW = 0.25
+"""Part of the readings that are different values, below which steps are read off these."""
+
+_EQUAL = 1e-6
 _LEAST_FLOOR = 0.5
 """White variance of the channels that rounding leaves at least, in what is stated."""
 
@@ -89,7 +96,8 @@ class Quantization(FoundEffect):
             return "no readings are multiples of a step that is large beside the noise"
         counted = misfit.is_counted
         information = misfit.row_information[counted]
-        lattices = _visible(lattices, np.mean(row_deviations(misfit)[counted] ** 2, axis=0), information.mean(axis=0))
+        square = np.mean(row_deviations(misfit)[counted] ** 2, axis=0)
+        lattices = _visible(lattices, square, information.mean(axis=0), int(counted.sum()))
         if not lattices:
             return "readings are multiples of a step, but the stated noise already holds its rounding"
         variance = np.zeros(information.shape[1])
@@ -182,6 +190,10 @@ def _adjusted(ordered: FloatArray, step: float) -> float:
 
 def _frequency(ordered: FloatArray) -> float | None:
     """Return the lowest frequency at which differences of the readings agree in phase, per standard deviation."""
+    gaps = np.diff(ordered)
+    gaps = gaps[gaps > _EQUAL]
+    if 0 < len(gaps) < _FEW * len(ordered):
+        return 1 / float(gaps.min()) if _FINEST <= gaps.min() <= _COARSEST else None
     lag = max(1, int(len(ordered) * _DISTANCE / max(ordered[-1], _DISTANCE)))
     difference = ordered[lag:] - ordered[:-lag]
     if len(difference) < _LEAST_DIFFERENCES:
@@ -216,7 +228,7 @@ def _by_step(lattices: list[Lattice]) -> list[list[Lattice]]:
     return groups
 
 
-def _visible(lattices: list[Lattice], square: FloatArray, information: FloatArray) -> list[Lattice]:
+def _visible(lattices: list[Lattice], square: FloatArray, information: FloatArray, sample_count: int) -> list[Lattice]:
     """Return the lattices whose rows' residuals, of given mean square, are as large as the rounding makes them."""
     fine = np.setdiff1d(np.flatnonzero(information > 0), [lattice.row for lattice in lattices])
     floor = min(1.0, float(np.median(square[fine]))) if len(fine) else 1.0
@@ -224,7 +236,9 @@ def _visible(lattices: list[Lattice], square: FloatArray, information: FloatArra
     for group in _by_step(lattices):
         rows = [lattice.row for lattice in group]
         rounding = float(information[rows].sum()) * group[0].step_T ** 2 / 12
-        if float((square[rows] - floor).sum()) > _EXPECTED * rounding:
+        surplus = float((square[rows] - floor).sum())
+        chance = _CERTAIN * float(np.sqrt(2 * np.sum(square[rows] ** 2) / sample_count))
+        if surplus > max(_EXPECTED * rounding, chance):
             kept += group
     return sorted(kept, key=lambda lattice: lattice.row)
 

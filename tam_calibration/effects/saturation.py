@@ -36,6 +36,9 @@ _SAME = 1e-3
 _CERTAIN = 5.0
 """Standard errors by which the readings at a limit must fall short."""
 
+_DEEP = 4.0
+"""Standard deviations of the noise by which one reading at least must fall short of what it should be."""
+
 _FLAT = 0.2
 """Beyond a limit the reading must follow what it should be by less than this."""
 
@@ -121,7 +124,7 @@ def _limit_of(misfit: Misfit, row: int, end: str, sign: float, reading: FloatArr
     information = misfit.row_information[:, row]
     if not (information > 0).any():
         return None
-    noise = 1 / np.sqrt(float(np.median(information[information > 0])))
+    noise = 1 / np.sqrt(float(np.mean(information[information > 0])))
     outward = sign * reading
     top = float(outward.max())
     below = top - _SAME * noise
@@ -144,6 +147,8 @@ def _limit_of(misfit: Misfit, row: int, end: str, sign: float, reading: FloatArr
 def _pile(outward: FloatArray, shift: FloatArray, noise: float) -> NDArray[np.intp]:
     """Return the readings that stay within their noise of one value although they should differ, none if so."""
     expected = outward - shift
+    if shift.min() > -_DEEP * noise:
+        return np.zeros(0, dtype=np.intp)
     order = np.argsort(expected)[::-1]
     count = np.arange(1, len(order) + 1)
     depth = outward[order] - outward.max()

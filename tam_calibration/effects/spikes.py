@@ -107,7 +107,8 @@ def _standardised(raw: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
     size = len(chosen) // count
     blocks = chosen[: count * size].reshape(count, size, -1)
     scale = _NORMAL * np.median(blocks, axis=1)
-    scale = np.maximum(scale, _NORMAL * np.median(chosen, axis=0))
+    thinned = chosen[:: max(1, len(chosen) // _MOST_NEIGHBOURS)]
+    scale = np.maximum(scale, _NORMAL * np.median(thinned, axis=0))
     index = np.zeros(len(deviation), dtype=np.intp)
     index[usable] = np.minimum(np.arange(len(chosen)) // size, count - 1)
     scale = np.where(scale > 0, scale, np.inf)
@@ -153,11 +154,12 @@ def _shared(misfit: Misfit, deviation: FloatArray, worst: NDArray[np.intp], far:
     usable = np.flatnonzero(misfit.channel_count > 0)
     thinned = usable[:: max(1, len(usable) // _MOST_NEIGHBOURS)]
     direction = misfit.situation.field_T / misfit.situation.intensity_T[:, None]
-    near = thinned[cKDTree(direction[thinned]).query(direction[samples], 2 * _NEIGHBOURS)[1]]
+    near = thinned[cKDTree(direction[thinned]).query(direction[samples], _NEIGHBOURS)[1]]
     at_direction = np.where(np.abs(near - samples[:, None]) > LONGEST_BURST, deviation[near, rows], np.nan)
-    several = np.sum(np.isfinite(at_direction), axis=1) >= _NEIGHBOURS
+    several = np.sum(np.isfinite(at_direction), axis=1) >= _NEIGHBOURS // 2
     shared[several] |= np.nanmedian(at_direction[several], axis=1) / own[several] > _SHARED
-    shared |= np.abs(own) < _STANDS_OUT * _NORMAL * np.median(np.abs(deviation[around, rows]), axis=1)
+    sides = np.abs(deviation[around, rows]).reshape(len(samples), 2, _AROUND)
+    shared |= np.abs(own) < _STANDS_OUT * _NORMAL * np.median(sides, axis=2).max(axis=1)
     found: NDArray[np.intp] = samples[shared]
     return found
 

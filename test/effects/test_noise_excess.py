@@ -1,0 +1,128 @@
+"""Noise that exceeds that of the other rows: whose it is and how large, and what is no noise."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.effects.effect import SCALAR, Contribution
+from tam_calibration.effects.noise_excess import NoiseExcess
+
+EXCESS = NoiseExcess()
+
+
+def noise(sensor, axis=None, size=1e-9):
+    """Return what the effect does at one place."""
+    return Contribution(sensor, axis, "noise", {"standard deviation": size})
+
+
+@pytest.mark.parametrize("sheet", [0.8, 0.88, 1.0, 1.12])
+@pytest.mark.parametrize(("samples", "sensors"), [(60, 4), (2000, 4), (500, 12), (2000, 2), (2000, 1)])
+def test_a_wrong_data_sheet_is_no_excess(bench, samples, sensors, sheet):
+    """Noise that all sensors have alike, or that the scalar has more by less than 30 %, is the floor."""
+    for seed in range(5):
+        made = bench(samples, sensors, seed=seed, sheet=sheet)
+        assert isinstance(EXCESS.find(made.misfit()), str)
+
+
+@pytest.mark.parametrize(("sensor", "axis"), [(1, 2), (3, None), (SCALAR, None)])
+@pytest.mark.parametrize("moves", [True, False])
+def test_the_noisy_row_is_found(bench, sensor, axis, moves):
+    """Place and size come out within their standard errors, on a floor that is not the data sheet's."""
+    size = 0.6e-9 if sensor == SCALAR else 1e-9
+    made = bench(moves=moves, sheet=1.1).with_effect(EXCESS, noise(sensor, axis, size))
+    misfit = made.misfit()
+    found = EXCESS.find(misfit)
+    (part,) = found.fitted.contributions
+    assert (part.sensor, part.axis) == (sensor, axis)
+    value, error = part.values["standard deviation"], part.standard_errors["standard deviation"]
+    assert abs(value - size) < 3.5 * error and 0 < error < 0.1 * size
+    assert found.gain - found.parameter_count * np.log(misfit.channel_count.sum()) > 50
+    rows = {SCALAR: [12], 1: [5], 3: [9, 10, 11]}[sensor]
+    assert_allclose(found.variance[rows], value**2, rtol=1e-6)
+    assert not np.delete(found.variance, rows).any()
+
+
+def test_the_gain_is_that_of_the_likelihood(bench):
+    """Twice the log likelihood ratio against one free variance, as full covariance matrices give it."""
+    made = bench(300, has_scalar=False).with_effect(EXCESS, noise(1, 2, 1.5e-9))
+    misfit = made.misfit()
+    found = EXCESS.find(misfit)
+    own = found.variance[5]
+
+    def deviance(floor, variance):
+        total = 0.0
+        for sample in range(300):
+            shift = np.append(misfit.directions[5], misfit.row_slope[sample, 5])
+            covariance = floor * np.eye(10) + variance * np.outer(shift, shift)
+            residual = np.append(misfit.differential[sample], misfit.common_mode[sample])
+            total += np.linalg.slogdet(covariance)[1] + residual @ np.linalg.solve(covariance, residual)
+        return total
+
+    from scipy.optimize import minimize_scalar
+
+    without = minimize_scalar(lambda floor: deviance(floor, 0.0), bounds=(0.5, 3.0), method="bounded").fun
+    beside = minimize_scalar(lambda floor: deviance(floor, own), bounds=(0.5, 3.0), method="bounded").fun
+    assert_allclose(found.gain, without - beside, rtol=0.01)
+
+
+@pytest.mark.parametrize("slope", [0.3, 0.7])
+def test_coloured_noise_counts(bench, slope):
+    """1/f noise of one axis is an excess, too; so is noise that comes and goes."""
+    made = bench()
+    spectrum = np.fft.rfft(np.random.default_rng(3).normal(0, 2e-9, 2000))
+    spectrum[1:] *= (np.arange(1, len(spectrum)) / len(spectrum)) ** (-slope / 2)
+    rows = made.rows_T.copy()
+    rows[:, 4] += np.fft.irfft(spectrum, 2000)
+    (part,) = EXCESS.find(made.with_rows(rows).misfit()).fitted.contributions
+    assert (part.sensor, part.axis) == (1, 1)
+
+
+def test_noise_for_a_while_counts(bench):
+    """An axis that is loud in a third of the record has excess noise."""
+    made = bench()
+    rows = made.rows_T.copy()
+    rows[500:1200, 4] += np.random.default_rng(3).normal(0, 3e-9, 700)
+    (part,) = EXCESS.find(made.with_rows(rows).misfit()).fitted.contributions
+    assert (part.sensor, part.axis) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("course", "sentence"),
+    [
+        (lambda time, direction: np.where(time > 90, 6e-9, -6e-9), "a course in time"),
+        (lambda time, direction: 6e-9 * np.sin(2 * np.pi * time / 61), "a course in time"),
+        (lambda time, direction: 4e-9 * np.sin(2 * np.pi * 3.217 * time), "a line of the spectrum"),
+        (lambda time, direction: 9e-9 * np.sin(5 * direction), "the direction of the field"),
+    ],
+)
+def test_what_has_a_regular_cause_is_no_noise(bench, course, sentence):
+    """A jump, a slow drift, a line and a function of the direction are told apart from noise."""
+    made = bench(moves=False)
+    rows, situation = made.rows_T.copy(), made.situation
+    rows[:, 4] += course(situation.time_s, situation.field_T[:, 1] / situation.intensity_T)
+    assert sentence in EXCESS.find(made.with_rows(rows).misfit())
+
+
+def test_spikes_are_no_noise(bench):
+    """Few large readings are left to outliers, and do not count once they are."""
+    made = bench()
+    rows = made.rows_T.copy()
+    rows[::100, 4] += 30e-9
+    misfit = made.with_rows(rows).misfit()
+    assert "spikes" in EXCESS.find(misfit)
+    rest = np.arange(2000) % 100 > 0
+    assert isinstance(EXCESS.find(made.with_rows(rows).misfit(is_counted=rest)), str)
+
+
+def test_too_few_samples_are_told(bench):
+    """Twenty samples tell no variance."""
+    assert "30 samples" in EXCESS.find(bench(20).misfit())
+
+
+def test_added_noise_has_the_stated_size(bench):
+    """In simulations every axis of the sensor has noise of its own."""
+    made = bench(20_000)
+    change = made.with_effect(EXCESS, noise(2, None, 3e-9)).rows_T - made.rows_T
+    assert_allclose(change[:, 6:9].std(axis=0), 3e-9, rtol=0.02)
+    assert np.abs(np.corrcoef(change[:, 6:9].T) - np.eye(3)).max() < 0.03
+    assert not change[:, [0, 1, 2, 3, 4, 5, 9, 10, 11, 12]].any()

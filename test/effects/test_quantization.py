@@ -1,0 +1,107 @@
+"""Readings that are whole steps, where rounding is a visible part of the noise."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.effects.effect import ALL, SCALAR, Contribution
+from tam_calibration.effects.noise_excess import NoiseExcess
+from tam_calibration.effects.quantization import Quantization, find_lattices
+
+QUANTIZATION = Quantization()
+
+
+def steps(sensor, axis, step, offset=0.0):
+    """Return what the effect does at one place."""
+    return Contribution(sensor, axis, "lattice", {"step": step, "offset": offset})
+
+
+def evidence(finding, misfit):
+    """Return how much BIC speaks for a finding."""
+    return finding.gain - finding.parameter_count * np.log(misfit.channel_count.sum())
+
+
+@pytest.mark.parametrize(("samples", "sensors"), [(60, 4), (2000, 4), (500, 12), (1000, 2), (1000, 1)])
+def test_readings_without_steps_have_no_lattice(bench, samples, sensors):
+    """Whether it moves or rests in poses, continuous readings are on no lattice."""
+    for seed in range(10):
+        assert find_lattices(bench(samples, sensors, moves=seed % 2 == 0, seed=seed).misfit()) == []
+
+
+@pytest.mark.parametrize("decimals", [1, 2, 3])
+def test_decimals_of_a_file_do_not_matter(bench, decimals):
+    """Readings of 1 nT of noise that are written with decimals are no finding, and hide no coarser steps."""
+    made = bench()
+    written = made.with_rows(np.round(made.rows_T * 1e9, decimals) / 1e9)
+    assert isinstance(QUANTIZATION.find(written.misfit()), str)
+    coarse = made.with_effect(QUANTIZATION, steps(1, 2, 3.7391e-9, 0.4e-9)).rows_T
+    found = QUANTIZATION.find(made.with_rows(np.round(coarse * 1e9, decimals) / 1e9).misfit())
+    assert_allclose(found.fitted.contributions[0].values["step"], 3.7391e-9, rtol=1e-4)
+
+
+@pytest.mark.parametrize("size", [1.5, 4.0, 40.0])
+@pytest.mark.parametrize(("samples", "moves"), [(60, False), (400, True), (4000, True)])
+def test_the_steps_of_an_axis_are_found(bench, size, samples, moves):
+    """Step and offset come out exactly, on a floor that is not the data sheet's."""
+    made = bench(samples, moves=moves, sheet=1.05).with_effect(QUANTIZATION, steps(2, 0, size * 1e-9, 0.3e-9))
+    (lattice,) = find_lattices(made.misfit())
+    assert lattice.row == 6
+    assert_allclose(lattice.step_T, size * 1e-9, rtol=1e-9)
+    offset = (lattice.offset_T - 0.3e-9) / lattice.step_T
+    assert abs(offset - round(offset)) < 1e-4
+
+
+@pytest.mark.parametrize(("sensor", "axis"), [(2, 0), (SCALAR, None)])
+def test_the_gain_is_that_of_the_energy_of_rounding(bench, sensor, axis):
+    """Rounding explains its own energy, more than a noise of free variance does, and adds step²/12 to the variance."""
+    made = bench().with_effect(QUANTIZATION, steps(sensor, axis, 4e-9 if sensor != SCALAR else 1.1e-9))
+    misfit = made.misfit()
+    found = QUANTIZATION.find(misfit)
+    (part,) = found.fitted.contributions
+    assert (part.sensor, part.axis) == (sensor, axis)
+    row = 12 if sensor == SCALAR else 6
+    assert_allclose(found.variance[row], part.values["step"] ** 2 / 12)
+    energy, count = misfit.energy.sum(), misfit.channel_count.sum()
+    rounding = (misfit.row_information @ found.variance).sum()
+    assert_allclose(found.gain, count * np.log(energy / (energy - rounding)))
+    # A scalar magnetometer in a steady field meets two steps only: its rounding errors are not uniform.
+    assert_allclose(energy - rounding, count, rtol=0.02 if sensor != SCALAR else 0.1)
+    noise = NoiseExcess().find(misfit)
+    assert evidence(found, misfit) > evidence(noise, misfit) > 50
+
+
+def test_the_steps_of_a_sensor_and_of_all(bench):
+    """A sensor is told by its axes, all sensors with one step at once; both at once too."""
+    made = bench()
+    sensor = QUANTIZATION.find(made.with_effect(QUANTIZATION, steps(3, None, 3e-9)).misfit())
+    assert [(part.sensor, part.axis) for part in sensor.fitted.contributions] == [(3, 0), (3, 1), (3, 2)]
+    whole = made.with_effect(QUANTIZATION, steps(ALL, None, 5e-9))
+    found = QUANTIZATION.find(whole.misfit())
+    (part,) = found.fitted.contributions
+    assert (part.sensor, part.axis) == (ALL, None)
+    assert_allclose(part.values["step"], 5e-9, rtol=1e-9)
+    assert evidence(found, whole.misfit()) > 100
+
+
+def test_stated_noise_may_hold_the_rounding(bench):
+    """Where the residual is no larger than the data sheet says, rounding makes no gap."""
+    made = bench(noise_T=0.3e-9, sheet=0.2).with_effect(QUANTIZATION, steps(ALL, None, 2.0e-9))
+    assert "already holds its rounding" in QUANTIZATION.find(made.misfit())
+
+
+def test_a_small_part_of_the_gap_is_none(bench):
+    """Beside a gap that is a hundred times larger, steps of one noise are not named."""
+    made = bench().with_effect(QUANTIZATION, steps(ALL, None, 1.0e-9))
+    rows = made.rows_T.copy()
+    rows[1000:, 4] += 60e-9
+    rows[:, 4] = np.round(rows[:, 4] / 1e-9) * 1e-9
+    assert "a small part" in QUANTIZATION.find(made.with_rows(rows).misfit())
+
+
+def test_a_limit_is_no_lattice(bench):
+    """Readings of which many repeat, as in rest, are on no lattice unless all are."""
+    made = bench(60, moves=False)
+    rows = np.repeat(made.rows_T, 10, axis=0)
+    rows = rows + np.random.default_rng(2).normal(0, 1e-9, rows.shape)
+    again = bench(600, moves=False)
+    assert find_lattices(again.with_rows(rows).misfit()) == []
