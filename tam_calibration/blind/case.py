@@ -70,16 +70,16 @@ def _plan_kind(rng: Generator, kind: str, count: int) -> list[Plan]:
     deciding = [name for name, entry in CATALOGUE.items() if entry.channel]
     plans = []
     for number in range(count):
-        gap = GAPS[number // len(names) % 3] if kind == "single" else GAPS[number % 3]
+        gap = GAPS[number % 3]
         if kind == "clean" or (kind == "short" and number % 4 == 3):
             plans.append(Plan(kind, (), ()))
         elif kind == "pair":
             first, second = rng.choice(names, 2, replace=False)
             plans.append(Plan(kind, (str(first), str(second)), (float(rng.uniform(1, 3)), float(rng.uniform(1, 3)))))
         elif kind == "outside":
-            plans.append(Plan(kind, (others[number // 3 % len(others)],), (gap,)))
+            plans.append(Plan(kind, (others[number % len(others)],), (gap,)))
         elif kind == "withheld":
-            plans.append(Plan(kind, (deciding[number % len(deciding)],), (GAPS[1 + number % 2],)))
+            plans.append(Plan(kind, (deciding[number % len(deciding)],), (GAPS[1 + number // len(deciding) % 2],)))
         elif kind == "short":
             plans.append(Plan(kind, (str(rng.choice(names)),), (GAPS[1 + number % 2],)))
         else:
