@@ -8,7 +8,7 @@ from numpy.polynomial.legendre import legvander
 
 from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
 
-_ORDERS = {"quadratic": (2,), "cubic": (3,), "higher": (4, 5)}
+_ORDERS = {"quadratic": (2,), "cubic": (3,), "higher": (4, 5), "highest": (6, 7, 8, 9)}
 _LEAST_SPREAD = 0.1
 
 
@@ -37,10 +37,10 @@ class Nonlinearity(LinearEffect):
         return ({"full_scale_T": full_scale(situation)},)
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return Legendre polynomials of degree 2 to 5 of the field along each axis."""
+        """Return Legendre polynomials of degree 2 to 9 of the field along each axis."""
         terms = []
         for row in range(situation.scalar_row):
-            curves = legvander(situation.sensed_T[:, row] / shape["full_scale_T"], 5)
+            curves = legvander(situation.sensed_T[:, row] / shape["full_scale_T"], 9)
             for name, orders in _ORDERS.items():
                 parts = [Coefficient(f"P{order}", "T") for order in orders]
                 terms.append(Term.of_row(situation, row, name, parts, curves[:, list(orders)]))
