@@ -81,7 +81,8 @@ def find_spikes(misfit: Misfit) -> Spikes | str:
     # The row that explains most, not that which is off most: noise of one leaks into all.
     worst = np.argmax(np.abs(raw), axis=1)
     height = np.abs(deviation[np.arange(len(worst)), worst]) * usable
-    far = _beyond_noise(height, int(usable.sum()), deviation.shape[1])
+    chance = _chance(height, int(usable.sum()), deviation.shape[1])
+    far = _improbable(chance)
     if not far.any():
         return "no reading lies beyond what noise reaches"
     if far.sum() > _MOST * usable.sum():
@@ -93,6 +94,9 @@ def find_spikes(misfit: Misfit) -> Spikes | str:
     far[_shared(misfit, deviation, worst, far)] = False
     if not far.any():
         return "what is far off is so at neighbouring times or directions of the field as well"
+    far = _improbable(np.where(far, chance, 1.0))
+    if not far.any():
+        return "no reading lies beyond what noise reaches"
     if _is_clustered(far, usable) or _is_loud_around(deviation, worst, far, usable):
         return "what is far off comes in spells, as where the noise changes"
     samples = np.flatnonzero(far)
@@ -116,17 +120,20 @@ def _standardised(raw: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
     return standardised
 
 
-def _beyond_noise(height: FloatArray, count: int, row_count: int) -> NDArray[np.bool_]:
-    """Return the samples whose largest deviation is improbable, by the false discovery rate among all."""
+def _chance(height: FloatArray, count: int, row_count: int) -> FloatArray:
+    """Return the probability that noise makes the largest of a sample's deviations so large."""
     from scipy.special import stdtr
 
     freedom = _EFFICIENCY * min(count, _BLOCK)
-    chance = np.minimum(1.0, 2 * row_count * stdtr(freedom, -height))
+    chance: FloatArray = np.minimum(1.0, 2 * row_count * stdtr(freedom, -height))
+    return chance
+
+
+def _improbable(chance: FloatArray) -> NDArray[np.bool_]:
+    """Return the samples that are improbable, by the false discovery rate among all."""
     ordered = np.sort(chance)
-    allowed = ordered <= _FALSE_DISCOVERIES * np.arange(1, len(chance) + 1) / count
-    if not allowed.any():
-        return np.zeros(len(chance), dtype=bool)
-    improbable: NDArray[np.bool_] = chance <= ordered[np.flatnonzero(allowed)[-1]]
+    allowed = np.flatnonzero(ordered <= _FALSE_DISCOVERIES * np.arange(1, len(chance) + 1) / len(chance))
+    improbable: NDArray[np.bool_] = chance <= (ordered[allowed[-1]] if len(allowed) else -1.0)
     return improbable
 
 
