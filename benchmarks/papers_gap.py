@@ -27,11 +27,11 @@ from tam_calibration.errors import SensorErrors
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.whole import write_whole
 from tam_calibration.fit.lossless import estimate
+from tam_calibration.localization.dipole import Dipole
 from tam_calibration.recording import Recording
 from tam_calibration.reproduce.wu2025_coil import AXES, Experiment, directions
 from tam_calibration.residuals import measure_residuals
 from tam_calibration.simulation import Simulation, simulate
-from tam_calibration.simulation.sources import Dipole
 from tam_calibration.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
 
 RESULTS = Path(__file__).parent / "results" / "papers_gap.csv"

@@ -14,6 +14,7 @@ from tam_calibration.files.effects_schema import EffectFile
 from tam_calibration.files.iaga2002 import read_iaga2002
 from tam_calibration.files.yaml_document import Document, check
 from tam_calibration.geomagnetic import site_field_T
+from tam_calibration.localization.dipole import Dipole
 from tam_calibration.problems import InputError
 from tam_calibration.simulation import Scenario, attitude, channels, sources
 from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
@@ -84,8 +85,8 @@ class _Dipole(Document):
     position_m: Vector
     moment_Am2: Vector
 
-    def build(self) -> sources.Dipole:
-        return sources.Dipole(np.array(self.position_m), np.array(self.moment_Am2))
+    def build(self) -> Dipole:
+        return Dipole(np.array(self.position_m), np.array(self.moment_Am2))
 
 
 class _Random(Document):

@@ -1,11 +1,13 @@
-"""Where the field comes from: the site's uniform field, its drift, and a dipole; in the world's east, north, up."""
+"""Where the field comes from: the site's uniform field and its drift, in the world's east, north, up.
+
+A magnetic object beside it is a ``localization.dipole.Dipole``.
+"""
 
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.constants import mu_0
 
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
@@ -107,42 +109,3 @@ def _along(site_field_T: FloatArray, shape: FloatArray, standard_deviation_T: fl
         raise InputError("one sample cannot drift: ask for more samples or for no drift")
     intensity = standard_deviation_T * (shape - shape.mean()) / shape.std()
     return np.outer(intensity, site_field_T / norm(site_field_T))
-
-
-@dataclass(frozen=True, eq=False)
-class Dipole:
-    """A magnetic dipole that rests in the world.
-
-    Parameters
-    ----------
-    position_m : (3,) array
-        East, north, up from the array's centre, metres.
-    moment_Am2 : (3,) array
-        Magnetic moment east, north, up, A m².
-    """
-
-    position_m: FloatArray
-    moment_Am2: FloatArray
-
-    def field_T(self, points_m: FloatArray) -> FloatArray:
-        """Return the field (…, 3) at points (…, 3) of the world, tesla: μ₀/4π (3 (m·n) n - m)/r³."""
-        offset, moment, distance = self._geometry(points_m)
-        along = offset @ moment
-        field: FloatArray = mu_0 / (4 * np.pi) * (3 * along[..., None] * offset / distance**5 - moment / distance**3)
-        return field
-
-    def gradient_T_per_m(self, points_m: FloatArray) -> FloatArray:
-        """Return the symmetric, trace-free gradient tensor (…, 3, 3) at points (…, 3), T/m."""
-        offset, moment, distance = self._geometry(points_m)
-        along = (offset @ moment)[..., None, None]
-        crossed = offset[..., :, None] * moment
-        diagonal = along * np.eye(3)
-        squared = offset[..., :, None] * offset[..., None, :]
-        distance = distance[..., None]
-        sum_of_firsts = (crossed + np.swapaxes(crossed, -1, -2) + diagonal) / distance**5
-        gradient: FloatArray = mu_0 / (4 * np.pi) * (3 * sum_of_firsts - 15 * along * squared / distance**7)
-        return gradient
-
-    def _geometry(self, points_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        offset = np.asarray(points_m) - self.position_m
-        return offset, np.asarray(self.moment_Am2), norm(offset, axis=-1, keepdims=True)

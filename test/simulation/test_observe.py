@@ -10,11 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.array import Array
 from tam_calibration.errors import SensorErrors
+from tam_calibration.localization.dipole import Dipole
 from tam_calibration.problems import InputError
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.simulation.attitude import RandomAttitudes, Tumble
 from tam_calibration.simulation.channels import AttitudeChannel, Current, ScalarReference, Temperature
-from tam_calibration.simulation.sources import Dipole, SinusoidDrift, field_from_elements
+from tam_calibration.simulation.sources import SinusoidDrift, field_from_elements
 
 INTENSITY_T = 54955.83e-9
 SITE = field_from_elements(INTENSITY_T, np.radians(62.3), np.radians(-9.9))

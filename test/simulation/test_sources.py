@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 
+from tam_calibration.localization.dipole import Dipole
 from tam_calibration.problems import InputError
 from tam_calibration.simulation.sources import (
-    Dipole,
     ObservedDrift,
     RampDrift,
     SinusoidDrift,
