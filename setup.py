@@ -34,7 +34,7 @@ setup(
         "ppigrf>=2",
         "pydantic>=2",
         "rich>=13",
-        "rosbags>=0.10",
+        "rosbags>=0.11",
         "scipy>=1.11",
     ],
     extras_require={

@@ -239,6 +239,21 @@ def test_pieces_make_up_the_whole(tmp_path, storage):
         assert_array_equal(again, getattr(whole.recording, name))
 
 
+@pytest.mark.parametrize("storage", StoragePlugin)
+def test_a_block_is_written_as_single_messages_are(tmp_path, storage):
+    """Contents, counts and times that readers of the bag see are the same."""
+    messages = sorted(rough_messages(), key=lambda one: one[2])
+    seen = []
+    for as_block in (False, True):
+        with Reader(write(tmp_path / str(as_block), messages, storage, as_block=as_block)) as reader:
+            counts = {one.topic: one.msgcount for one in reader.connections}
+            of_file = {one.topic: one.msgcount for one in reader.storage.storages[0].connections}
+            assert counts == of_file
+            content = [(one.topic, time, bytes(data)) for one, time, data in reader.messages()]
+            seen.append((counts, reader.message_count, reader.start_time, reader.end_time, content))
+    assert seen[0] == seen[1]
+
+
 def test_an_index_that_does_not_fit_is_refused(tmp_path):
     """An index of messages that points elsewhere is damage, not data."""
     path = write(tmp_path / "bag", rough_messages(), StoragePlugin.MCAP, as_block=True)
