@@ -9,6 +9,9 @@ from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Sh
 from tam_calibration.units import FloatArray
 
 _LEAST_SAMPLES = 32
+_LEAST_PERIODS = 10
+"""In the record; what varies more slowly is a drift."""
+
 _LINES = 4
 _FINER = 4
 """Points of the periodogram per width of a line."""
@@ -45,7 +48,7 @@ class PeriodicInterference(LinearEffect):
         return None
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
-        """Return the frequencies of the strongest lines above the band of the motion."""
+        """Return the frequencies of the strongest lines above the band of the motion and of drifts."""
         if situation.sample_count < _LEAST_SAMPLES:
             return []
         start = float(situation.time_s[0])
@@ -82,7 +85,8 @@ def _lines(misfit: Misfit) -> list[float]:
         row_of[of_row > power] = row
         power = np.maximum(power, of_row)
     frequency = np.arange(len(power)) / (length * spacing)
-    power[(frequency <= _motion_band(situation)) | (frequency >= 0.5 / situation.step_s)] = 0
+    lowest = max(_motion_band(situation), _LEAST_PERIODS / time[-1])
+    power[(frequency <= lowest) | (frequency >= 0.5 / situation.step_s)] = 0
     found: list[float] = []
     while len(found) < _LINES and power.max() > 0:
         best = int(power.argmax())
