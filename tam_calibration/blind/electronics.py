@@ -28,7 +28,7 @@ def nonlinearity(rng: Generator, scene: Scene) -> Disturbance:
         bent = np.tanh(steep * (part + rng.uniform(-0.4, 0.4, 3))) / steep
     elif law == "converter":
         phase = rng.uniform(0, 2 * np.pi, 3)
-        bent = np.cos(np.pi * part) * rng.normal(size=3) + 0.4 * np.sin(2 * np.pi * part + phase)
+        bent = np.cos(np.pi * part) * rng.normal(size=3) + 0.2 * np.sin(2 * np.pi * part + phase)
     else:
         bent = sum(rng.normal(size=3) / order * part**order for order in range(2, 7))
     size = rng.uniform(0.5, 1.5, 3) * mask

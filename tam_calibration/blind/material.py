@@ -41,11 +41,16 @@ def temperature_drift(rng: Generator, scene: Scene) -> Disturbance:
         bias, gain = rng.normal(size=3), rng.normal(size=3) * rng.uniform(0.2, 1.0)
         bend = rng.uniform(-0.5, 0.5, (2, 3))
         core = (scene.readings_T[:, sensor] - scene.bias_T[sensor]) / scene.intensity_T.mean()
-        rows[sensor] = (bias * (warm + bend[0] * warm**2) + gain * core * (warm + bend[1] * warm**2)) * 1e-9
+        rows[sensor] = _of_like_size(rng, bias * (warm + bend[0] * warm**2) + gain * core * (warm + bend[1] * warm**2))
         parameters[f"time_constants_s_{sensor + 1}"] = numbers(lags_s)
     sensors = (ALL,) if everywhere else tuple(sensor + 1 for sensor in chosen)
     change = proportional(of_sensors(scene, rows))
-    return Disturbance("temperature_drift", sensors, (), change, "nT over the span", parameters)
+    return Disturbance("temperature_drift", sensors, (), change, "nT", parameters)
+
+
+def _of_like_size(rng: Generator, rows: FloatArray) -> FloatArray:
+    """Scale a signal to about a nanotesla, so that among all sensors none is disturbed much less than the others."""
+    return np.asarray(rows * (1e-9 * rng.uniform(0.7, 1.3) / (rows - rows.mean(axis=0)).std()))
 
 
 def _low_pass(values: FloatArray, time_constant_s: float, time_s: FloatArray) -> FloatArray:
@@ -117,11 +122,11 @@ def eddy_current(rng: Generator, scene: Scene) -> Disturbance:
     for sensor in chosen:
         root = rng.normal(size=(3, 3))
         coupling = root @ root.T / 3 + 0.3 * rng.normal(size=(3, 3))
-        rows[sensor] = sampled @ coupling.T @ scene.response[sensor].T
+        rows[sensor] = _of_like_size(rng, sampled @ coupling.T @ scene.response[sensor].T)
     sensors = (ALL,) if everywhere else (chosen[0] + 1,)
     change = proportional(of_sensors(scene, rows))
     parameters = {"time_constant_s": time_constant_s}
-    return Disturbance("eddy_current", sensors, (), change, "share of the field's change", parameters)
+    return Disturbance("eddy_current", sensors, (), change, "nT", parameters)
 
 
 def flexure(rng: Generator, scene: Scene) -> Disturbance:

@@ -118,8 +118,8 @@ def scalar_heading_error(rng: Generator, scene: Scene) -> Disturbance:
     axis = draw_direction(rng)
     cosine = scene.field_T @ axis / scene.intensity_T
     angle = np.arccos(np.clip(cosine, -1, 1))
-    weights = rng.normal(size=3) * np.array([1.0, 1.0, 0.5])
-    width = rng.uniform(0.25, 0.5)
+    weights = rng.normal(size=3) * np.array([1.0, 1.0, 0.25])
+    width = rng.uniform(0.35, 0.6)
     lobes = np.exp(-((angle / width) ** 2)) - np.exp(-(((np.pi - angle) / width) ** 2))
     error = weights[0] * np.sin(2 * angle) + weights[1] * cosine**3 + weights[2] * lobes
     parameters = {"axis": numbers(axis), "weights": numbers(weights), "lobe_width_rad": width}
