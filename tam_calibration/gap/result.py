@@ -177,3 +177,9 @@ class Gap:
     next_recording: str
     statement: str
     residue: Residue = field(repr=False)
+
+    @property
+    def headline(self) -> str:
+        """The verdict by name in front of the statement, once."""
+        name = self.verdict.replace("_", " ").capitalize()
+        return self.statement if self.statement.startswith(name) else f"{name}: {self.statement}"

@@ -123,7 +123,7 @@ class Calibrator(TamNode):
         gap = diagnose(self._store.recording(), self._array, progress=self._go_on)
         self._gap = gap
         written = self._write(gap)
-        return f"{gap.verdict.replace('_', ' ')}: {gap.statement}{written}"
+        return f"{gap.headline}{written}"
 
     def _go_on(self, stage: str, done: float) -> None:
         """Give up a diagnosis when the node shall end."""
@@ -156,7 +156,8 @@ class Calibrator(TamNode):
 
 def _level_of(gap: Gap) -> bytes:
     """Warn of a gap that is there, whether or not its cause is known."""
-    return OK if gap.verdict in ("no_gap", "not_identifiable") else WARN
+    level: bytes = OK if gap.verdict in ("no_gap", "not_identifiable") else WARN
+    return level
 
 
 def _figures_of(gap: Gap | None) -> dict[str, object]:

@@ -40,19 +40,11 @@ _TERMS = (
     "Out of sample: measured on parts of the recording that were not used to fit what is tested.",
 )
 
-_NAMES = {
-    "no_gap": "No gap",
-    "explained": "Explained",
-    "partly_explained": "Partly explained",
-    "unexplained": "Unexplained",
-    "not_identifiable": "Cannot be told",
-}
-
 
 def _verdict(view: GapView) -> list[Section]:
     gap = view.gap
     emphasis = "good" if gap.verdict in ("no_gap", "explained") else "doubt"
-    blocks: list[Block] = [Text(f"{_NAMES[gap.verdict]}: {gap.statement}", emphasis)]
+    blocks: list[Block] = [Text(gap.headline, emphasis)]
     if gap.verdict != "not_identifiable":
         blocks.append(Table(SIZE_HEADER, size_rows(gap.size)))
     if gap.causes:

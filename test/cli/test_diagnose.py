@@ -46,7 +46,7 @@ def run(*arguments, code=0):
 def test_people_see_the_verdict_and_what_it_rests_on(folder, asked, name):
     """Verdict, size before and after, where, causes with parameters ± errors, every hypothesis, next recording."""
     out = run(name).stdout
-    assert out.startswith("explained: The readings of sensor 2 drift")
+    assert out.startswith("Explained: The readings of sensor 2 drift")
     for words in ("1.90", "0.0800", "5.40", "Where: sensor 2; at 0 to 0.500 Hz", "99.8 %", "98 %", "bias_jump"):
         assert words in out
     for words in ("sensor 2 x offset", "1.000 ± 0.020", "nT/°C", "time constant", "60.0 ± 5.0"):
@@ -77,7 +77,7 @@ def test_programs_get_json(folder, asked):
 def test_the_exit_code_tells_whether_something_is_open(folder, asked, gap, verdict, code):
     """What stays unexplained, even in part, is exit 1; the files are written all the same."""
     asked["answer"] = replace(gap, verdict=verdict, causes=gap.causes if "explained" in verdict else ())
-    assert verdict.replace("_", " ") in run("run.csv", "--json", "gap.json", code=code).stdout
+    assert run("run.csv", "--json", "gap.json", code=code).stdout.startswith(verdict.replace("_", " ").capitalize())
     assert json.loads((folder / "gap.json").read_text())["verdict"] == verdict
 
 

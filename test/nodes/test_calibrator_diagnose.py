@@ -18,6 +18,18 @@ def disturbed(recording):
     return Recording(recording.time_s, readings, recording.scalar_T)
 
 
+def ask(bench, meanwhile=lambda: None):
+    """Call calibrator/diagnose, do something while it works, and return its response."""
+    from std_srvs.srv import Trigger
+
+    client = bench.node.create_client(Trigger, "calibrator/diagnose")
+    bench.spin_until(client.service_is_ready, "calibrator/diagnose is there")
+    future = client.call_async(Trigger.Request())
+    meanwhile()
+    bench.spin_until(future.done, "calibrator/diagnose answers", timeout_s=120.0)
+    return future.result()
+
+
 def test_a_gap_is_told_with_its_cause(bench, disturbed, tmp_path):
     """A step of the bias is named in the answer and in /diagnostics, and the files that were named are written."""
     files = {"gap_file": tmp_path / "gap.json", "gap_report_file": tmp_path / "gap.html"}
@@ -28,9 +40,9 @@ def test_a_gap_is_told_with_its_cause(bench, disturbed, tmp_path):
     _, figures = bench.health("calibrator", lambda status, figures: True, "a status")
     assert figures["gap"] == "not diagnosed"
     bench.play(disturbed, publish, samples)
-    answer = bench.call("calibrator/diagnose")
+    answer = ask(bench)
     assert answer.success, answer.message
-    assert answer.message.startswith("explained: ") and "sensor 2" in answer.message
+    assert answer.message.startswith("Explained: ") and "sensor 2" in answer.message
     assert "\n" not in answer.message
     status, figures = bench.health(
         "calibrator", lambda _, figures: figures["gap"] == "explained", "the verdict is told"
@@ -49,15 +61,7 @@ def test_samples_are_stored_during_a_diagnosis(bench, recording):
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
     bench.play(recording, publish, samples, last=400)
-
-    from std_srvs.srv import Trigger
-
-    client = bench.node.create_client(Trigger, "calibrator/diagnose")
-    bench.spin_until(client.service_is_ready, "calibrator/diagnose is there")
-    future = client.call_async(Trigger.Request())
-    bench.play(recording, publish, samples, first=400)
-    bench.spin_until(future.done, "calibrator/diagnose answers", timeout_s=60.0)
-    assert future.result().success
+    assert ask(bench, lambda: bench.play(recording, publish, samples, first=400)).success
     _, figures = bench.health("calibrator", lambda _, figures: figures["samples"] == "600", "all samples are stored")
     assert np.isfinite(float(figures["gap_floor_T"]))
 
