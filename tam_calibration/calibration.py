@@ -222,23 +222,33 @@ class Calibration:
 
         The second part is the root mean square over all directions of a field of the calibration's intensity.
         """
-        assert self.array.vector_noise_T is not None
-        noise = self.correction_matrix**2 @ np.repeat(self.array.vector_noise_T**2, 3)
-        effects = sum((size.standard_errors**2 for size in self.effect_sizes), start=np.zeros(9))
-        return np.sqrt(noise + self._calibration_variance() + effects)
+        errors: FloatArray = np.sqrt(np.diag(self.output_covariance))
+        return errors
 
-    def _calibration_variance(self) -> FloatArray:
+    @cached_property
+    def output_covariance(self) -> FloatArray:
+        """(9, 9) covariance of the outputs, as localisation needs it: what their standard errors are of.
+
+        Effects count as independent from output to output.
+        """
+        assert self.array.vector_noise_T is not None
+        noise = self.correction_matrix * np.repeat(self.array.vector_noise_T**2, 3) @ self.correction_matrix.T
+        effects = sum((size.standard_errors**2 for size in self.effect_sizes), start=np.zeros(9))
+        covariance: FloatArray = noise + self._calibration_covariance() + np.diag(effects)
+        return covariance
+
+    def _calibration_covariance(self) -> FloatArray:
         if self.covariance is None:
-            return np.zeros(9)
+            return np.zeros((9, 9))
         sensor_count = self.errors.sensor_count
         # d output = -C_i (dM_i b + do_i)
         sensors = self.correction_matrix.reshape(9, sensor_count, 3)
         by_parameter = np.einsum("rki,kidp->rdkp", sensors, self.errors.jacobian()).reshape(9, 4, -1)
         mean_square = np.array([*[self.intensity_T**2 / 3] * 3, 1.0])
-        variance: FloatArray = np.einsum(
-            "rdp,pq,rdq,d->r", by_parameter, self.covariance, by_parameter, mean_square, optimize=True
+        covariance: FloatArray = np.einsum(
+            "rdp,pq,sdq,d->rs", by_parameter, self.covariance, by_parameter, mean_square, optimize=True
         )
-        return variance
+        return covariance
 
     def correct(self, recording: Recording) -> Corrected:
         """Return the centre vector and gradient tensor of raw readings, what the effects of the sensors add taken off.

@@ -163,6 +163,17 @@ def test_covariance_turns_with_the_frame(calibration, errors):
     assert (calibration.standard_errors[0, 9:] == 0).all()
 
 
+def test_covariance_of_the_outputs_is_that_of_noise_and_calibration(calibration):
+    """Repeated readings of one field scatter by its noise part; its diagonal are the standard errors that are told."""
+    certain = replace(calibration, covariance=None)
+    noise = 1e-10 * np.random.default_rng(64).normal(size=(20_000, 4, 3))
+    scatter, told = np.cov(certain.apply(noise).T), certain.output_covariance
+    size = np.sqrt(np.diag(told))
+    assert_allclose(scatter / np.outer(size, size), told / np.outer(size, size), atol=0.03)
+    assert_allclose(np.sqrt(np.diag(calibration.output_covariance)), calibration.output_standard_errors)
+    assert np.linalg.eigvalsh(calibration.output_covariance - told).min() > -1e-30
+
+
 def test_completed_calibration_is_kept_in_its_file(calibration, errors):
     """Array, places of the axes, frame, and what the source showed, with standard errors."""
     completed = complete(calibration, record(errors), SOURCE, FREQUENCY_HZ)
