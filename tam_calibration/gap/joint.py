@@ -58,6 +58,8 @@ class Joint:
 
     def shared_covariance(self, errors: SensorErrors, has_scalar: bool) -> FloatArray:
         """Return what the effects' uncertainty adds to the covariance (12 K, 12 K) of errors in the first's frame."""
+        if not self.model.parts:
+            return np.zeros((errors.to_vector().size,) * 2)
         unit = float(np.mean(self._channels.situation.intensity_T))
         deviation = np.sqrt(np.maximum(np.diag(self._covariance), 0))
         shift = pseudo_inverse(self._nominal.information) @ self._channels.cross(self._nominal.designs[0], self._design)

@@ -6,9 +6,13 @@ import numpy as np
 
 from tam_calibration.calibration import Calibration
 from tam_calibration.effects.effect import Situation
-from tam_calibration.effects.removal import agreed_field, filled
+from tam_calibration.effects.removal import agreed_field, filled, removable
 from tam_calibration.recording import Recording
 from tam_calibration.simulation.effects import add_effects
+from tam_calibration.units import FloatArray
+
+_LARGEST_EXCESS = 1.2
+"""More noise than so many times that stated is a gap of another kind."""
 
 
 def twin(calibration: Calibration, recording: Recording, seed: int) -> Recording:
@@ -37,9 +41,22 @@ def twin(calibration: Calibration, recording: Recording, seed: int) -> Recording
     vector_noise, scalar_noise, *of_effects = np.random.default_rng(seed).spawn(2 + len(effects))
     rows = np.column_stack([errors.distort(field).reshape(len(field), -1), situation.intensity_T])
     rows = add_effects(rows, situation, effects, of_effects, "field")
-    assert array.vector_noise_T is not None
-    rows[:, :-1] += vector_noise.normal(0, np.repeat(array.vector_noise_T, 3), (len(field), situation.scalar_row))
-    rows[:, -1] += scalar_noise.normal(0, array.scalar_noise_T or 0.0, len(field))
+    vector_T, scalar_T = _noise(calibration)
+    rows[:, :-1] += vector_noise.normal(0, np.repeat(vector_T, 3), (len(field), situation.scalar_row))
+    rows[:, -1] += scalar_noise.normal(0, scalar_T, len(field))
     rows = add_effects(rows, situation, effects, of_effects, "reading")
     scalar = None if recording.scalar_T is None else np.where(np.isfinite(recording.scalar_T), rows[:, -1], np.nan)
     return replace(recording, readings_T=rows[:, :-1].reshape(recording.readings_T.shape), scalar_T=scalar)
+
+
+def _noise(calibration: Calibration) -> tuple[FloatArray, float]:
+    """Return the noise of the sensors (K,) and of the scalar: that stated, as much larger or smaller as was found.
+
+    Where effects are not taken off the residuals, these are no measure of the noise.
+    """
+    array, left = calibration.array, calibration.reduced_chi_square
+    assert array.vector_noise_T is not None
+    if removable(calibration.effects) != calibration.effects:
+        left = {}
+    vector, scalar = (min(np.sqrt(left.get(name, 1.0)), _LARGEST_EXCESS) for name in ("differential", "common_mode"))
+    return vector * array.vector_noise_T, float(scalar * (array.scalar_noise_T or 0.0))
