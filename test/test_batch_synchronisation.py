@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from tam_calibration.batch_synchronisation import BatchSynchroniser, StreamMessages
+from tam_calibration.batch_synchronisation import BatchSynchroniser
 from tam_calibration.pointcloud_layout import SampleLayout
+from tam_calibration.stream_batch import StreamMessages
 from tam_calibration.synchronisation import Synchroniser
 
 MS = 1_000_000

@@ -29,6 +29,7 @@ LAYERS = (
         "pointcloud_layout",
         "message_stream",
         "synchronisation",
+        "stream_batch",
         "batch_synchronisation",
     ),
 )
