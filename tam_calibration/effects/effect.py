@@ -364,7 +364,15 @@ class LinearEffect(Effect):
 
 
 class FoundEffect(Effect):
-    """An effect that is found in the readings or the residual by another test than regression."""
+    """An effect that is found in the readings or the residual by another test than regression.
+
+    Attributes
+    ----------
+    is_certain : bool
+        Whether it is a fact of the readings that no chance makes, and so comes before what explains as much.
+    """
+
+    is_certain: ClassVar[bool] = False
 
     @abstractmethod
     def find(self, misfit: Misfit) -> Finding | str:

@@ -21,6 +21,12 @@ _STILL = 0.01
 
 _LEAST_SPREAD = 0.1
 
+_DIRECTIONS = np.array(
+    [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -1, 0), (1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1),
+     (1, 1, 1), (1, 1, -1), (1, -1, 1), (1, -1, -1)]
+)  # fmt: skip
+"""Along which soft iron beside a sensor may be magnetised, for a start."""
+
 
 class Hysteresis(LinearEffect):
     """The reading follows the field in loops of several widths, without depending on the rate."""
@@ -33,7 +39,7 @@ class Hysteresis(LinearEffect):
         "of complex hysteretic nonlinearities, Eur. J. Control 9, 2003, p. 407), with a curve for what saturates."
     )
     excitation: ClassVar[str] = "turn each axis along and against the field and back, in large and in small swings"
-    shape_units: ClassVar[dict[str, str]] = {"full_scale_T": "T"}
+    shape_units: ClassVar[dict[str, str]] = {"full_scale_T": "T", "azimuth_rad": "rad", "elevation_rad": "rad"}
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the field was not turned back along any axis, where it was not."""
@@ -46,28 +52,57 @@ class Hysteresis(LinearEffect):
         return None
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
-        """Return the largest field as the full scale."""
-        return ({"full_scale_T": full_scale(situation)},)
+        """Return the largest field as the full scale, alone and with directions of soft iron."""
+        scale = full_scale(situation)
+        shapes: list[Shape] = [{"full_scale_T": scale}]
+        for x, y, z in _DIRECTIONS.tolist():
+            elevation = float(np.arctan2(z, np.hypot(x, y)))
+            shapes.append(
+                {"full_scale_T": scale, "azimuth_rad": float(np.arctan2(y, x)), "elevation_rad": elevation}
+            )
+        return shapes
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return plays, loops that are rounded and loops that saturate of each axis."""
+        """Return loops of each axis in its own field, or in the field along a direction of the array."""
         scale = shape["full_scale_T"]
-        states = play(situation.sensed_T, scale * np.array([_STILL, *_PLAYS]), situation.memory)
+        if "azimuth_rad" not in shape:
+            return self._terms(situation, scale, situation.sensed_T)
+        flat = np.cos(shape["elevation_rad"])
+        direction = flat * np.cos(shape["azimuth_rad"]), flat * np.sin(shape["azimuth_rad"]), np.sin(shape["elevation_rad"])
+        return self._terms(situation, scale, situation.field_T @ np.array(direction)[:, None])
+
+    def _terms(self, situation: Situation, scale: float, drives: FloatArray) -> list[Term]:
+        """Return plays, loops that are rounded and loops that saturate, of each row's own drive or of one for all."""
+        states = play(drives, scale * np.array([_STILL, *_PLAYS]), situation.memory)
         rounded = [rounded_loop(states[:, :, 0], scale * width, situation.memory) for width in _ROUNDED]
         # A curve alone is no loop: it is offered with those that it closes at the ends of the range.
         saturating = ["P2", "P3", *(f"P{order} of play {width}" for width in _PLAYS for order in (3, 5))]
-        terms = []
-        for row in range(situation.scalar_row):
-            sensed, loops = situation.sensed_T[:, row], states[:, row, 1:]
+        kinds = []
+        for drive in range(drives.shape[1]):
+            sensed, loops = drives[:, drive], states[:, drive, 1:]
             curves = [legvander(loop / scale, 5)[:, [3, 5]] for loop in loops.T]
-            for name, unit, names, features in (
-                ("loop", "1", [f"play {width}" for width in _PLAYS], [loops - sensed[:, None]]),
-                ("rounded loop", "1", [f"width {width}" for width in _ROUNDED], [loop[:, row] for loop in rounded]),
-                ("saturating loop", "T", saturating, [legvander(sensed / scale, 3)[:, 2:], *curves]),
-            ):
-                parts = [Coefficient(own, unit) for own in names]
-                terms.append(Term.of_row(situation, row, name, parts, np.column_stack(features)))
-        return terms
+            kinds.append(
+                (
+                    ("loop", "1", [f"play {width}" for width in _PLAYS], loops - sensed[:, None]),
+                    (
+                        "rounded loop",
+                        "1",
+                        [f"width {width}" for width in _ROUNDED],
+                        np.column_stack([loop[:, drive] for loop in rounded]),
+                    ),
+                    (
+                        "saturating loop",
+                        "T",
+                        saturating,
+                        np.column_stack([legvander(sensed / scale, 3)[:, 2:], *curves]),
+                    ),
+                )
+            )
+        return [
+            Term.of_row(situation, row, name, [Coefficient(own, unit) for own in names], features)
+            for row in range(situation.scalar_row)
+            for name, unit, names, features in kinds[row % len(kinds)]
+        ]
 
 
 def rounded_loop(drive: FloatArray, width: float, memory: Memory | None = None) -> FloatArray:

@@ -87,6 +87,7 @@ class Quantization(FoundEffect):
         "(Bennett 1948)."
     )
     excitation = "a field that moves through many steps"
+    is_certain: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {"step": "T", "offset": "T"}
 
     def find(self, misfit: Misfit) -> Finding | str:

@@ -24,8 +24,8 @@ from tam_calibration.effects.effect import (
 )
 from tam_calibration.units import FloatArray
 
-_LEAST_SAME = 2
-"""A single reading that falls short is a spike as well."""
+_LONE_DEPTH, _LONE_OTHERS, _LONE_SAMPLES = 8.0, 5.0, 100
+"""A single reading is at a limit if it is short by so much, no other of the axis is off by so much, among so many."""
 
 _LEAST_PILED = 4
 """Readings that stay within their noise of one value, for it to be a limit."""
@@ -64,6 +64,7 @@ class Saturation(FoundEffect):
         "(IEEE Std 1241-2010)."
     )
     excitation = "turns that bring the axis to the end of its range, for several readings"
+    is_certain: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {"upper limit": "T", "lower limit": "T"}
 
     def find(self, misfit: Misfit) -> Finding | str:
@@ -132,13 +133,18 @@ def _limit_of(misfit: Misfit, row: int, end: str, sign: float, reading: FloatArr
     inner = outward[outward < below]
     # On a coarse lattice of readings the next step down holds about as many.
     next_count = int(np.sum(inner >= inner.max() - _SAME * noise)) if len(inner) else 0
-    if len(at_limit) < max(_LEAST_SAME, 3 * (next_count - 1) + 1):
-        at_limit = _pile(outward, sign * misfit.row_shift_T[:, row], noise)
+    is_repeated = len(at_limit) > 3 * (next_count - 1)
+    if len(at_limit) == 1 or not is_repeated:
+        piled = _pile(outward, sign * misfit.row_shift_T[:, row], noise)
+        at_limit = piled if len(piled) or not is_repeated else at_limit
     if not len(at_limit):
         return None
     shortfall = -sign * misfit.row_shift_T[at_limit, row]
     sure = np.sqrt(information[at_limit])
-    if not shortfall @ sure > _CERTAIN * np.sqrt(len(at_limit)) * max(1.0, _scale(misfit, row)):
+    scale = max(1.0, _scale(misfit, row))
+    if not shortfall @ sure > _CERTAIN * np.sqrt(len(at_limit)) * scale:
+        return None
+    if len(at_limit) == 1 and not _is_lone(misfit, row, int(at_limit[0]), scale):
         return None
     spread = float(np.std(outward[at_limit]))
     return _Limit(row, end, sign * float(np.mean(outward[at_limit])), spread / np.sqrt(len(at_limit)), at_limit)
@@ -162,6 +168,13 @@ def _pile(outward: FloatArray, shift: FloatArray, noise: float) -> NDArray[np.in
     should, did = expected[chosen] - expected[chosen].mean(), outward[chosen] - outward[chosen].mean()
     is_flat = should @ should > len(chosen) * (3 * noise) ** 2 and abs(should @ did) < _FLAT * (should @ should)
     return chosen if is_flat and np.std(did) < 2 * noise else chosen[:0]
+
+
+def _is_lone(misfit: Misfit, row: int, sample: int, scale: float) -> bool:
+    """Return whether a reading is off alone: that a spike strikes just the outermost reading is one chance in N."""
+    deviation = np.abs(misfit.row_shift_T[:, row]) * np.sqrt(misfit.row_information[:, row]) / scale
+    others = np.delete(deviation, sample)
+    return bool(len(others) >= _LONE_SAMPLES and deviation[sample] > _LONE_DEPTH and others.max() < _LONE_OTHERS)
 
 
 def _scale(misfit: Misfit, row: int) -> float:

@@ -1,6 +1,6 @@
 """What speaks for each hypothesis at a model: the library's effects and the rivals without physics."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 
@@ -8,7 +8,7 @@ from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearE
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
-from tam_calibration.gap.search import Hypothesis, best_form
+from tam_calibration.gap.search import Hypothesis, best_form, refined
 from tam_calibration.gap.unknown import FunctionOfDirection, FunctionOfNeighbours, FunctionOfRate, FunctionOfTime
 from tam_calibration.recording import Recording
 
@@ -19,6 +19,9 @@ CHANNEL_NAMES = {
     "attitude": "attitude",
 }
 """What people call the channels of a recording."""
+
+_PROMISING = 0.6
+"""Part of the strongest evidence from which it pays to refine a shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +38,15 @@ class Evidence:
         The model with it against the model without, positive is for.
     gain : float
         Twice the logarithm of the likelihood ratio.
+    is_certain : bool
+        See ``FoundEffect``.
     """
 
     effect: str
     form: Hypothesis | Finding
     delta_bic: float
     gain: float
+    is_certain: bool = False
 
 
 def unusable(effect: Effect, recording: Recording, situation: Situation) -> Considered | None:
@@ -81,7 +87,7 @@ def examine(base: Base, effect: Effect) -> Evidence | str:
     if isinstance(finding, str):
         return finding
     count = base.channels.count
-    return Evidence(effect.name, finding, finding.gain - finding.parameter_count * log(count), finding.gain)
+    return Evidence(effect.name, finding, finding.gain - finding.parameter_count * log(count), finding.gain, effect.is_certain)
 
 
 def evidence_of(base: Base, form: Hypothesis) -> Evidence:
@@ -89,6 +95,17 @@ def evidence_of(base: Base, form: Hypothesis) -> Evidence:
     left = max(base.energy - form.selection.gain, 1e-300)
     gain = base.channels.count * log(base.energy / left)
     return Evidence(form.effect.name, form, form.selection.delta_bic, gain)
+
+
+def sharpened(base: Base, weighed: Sequence[Evidence]) -> tuple[Evidence, ...]:
+    """Return the evidence with the shapes of the strongest effects refined."""
+    least = _PROMISING * max((one.delta_bic for one in weighed), default=0.0)
+    return tuple(
+        evidence_of(base, refined(base, one.form))
+        if isinstance(one.form, Hypothesis) and one.delta_bic > max(least, 0.0)
+        else one
+        for one in weighed
+    )
 
 
 def rivals(base: Base) -> list[Evidence]:

@@ -1,6 +1,6 @@
 """The best form of one hypothesis: over the shapes of an effect, the terms that the data ask for."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,18 +30,21 @@ class Hypothesis:
         What was selected of it.
     selection : Selection
         Its evidence.
+    tried : tuple of Shape
+        The shapes among which this was the best.
     """
 
     effect: LinearEffect
     shape: Shape
     terms: tuple[Term, ...]
     selection: Selection
+    tried: tuple[Shape, ...] = ()
 
     def moved(self, situation: Situation) -> "Hypothesis":
         """Return the same terms of the same shape in another situation."""
         found = {(term.sensor, term.axis, term.name): term for term in self.effect.terms(situation, self.shape)}
         terms = tuple(found[term.sensor, term.axis, term.name] for term in self.terms)
-        return Hypothesis(self.effect, self.shape, terms, self.selection)
+        return replace(self, terms=terms)
 
     @property
     def design(self) -> Design:
@@ -57,19 +60,23 @@ def places_of(form: Hypothesis | Finding) -> list[Place]:
 
 
 def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
-    """Return the form of an effect with the most evidence, or None when no part of it is visible or speaks for it."""
+    """Return the form of an effect with the most evidence among its shapes, or None when no part of it is visible."""
     channels = base.channels
     best: Hypothesis | None = None
-    shapes = list(effect.shapes(channels.situation, channels.misfit))
+    shapes = tuple(effect.shapes(channels.situation, channels.misfit))
     for shape in shapes:
         tried = _selected(base, effect, shape)
         if tried is not None and (best is None or tried.selection.delta_bic > best.selection.delta_bic):
-            best = tried
-    if best is None:
-        return None
-    for name in effect.shape_units:
-        best = _refined(base, best, name, sorted({shape[name] for shape in shapes if name in shape}))
+            best = replace(tried, tried=shapes)
     return best
+
+
+def refined(base: Base, form: Hypothesis) -> Hypothesis:
+    """Return the form with each parameter of its shape moved to where the chosen terms explain most."""
+    for name in form.effect.shape_units:
+        values = sorted({shape[name] for shape in form.tried if name in shape})
+        form = _refined(base, form, name, values)
+    return form
 
 
 def restricted(base: Base, form: Hypothesis, sensor: int) -> Hypothesis | None:
@@ -112,7 +119,7 @@ def _refined(base: Base, form: Hypothesis, name: str, tried: list[float]) -> Hyp
         return form
     more = base.channels.count * np.log((base.energy - form.selection.gain) / max(base.energy - gain, 1e-300))
     selection = Selection(form.selection.terms, gain, form.selection.rank, form.selection.delta_bic + float(more))
-    return Hypothesis(form.effect, shape, terms, selection)
+    return replace(form, shape=shape, terms=terms, selection=selection)
 
 
 def values_of(base: Base, form: Hypothesis) -> tuple[np.ndarray, np.ndarray]:

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from math import expm1, log
 
 from tam_calibration.array import Array
-from tam_calibration.effects.effect import ALL, Effect, Finding, LinearEffect
+from tam_calibration.effects.effect import ALL, Effect, Finding
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap.channels import Design
-from tam_calibration.gap.hypotheses import Evidence, evidence_of, examine, rivals, usable
+from tam_calibration.gap.hypotheses import Evidence, evidence_of, examine, rivals, sharpened, usable
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.nominal import prepared
 from tam_calibration.gap.regression import Base
@@ -29,6 +29,9 @@ _AGAINST_RIVAL = 0.9
 
 _AMONG_SEVERAL = 0.35
 """The same before all causes are known."""
+
+_STARTS = 3
+"""Effects from which a search starts, at most."""
 
 _REPEATED = {"bias_jump", "periodic_interference", "noise_excess"}
 """Effects that may happen more than once, each time in another form."""
@@ -73,20 +76,16 @@ class Search:
 def search(recording: Recording, array: Array, without: Collection[str] = (), progress: Progress | None = None) -> Search:
     """Look for causes, the strongest first, until nothing more speaks for one; then drop those that do not hold.
 
-    What acts on all sensors alike may be one thing at one sensor and another at the scalar magnetometer: where the
-    first cause is spread over several sensors, the search is made again from its strongest sensor alone, and the
-    better of the two is kept.
+    The strongest at first need not be a cause: what acts on all sensors may be one thing at one of them and another at
+    the scalar magnetometer. The search is made again from other starts where that may be, and the best is kept.
     """
     tell = progress or (lambda what, part: None)
     tell("nominal calibration", 0.0)
     nominal = Model.nominal(prepared(recording), array)
     looking = _Looking(nominal, frozenset(without), tell)
     found = looking.forward(None)
-    spread = found.steps[0].accepted if found.steps else None
-    if spread is not None and isinstance(spread.form, Hypothesis) and len({t.sensor for t in spread.form.terms}) > 1:
-        alone = _at_strongest_sensor(nominal.base(), spread.form)
-        if alone is not None:
-            found = max(found, looking.forward(alone), key=lambda one: one.evidence)
+    for start in looking.other_starts(found):
+        found = max(found, looking.forward(start), key=lambda one: one.evidence)
     steps = _holding(nominal, _swapped(nominal, found.steps, looking.effects))
     model = nominal
     for step in steps:
@@ -133,7 +132,7 @@ class _Looking:
                 weighed.append(found)
             elif depth == 0:
                 self._considered[name] = Considered(name, "not_supported", found)
-        result = tuple(weighed), tuple(rivals(base))
+        result = sharpened(base, weighed), tuple(rivals(base))
         if depth == 0:
             self._first = result
         return result
@@ -159,6 +158,20 @@ class _Looking:
             base = model.base()
 
 
+    def other_starts(self, found: _Path) -> list[Evidence]:
+        """Return from what else to start: the first cause at one sensor, and the next effects where a gap remains."""
+        base = self._first_base
+        starts = []
+        first = found.steps[0].accepted if found.steps else None
+        if first is not None and isinstance(first.form, Hypothesis) and len({t.sensor for t in first.form.terms}) > 1:
+            starts.append(_at_strongest_sensor(base, first.form))
+        if first is not None and max((one.delta_bic for one in found.rivals), default=0.0) > LEAST_EVIDENCE:
+            weighed, _ = self._weigh(base, 0)
+            ranked = sorted(weighed, key=lambda one: -one.delta_bic)
+            starts += [one for one in ranked[:_STARTS] if one.delta_bic > first.delta_bic / 2 and one is not first]
+        return [start for start in starts if start is not None]
+
+
 def _at_strongest_sensor(base: Base, form: Hypothesis) -> Evidence | None:
     """Return the part of a form at the sensor where it explains most."""
     alone: dict[int, Hypothesis] = {}
@@ -182,9 +195,14 @@ def _swapped(nominal: Model, steps: Sequence[Step], effects: Mapping[str, Effect
             continue
         base = _beside(nominal, kept, step).base()
         others = {one.accepted.effect for one in kept if one is not step}
-        names = [name for name, effect in effects.items() if isinstance(effect, LinearEffect) and name not in others]
-        offers = [offer for offer in (examine(base, effects[name]) for name in names) if isinstance(offer, Evidence)]
-        best = max(offers, key=lambda offer: offer.delta_bic, default=step.accepted)
+        names = [
+            one.effect
+            for one in (*step.weighed, step.accepted)
+            if isinstance(one.form, Hypothesis) and one.delta_bic > LEAST_EVIDENCE and one.effect not in others
+        ]
+        offers = [examine(base, effects[name]) for name in dict.fromkeys(names)]
+        sharp = sharpened(base, [offer for offer in offers if isinstance(offer, Evidence)])
+        best = max(sharp, key=lambda offer: offer.delta_bic, default=step.accepted)
         if best.effect != step.accepted.effect:
             kept[index] = Step(best, step.weighed, step.rivals)
     return kept
@@ -206,9 +224,9 @@ def _choose(
     count, energy = base.channels.count, base.energy
     most = max((_energy(one, energy, count) for one in (*weighed, *unknown)), default=0.0)
     done = {step.accepted.effect for step in steps}
-    for candidate in sorted(weighed, key=lambda one: -one.delta_bic):
+    for candidate in sorted(weighed, key=lambda one: (-one.is_certain, -one.delta_bic)):
         if candidate.delta_bic < LEAST_EVIDENCE:
-            break
+            continue
         if candidate.effect in done - _REPEATED:
             continue
         least = _LEAST_SHARE if steps else _LEAST_FIRST_SHARE
