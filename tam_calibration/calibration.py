@@ -201,6 +201,13 @@ class Calibration:
         effects = (EFFECTS_STATEMENT,) if self.effects else ()
         return (self.frame, *scale, *gradient, *effects)
 
+    def is_of(self, array: Array) -> bool:
+        """Whether it is of an array as stated, whose baselines a known source may have corrected since."""
+        if self.known_source is None or self.array.has_geometry_of(array):
+            return self.array.has_geometry_of(array)
+        stated = self.array.positions_m / self.known_source.baseline_scale
+        return replace(self.array, positions_m=stated, axis_offsets_m=None).has_geometry_of(array)
+
     @cached_property
     def standard_errors(self) -> FloatArray:
         """(K, 12) standard errors in the order of ``errors.PARAMETER_NAMES``; NaN where unknown."""

@@ -105,7 +105,7 @@ def _correct(
 
 
 def _check_array(calibration: Calibration, array_path: Path) -> None:
-    if not calibration.array.has_geometry_of(read_array(array_path)):
+    if not calibration.is_of(read_array(array_path)):
         raise InputError(f"the calibration is of another array than {array_path}: use the calibration of this array")
 
 

@@ -93,7 +93,7 @@ def _start(
         raise InputError("give either a recording or --calibration, which tells what its recording determines")
     if calibration_path is not None:
         calibration = read_calibration(calibration_path)
-        if not calibration.array.has_geometry_of(array):
+        if not calibration.is_of(array):
             raise InputError(f"{calibration_path} is of another array: use the calibration of this array")
         return start_from_calibration(calibration)
     if recording_path is None:

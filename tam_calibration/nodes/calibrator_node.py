@@ -82,7 +82,7 @@ class Calibrator(TamNode):
         if not path.is_file():
             return
         calibration = read_calibration(path)
-        if not calibration.array.has_geometry_of(self._array):
+        if not calibration.is_of(self._array):
             raise InputError(f"{path} is the calibration of another array: change calibration_file or array_file")
         self._hand_on(calibration)
 

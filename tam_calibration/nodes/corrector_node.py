@@ -112,7 +112,7 @@ class Corrector(TamNode):
             self.get_logger().warning(self._problem_of_calibration)
 
     def _switch(self, calibration: Calibration) -> None:
-        if not calibration.array.has_geometry_of(self._array):
+        if not calibration.is_of(self._array):
             raise InputError("the calibration is of another array: choose the array_file that it was made with")
         correction = Correction(calibration)
         self._correction = correction if correction.takes_off else None

@@ -183,6 +183,8 @@ def test_completed_calibration_is_kept_in_its_file(calibration, errors):
     assert_allclose(again.known_source.rotation, completed.known_source.rotation, rtol=1e-14)
     assert again.known_source.axis_offsets_standard_errors_m.shape == (4, 3, 3)
     assert again.frame == completed.frame
+    assert again.is_of(calibration.array) and again.is_of(completed.array)
+    assert not again.is_of(Array.cross(0.5)) and not calibration.is_of(completed.array)
     assert calibration_from_yaml(calibration_to_yaml(calibration), "here").known_source is None
 
 
