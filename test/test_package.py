@@ -81,13 +81,16 @@ def test_every_import_is_declared(manifest, arguments):
     assert keys == required - {"ppigrf", "pydantic"}  # by pip, as package.xml says
 
 
-def test_entry_points_exist(arguments):
-    """Every command names a module of the package and a function in it; told without importing rclpy."""
-    for command in arguments["entry_points"]["console_scripts"]:
-        module, function = command.split(" = ")[1].split(":")
+@pytest.mark.parametrize(
+    ("group", "kind"), [("console_scripts", ast.FunctionDef), ("tam_calibration.effects", ast.ClassDef)]
+)
+def test_entry_points_exist(arguments, group, kind):
+    """Every command and effect names a module of the package and what is in it; told without importing rclpy."""
+    for point in arguments["entry_points"][group]:
+        module, name = point.split(" = ")[1].split(":")
         source = (ROOT / module.replace(".", "/")).with_suffix(".py")
-        defined = {node.name for node in ast.parse(source.read_text()).body if isinstance(node, ast.FunctionDef)}
-        assert function in defined, f"{command}: {source.name} has no function {function}"
+        defined = {node.name for node in ast.parse(source.read_text()).body if isinstance(node, kind)}
+        assert name in defined, f"{point}: {source.name} has no {name}"
 
 
 @pytest.fixture(scope="module")
