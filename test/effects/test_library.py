@@ -62,22 +62,27 @@ from dataclasses import replace
 import numpy as np
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.files.scenario import read_scenario
+from tam_calibration.gap import diagnose
 from tam_calibration.simulation import simulate
 
 plan = read_scenario(sys.argv[1])
-change = simulate(plan).recording.readings_T - simulate(replace(plan, effects=())).recording.readings_T
-print(json.dumps({"names": list(installed_effects()), "change_nT": (1e9 * np.abs(change).max(axis=0)).tolist()}))
+made = simulate(plan).recording
+change = made.readings_T - simulate(replace(plan, effects=())).recording.readings_T
+causes = [(cause.fitted.effect, cause.sensors, cause.axes) for cause in diagnose(made, plan.array).causes]
+told = {"names": list(installed_effects()), "change_nT": (1e9 * np.abs(change).max(axis=0)).tolist(), "causes": causes}
+print(json.dumps(told))
 """
 
 SCENARIO = """\
-array: {baseline_m: 0.5}
+array: {baseline_m: 0.5, vector_noise_nT: 1.0, scalar_noise_nT: 0.1}
 site: {intensity_nT: 50000, inclination_deg: 60}
-motion: {kind: three_axis_turns}
-samples: 3
-rate_hz: 1
+motion: {kind: tumble}
+samples: 801
+rate_hz: 10
+scalar: {}
 effects:
   - effect: tide
-    shape: {period_s: 4}
+    shape: {period_s: 40}
     terms: [{sensor: 3, axis: y, term: tide, values: {height: 70 nT}}]
 """
 
@@ -137,7 +142,7 @@ def python(folder, *arguments):
 
 
 def test_another_package_adds_an_effect(other_package):
-    """Installed beside ours, an effect is listed and simulated by its name, and our code knows nothing of it."""
+    """Installed beside ours, an effect is listed, simulated and found by its name; our code knows nothing of it."""
     scenario = other_package / "sea.yaml"
     scenario.write_text(SCENARIO)
     told = json.loads(python(other_package, "-c", USE, str(scenario)))
@@ -146,3 +151,4 @@ def test_another_package_adds_an_effect(other_package):
     expected = np.zeros((4, 3))
     expected[2, 1] = 70
     assert_allclose(told["change_nT"], expected, atol=1e-6)
+    assert told["causes"] == [["tide", [3], ["y"]]]
