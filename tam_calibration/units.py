@@ -40,6 +40,8 @@ _SYMBOL = re.compile(r"([A-Za-z]+)([²³⁴⁵]?)")
 def for_people(unit: str) -> tuple[float, str]:
     """Return the factor from an SI unit to that of files and reports, and its name: T/K is 1e9 nT/°C."""
     factor, written = 1.0, []
+    if unit.startswith("1/") and "T" not in unit and ("K" in unit or "A" in unit):
+        factor, unit = 1e6, f"ppm{unit[1:]}"
     for part, sign in zip(unit.split("/", 1), (1, -1), strict=False):
         for symbol, power in _SYMBOL.findall(part):
             factor *= _FOR_PEOPLE.get(symbol, (1.0, ""))[0] ** (sign * (" ²³⁴⁵".index(power) + 1 if power else 1))

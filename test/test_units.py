@@ -39,6 +39,8 @@ def test_units_of_one_field_agree():
         ("T/m²", 1e9, "nT/m²"),
         ("1/T²", 1e-18, "1/nT²"),
         ("rad s²/m", 180 / np.pi, "° s²/m"),
+        ("1/K", 1e6, "ppm/°C"),
+        ("1/s", 1.0, "1/s"),
         ("Hz", 1.0, "Hz"),
         ("1", 1.0, "1"),
     ],

@@ -22,7 +22,7 @@ _ROWS = 12
 def print_gap(console: Console, gap: Gap) -> None:
     """Print the verdict, the size, where it lies, its causes, what became of each hypothesis, and what to record."""
     sensor_count = len(gap.residue.floor_T) // 3
-    console.print(gap.headline, style="bold")
+    console.print(gap.headline, style="bold", soft_wrap=True)
     if gap.verdict != "not_identifiable":
         console.print(_table(SIZE_HEADER, size_rows(gap.size)))
     if gap.where.sensors:

@@ -195,14 +195,17 @@ def _residue(nominal: Model, model: Model, before: Channels, variance: float) ->
         shift[channels.misfit.row_information == 0] = np.nan
         return shift
 
+    left = shifts(after)
+    left[~model.is_counted] = np.nan
     information = before.misfit.row_information
     floor = scale / np.sqrt(np.maximum(np.median(information, axis=0), np.finfo(float).tiny))
     return Residue(
         situation.time_s,
         situation.field_T / situation.intensity_T[:, None],
         shifts(before),
-        shifts(after),
+        left,
         shifts(twin),
         floor,
+        nominal.recording.temperature_C,
+        nominal.recording.current_A,
     )
-

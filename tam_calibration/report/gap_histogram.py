@@ -9,6 +9,7 @@ from tam_calibration.report.style import FLOOR_COLOR, STYLE
 
 _SIZE_INCH = (7.4, 3.0)
 _FEWEST_BINS, _MOST_BINS = 21, 81
+_WIDEST_BIN = 0.5
 _LOWEST, _HIGHEST = 4.5, 30.0
 
 
@@ -21,7 +22,7 @@ def plot_histogram(view: GapView, row: int) -> Figure:
     samples = [state.rows_T[:, row] / floor for state in view.states]
     known = [values[np.isfinite(values)] for values in samples]
     reach = float(np.clip(max(np.max(np.abs(values), initial=0.0) for values in known), _LOWEST, _HIGHEST))
-    bins = int(np.clip(np.sqrt(len(known[0])), _FEWEST_BINS, _MOST_BINS))
+    bins = int(max(np.clip(np.sqrt(len(known[0])), _FEWEST_BINS, _MOST_BINS), 2 * reach / _WIDEST_BIN))
     for state, values in zip(view.states, known, strict=True):
         counts, edges = np.histogram(np.clip(values, -reach, reach), bins, range=(-reach, reach))
         density = counts / (max(len(values), 1) * (edges[1] - edges[0]))

@@ -13,7 +13,7 @@ SIZE_HEADER = ("size of the gap, out of sample", "before", "after its causes are
 
 CAUSES_HEADER = ("cause", "where", "probability", "share", "explains out of sample", "ΔBIC", "cannot be told from")
 
-CONSIDERED_HEADER = ("effect", "status", "why", "ΔBIC", "explains out of sample")
+CONSIDERED_HEADER = ("effect", "status", "why", "ΔBIC")
 
 
 def size_rows(size: Size) -> list[list[str]]:
@@ -92,8 +92,7 @@ def number_rows(fitted: FittedEffect, units: Mapping[str, str]) -> list[list[str
 def considered_row(considered: Considered) -> list[str]:
     """Return what became of a hypothesis in the order of ``CONSIDERED_HEADER``."""
     evidence = "" if considered.delta_bic is None else number(considered.delta_bic)
-    gain = "" if considered.r2_cv is None else percent(considered.r2_cv)
-    return [considered.effect, considered.status.replace("_", " "), considered.why, evidence, gain]
+    return [considered.effect, considered.status.replace("_", " "), considered.why, evidence]
 
 
 def percent(part: float) -> str:

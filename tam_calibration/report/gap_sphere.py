@@ -22,7 +22,7 @@ def plot_sphere(view: GapView, row: int) -> Figure:
     means = [cell_means(to_nanotesla(state.rows_T[:, row]), cell) for state in states]
     reach = float(np.nanmax(np.abs(means), initial=0.0)) or 1.0
     longitude, latitude, map_cell = cells_on_map()
-    figure = Figure(figsize=(_WIDTH_INCH, 1.9), layout="constrained")
+    figure = Figure(figsize=(_WIDTH_INCH, 2.2), layout="constrained")
     plots = figure.subplots(1, len(states), subplot_kw={"projection": "hammer"}, squeeze=False)[0]
     for axes, state, mean in zip(plots, states, means, strict=True):
         shades = np.ma.masked_invalid(mean[map_cell])
