@@ -49,7 +49,8 @@ def locate(
         Field and gradient of the source alone, in the order of ``array.OUTPUT_NAMES``, array frame, tesla and T/m;
         gzz is taken as -gxx - gyy.
     covariance : (9, 9) or (8, 8) or (N, …) array, optional
-        Of the outputs, for all samples or each. Without it only exact degeneracy is seen.
+        Of the outputs, for all samples or each. Without it only exact degeneracy is seen; where it is not finite, as
+        for an array without gradient, the sample is refused.
     index : float
         Structural index n: the field falls as 1/rⁿ.
     constrained : bool
@@ -66,8 +67,8 @@ def locate(
         When a shape or the structural index is wrong.
     """
     outputs, noise = _check(outputs, covariance, index)
-    is_finite = np.asarray(np.isfinite(outputs).all(axis=1))
-    outputs = np.where(is_finite[:, None], outputs, np.zeros(1))
+    is_finite = np.asarray(np.isfinite(outputs).all(axis=1) & np.isfinite(noise).all(axis=(1, 2)))
+    outputs, noise = (np.where(is_finite.reshape(-1, *[1] * (each.ndim - 1)), each, 0.0) for each in (outputs, noise))
     system = _System.of(outputs, noise, constrained)
     status = _degeneracies(system, outputs, noise, constrained)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

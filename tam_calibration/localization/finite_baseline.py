@@ -43,6 +43,8 @@ def locate_dipole(outputs: FloatArray, array: Array, covariance: FloatArray | No
     outputs = np.asarray(outputs, dtype=float)
     euler = locate(outputs, covariance)
     at = np.flatnonzero(euler.is_located)
+    if not len(at):
+        return euler
     operator, (points, by_points) = array.operator[:8], _elements(array)
     noise = operator @ operator.T if covariance is None else np.asarray(covariance, dtype=float)[..., :8, :8]
     if noise.ndim == 3:

@@ -90,6 +90,7 @@ def test_line_of_dipoles_is_found_where_its_tensor_has_no_third_dimension():
     ("outputs", "covariance", "status"),
     [
         (np.full(8, np.nan), None, Status.NOT_FINITE),
+        (outputs_of(Dipole(PLACE, MOMENT)), np.full((9, 9), np.nan), Status.NOT_FINITE),
         (np.zeros(8), None, Status.NO_FIELD),
         (np.array([1e-9, 0, 0, 0, 0, 0, 0, 0]), None, Status.NO_GRADIENT),
         (outputs_of(Dipole(PLACE, 1e-5 * MOMENT)), NOISE, Status.NO_FIELD),

@@ -65,6 +65,13 @@ def test_refused_samples_keep_their_reason_and_disturb_no_other(dipoles):
             assert_allclose(alone.position_m[0], found.position_m[n], rtol=1e-12)
 
 
+def test_without_a_located_sample_the_reasons_are_told(dipoles):
+    """All not finite, and none at all."""
+    found = locate_dipole(np.full((2, 9), np.nan), ARRAY, np.full((9, 9), np.nan))
+    assert found.status.tolist() == [Status.NOT_FINITE, Status.NOT_FINITE]
+    assert locate_dipole(np.zeros((0, 9)), ARRAY, NOISE).position_m.shape == (0, 3)
+
+
 def test_what_cannot_be_weighed_is_refused(dipoles):
     """An array without gradient, and a covariance that is none."""
     outputs = dipoles[2][:1].reshape(1, -1) @ ARRAY.operator.T
