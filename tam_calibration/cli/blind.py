@@ -14,7 +14,7 @@ from tam_calibration.cli.terminal import PATH, showing_progress, stdout, write_t
 from tam_calibration.problems import InputError, Refused
 
 if TYPE_CHECKING:
-    from tam_calibration.blind.case import Plan
+    from tam_calibration.blind.plan import Plan
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -36,8 +36,8 @@ def command() -> None:
 @jobs_option
 def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], jobs: int) -> None:
     """Make recordings in OUT, with their sealed keys in keys.json and what commits to those in commitments.json."""
-    from tam_calibration.blind.case import plan_cases
     from tam_calibration.blind.folder import COMMITMENTS, KEYS, case_name, write_json
+    from tam_calibration.blind.plan import plan_cases
     from tam_calibration.blind.seal import seal
 
     if folder.exists() and any(folder.iterdir()):

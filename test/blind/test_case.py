@@ -5,8 +5,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from tam_calibration.blind import KINDS
-from tam_calibration.blind.case import GAPS, Plan, make_case, plan_cases
+from tam_calibration.blind.case import make_case
 from tam_calibration.blind.catalogue import CATALOGUE
+from tam_calibration.blind.plan import GAPS, Plan, plan_cases
 
 
 def test_cases_follow_from_their_seed():
