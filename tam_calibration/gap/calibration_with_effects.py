@@ -17,6 +17,7 @@ from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.hypotheses import Evidence, examine, unusable
 from tam_calibration.gap.joint import Joint
 from tam_calibration.gap.model import Model, Part
+from tam_calibration.gap.search import Hypothesis, refined
 from tam_calibration.gap.steps import LEAST_EVIDENCE, Progress, search
 from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
@@ -100,7 +101,8 @@ def _with_named(model: Model, names: Collection[str]) -> tuple[Model, tuple[str,
         best = max(seen, key=lambda one: one.delta_bic)
         if best.delta_bic < LEAST_EVIDENCE:
             warnings.append(f"noise alone explains the recording as well as {best.effect}: leave this effect out")
-        model = model.accept(best.form)
+        form = refined(base, best.form) if isinstance(best.form, Hypothesis) else best.form
+        model = model.accept(form)
         del left[best.effect]
     return model, tuple(warnings)
 

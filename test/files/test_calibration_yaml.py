@@ -9,7 +9,8 @@ import yaml
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.array import Array
-from tam_calibration.calibration import AmbientGradient, Provenance
+from tam_calibration.calibration import AmbientGradient, EffectSize, Provenance
+from tam_calibration.effects.effect import SCALAR, Contribution, FittedEffect
 from tam_calibration.files import calibration_from_yaml, calibration_to_yaml, read_calibration, write_calibration
 from tam_calibration.fit import calibrate
 from tam_calibration.problems import InputError
@@ -145,3 +146,37 @@ def test_a_truncated_file_is_refused(text, part):
     """Wherever the file was cut, it is not taken for a calibration."""
     with pytest.raises(InputError):
         calibration_from_yaml(text[: int(len(text) * part)], "c.yaml")
+
+
+def test_effects_read_back(calibration, recording):
+    """Effects keep their numbers and standard errors to the last bit, in units for people; sizes to six digits."""
+    drift = FittedEffect(
+        "temperature_drift",
+        {"time_constant_s": 12.3456789, "reference_C": 21.5},
+        (
+            Contribution(1, 0, "offset", {"offset": 1.23456789e-9}, {"offset": 1.1e-11}),
+            Contribution(1, 2, "scale", {"scale": 2.5e-5}, {"scale": 3e-7}),
+        ),
+        {"time_constant_s": 0.7},
+    )
+    current = FittedEffect(
+        "current_interference",
+        {"reference_A": 0.5},
+        (Contribution(SCALAR, None, "field", {"field x": 1e-10, "field y": 0.0, "field z": -2e-10}),),
+    )
+    sizes = tuple(EffectSize(np.arange(9) * 1.111111e-9, np.arange(9) * 1e-11) for _ in range(2))
+    keeping = replace(calibration, effects=(drift, current), effect_sizes=sizes)
+    text = calibration_to_yaml(keeping)
+    assert "offset: 1.23456789 nT/K" in text and "time_constant_s: 12.3456789 s" in text and "sensor: scalar" in text
+    again = calibration_from_yaml(text, "text")
+    assert again.effects == keeping.effects
+    assert_allclose([size.rms for size in again.effect_sizes], [size.rms for size in sizes], rtol=1e-5)
+    assert_allclose(again.output_standard_errors, keeping.output_standard_errors, rtol=1e-6)
+    warming = replace(recording, temperature_C=np.linspace(10, 30, recording.sample_count))
+    assert_allclose(again.correct(warming).outputs, keeping.correct(warming).outputs, rtol=0, atol=1e-17)
+
+
+def test_a_file_of_before_effects_could_be_kept_has_none(text):
+    """Files without effects are written and read as ever."""
+    assert "effects" not in yaml.safe_load(text)
+    assert calibration_from_yaml(text, "text").effects == ()

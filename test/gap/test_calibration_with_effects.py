@@ -1,0 +1,161 @@
+"""A calibration fitted together with effects finds the truth of both, with errors that hold what is not known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.array import Array
+from tam_calibration.effects.effect import Contribution, FittedEffect
+from tam_calibration.files.scenario import read_scenario
+from tam_calibration.fit import calibrate
+from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
+from tam_calibration.problems import InputError, Refused
+from tam_calibration.simulation import simulate
+from tam_calibration.simulation.channels import Temperature
+
+OFFSET_T_PER_K, SCALE_PER_K, TIME_CONSTANT_S, TRUE_REFERENCE_C = 1.5e-9, 2e-5, 20.0, 22.0
+DRIFT = FittedEffect(
+    "temperature_drift",
+    {"time_constant_s": TIME_CONSTANT_S, "reference_C": TRUE_REFERENCE_C},
+    (
+        Contribution(1, 0, "offset", {"offset": OFFSET_T_PER_K}),
+        Contribution(1, 0, "scale", {"scale": SCALE_PER_K}),
+    ),
+)
+
+
+def scenario(seed=1, count=1500, **changes):
+    """Return a run of 200 s in which sensor 2 drifts with a temperature that is known without error."""
+    plan = read_scenario("warming_up")
+    temperature = Temperature(18.0, 26.0)
+    return replace(
+        plan, effects=(DRIFT,), temperature=temperature, sample_count=count, rate_hz=count / 200, seed=seed, **changes
+    )
+
+
+@pytest.fixture(scope="module")
+def made():
+    """Return one simulation."""
+    return simulate(scenario())
+
+
+@pytest.fixture(scope="module")
+def calibration(made):
+    """Return its calibration with the drift."""
+    return calibrate_with_effects(made.recording, made.scenario.array, ["temperature_drift"])
+
+
+def test_errors_and_effect_are_as_far_from_the_truth_as_their_standard_errors_say():
+    """Over recordings the deviations of parameters and coefficients have the standard deviations that are stated."""
+    of_errors, of_effect, of_shape = [], [], []
+    for seed in range(20):
+        made = simulate(scenario(seed))
+        found = calibrate_with_effects(made.recording, made.scenario.array, ["temperature_drift"])
+        (effect,) = found.effects
+        terms = {(one.axis, one.term): one for one in effect.contributions}
+        above = effect.shape["reference_C"] - TRUE_REFERENCE_C
+        truth = made.errors.to_vector()
+        truth[1, 6] += OFFSET_T_PER_K * above
+        truth[1, 0] += SCALE_PER_K * above
+        is_free = found.standard_errors > 0
+        of_errors.append(
+            ((found.errors.to_vector() - truth) / np.where(is_free, found.standard_errors, np.inf)).ravel()
+        )
+        if set(terms) == {(0, "offset"), (0, "scale")}:
+            for term, name, true in (("offset", "offset", OFFSET_T_PER_K), ("scale", "scale", SCALE_PER_K)):
+                one = terms[0, term]
+                of_effect.append((one.values[name] - true) / one.standard_errors[name])
+            shape, error = effect.shape["time_constant_s"], effect.shape_errors["time_constant_s"]
+            of_shape.append((shape - TIME_CONSTANT_S) / error)
+    free = np.array(of_errors)[:, is_free.ravel()]
+    assert np.sqrt(np.mean(free**2)) == pytest.approx(1, abs=0.1)
+    assert np.abs(np.mean(free, axis=0)).max() < 4 / np.sqrt(20)
+    assert len(of_shape) > 10
+    assert np.sqrt(np.mean(np.square(of_effect))) == pytest.approx(1, abs=0.4)
+    assert np.sqrt(np.mean(np.square(of_shape))) == pytest.approx(1, abs=0.6)
+
+
+def test_what_is_not_known_of_the_effect_is_in_the_covariance_of_the_errors(calibration, made):
+    """The bias of the axis that drifts is known less well than without the drift, other sensors as well."""
+    plain = calibrate(simulate(replace(made.scenario, effects=())).recording, made.scenario.array)
+    ratio = calibration.standard_errors / np.where(plain.standard_errors > 0, plain.standard_errors, 1)
+    assert ratio[1, 6] > 1.2
+    assert_allclose(ratio[2:], np.where(plain.standard_errors[2:] > 0, 1, 0), atol=0.1)
+    assert not calibration.standard_errors[0, 9:].any() and not calibration.errors.misalignment[0].any()
+
+
+def test_residuals_are_noise_and_the_size_is_that_of_the_drift(calibration, made):
+    """What is left is white noise; the size that is kept is the drift's part in the mean of four sensors."""
+    assert calibration.reduced_chi_square["differential"] == pytest.approx(1, abs=0.1)
+    assert calibration.samples == made.recording.sample_count
+    assert calibration.warnings == ()
+    clean = calibration.without_effects(made.recording).readings_T
+    added = (made.recording.readings_T - clean)[:, 1, 0]
+    assert calibration.effect_sizes[0].rms[0] == pytest.approx(np.sqrt(np.mean(added**2)) / 4, rel=0.1)
+    assert 0 < calibration.effect_sizes[0].standard_errors[0] < 0.1 * calibration.effect_sizes[0].rms[0]
+
+
+def test_auto_finds_the_drift(calibration, made):
+    """What a diagnosis finds is what is kept when no effect is named."""
+    found = calibrate_with_effects(made.recording, made.scenario.array, ["auto"])
+    assert [one.effect for one in found.effects] == ["temperature_drift"]
+    difference = found.errors.to_vector() - calibration.errors.to_vector()
+    assert (np.abs(difference) <= 0.2 * calibration.standard_errors).all()
+
+
+def test_auto_of_a_clean_recording_is_the_plain_calibration(made):
+    """Where nothing is found nothing is kept."""
+    recording = simulate(replace(made.scenario, effects=())).recording
+    found = calibrate_with_effects(recording, made.scenario.array, ["auto"])
+    plain = calibrate(recording, made.scenario.array)
+    assert found.effects == () and found.effect_sizes == ()
+    np.testing.assert_array_equal(found.errors.to_vector(), plain.errors.to_vector())
+    np.testing.assert_array_equal(found.covariance, plain.covariance)
+
+
+def test_without_scalar_the_scale_is_the_convention(made):
+    """Without scalar reference the determinants have the geometric mean 1, and the drift is found all the same."""
+    recording = replace(made.recording, scalar_T=None)
+    found = calibrate_with_effects(recording, made.scenario.array, ["temperature_drift"])
+    assert np.mean(np.log(np.linalg.det(found.errors.matrix))) == pytest.approx(0, abs=1e-12)
+    terms = {(one.axis, one.term): one for one in found.effects[0].contributions}
+    offset = terms[0, "offset"]
+    assert offset.values["offset"] == pytest.approx(OFFSET_T_PER_K, abs=5 * offset.standard_errors["offset"])
+
+
+def test_noise_that_is_not_stated_is_that_without_the_effect(made):
+    """The noise is estimated from what is left without the drift."""
+    array = Array(made.scenario.array.positions_m, None, 1e-10)
+    found = calibrate_with_effects(made.recording, array, ["temperature_drift"])
+    assert found.noise_is_estimated
+    assert_allclose(found.array.vector_noise_T, 1e-9, rtol=0.15)
+
+
+@pytest.mark.parametrize(
+    ("names", "problem", "words"),
+    [
+        (["tides"], InputError, "there is no effect 'tides'"),
+        (["current_interference"], InputError, "current_interference cannot be fitted: it needs the current channel"),
+        (["auto", "hysteresis"], InputError, "name no others beside it"),
+        (["saturation"], Refused, "saturation is not in this recording"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused(made, names, problem, words):
+    """The sentence names the effect and what hinders."""
+    with pytest.raises(problem, match=words):
+        calibrate_with_effects(made.recording, made.scenario.array, names)
+
+
+def test_what_a_recording_cannot_show_is_refused(made):
+    """A temperature that does not change shows no drift, and the refusal says what would."""
+    still = replace(made.recording, temperature_C=np.full(made.recording.sample_count, 20.0))
+    with pytest.raises(Refused, match="temperature changes by 0 K only; let the temperature change"):
+        calibrate_with_effects(still, made.scenario.array, ["temperature_drift"])
+
+
+def test_another_array_is_refused(made):
+    """The number of sensors must be that of the array."""
+    with pytest.raises(InputError, match="use the array file of this recording"):
+        calibrate_with_effects(made.recording, Array(np.zeros((2, 3))), ["auto"])
