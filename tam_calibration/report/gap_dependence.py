@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tam_calibration.report.gap_view import GapView
@@ -25,7 +24,7 @@ def plot_dependence(view: GapView, row: int) -> Figure:
     for label, channel in (("temperature (°C)", residue.temperature_C), ("current (A)", residue.current_A)):
         if channel is not None:
             panels.append((label, channel, _mean, "mean"))
-    figure = Figure(figsize=(_WIDTH_INCH, 2.6), layout="constrained")
+    figure = Figure(figsize=(_WIDTH_INCH, 2.8), layout="constrained")
     for axes, (label, channel, measure, what) in zip(
         figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
     ):
@@ -33,14 +32,11 @@ def plot_dependence(view: GapView, row: int) -> Figure:
             values = state.rows_T[:, row] / residue.floor_T[row]
             axes.plot(*binned(channel, values, measure), ".-", color=state.color, linewidth=1, label=state.name)
         axes.axhline(1 if measure is _root_mean_square else 0, color=FLOOR_COLOR, linestyle="dashed", linewidth=0.8)
-        _label(axes, label, f"{what} of {view.row_name(row)} (noise floors)")
-    figure.axes[0].legend(frameon=False, fontsize=8)
+        axes.set_xlabel(label)
+        axes.set_title(what, loc="left", fontsize=8)
+    figure.supylabel(f"{view.row_name(row)} (noise floors)")
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, frameon=False)
     return figure
-
-
-def _label(axes: Axes, x: str, y: str) -> None:
-    axes.set_xlabel(x)
-    axes.set_title(y, loc="left", fontsize=8)
 
 
 def binned(

@@ -71,7 +71,7 @@ def cause_row(cause: Cause, sensor_count: int) -> list[str]:
         percent(cause.probability),
         percent(cause.share),
         percent(cause.r2_cv),
-        number(cause.delta_bic),
+        fixed(cause.delta_bic, 0),
         join(list(cause.indistinguishable_from)) if cause.indistinguishable_from else "–",
     ]
 
@@ -91,7 +91,7 @@ def number_rows(fitted: FittedEffect, units: Mapping[str, str]) -> list[list[str
 
 def considered_row(considered: Considered) -> list[str]:
     """Return what became of a hypothesis in the order of ``CONSIDERED_HEADER``."""
-    evidence = "" if considered.delta_bic is None else number(considered.delta_bic)
+    evidence = "" if considered.delta_bic is None else fixed(considered.delta_bic, 0)
     return [considered.effect, considered.status.replace("_", " "), considered.why, evidence]
 
 
