@@ -8,11 +8,12 @@ constrained solution needs no regularisation, where the unconstrained G⁻¹ bre
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from tam_calibration.localization.dipole import moment_of_field
-from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
 from tam_calibration.problems import InputError, Refused
 from tam_calibration.units import FloatArray
 
@@ -66,6 +67,11 @@ def locate(
     InputError
         When a shape or the structural index is wrong.
     """
+    outputs, _ = _check(outputs, covariance, index)
+    return in_pieces(partial(_locate, index=index, constrained=constrained), outputs, covariance)
+
+
+def _locate(outputs: FloatArray, covariance: FloatArray | None, index: float, constrained: bool) -> EulerSolutions:
     outputs, noise = _check(outputs, covariance, index)
     is_finite = np.asarray(np.isfinite(outputs).all(axis=1) & np.isfinite(noise).all(axis=(1, 2)))
     outputs, noise = (np.where(is_finite.reshape(-1, *[1] * (each.ndim - 1)), each, 0.0) for each in (outputs, noise))

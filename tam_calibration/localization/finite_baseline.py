@@ -5,13 +5,15 @@ the tensor at its centre: it differs by about (L/r)². The outputs, fitted with 
 its sensors, give the dipole without that error.
 """
 
+from functools import partial
+
 import numpy as np
 
 from tam_calibration.array import Array
 from tam_calibration.localization.dipole import dipole_field
 from tam_calibration.localization.euler import locate
 from tam_calibration.localization.least_squares import Problem, solve
-from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
@@ -40,7 +42,10 @@ def locate_dipole(outputs: FloatArray, array: Array, covariance: FloatArray | No
     """
     if not array.has_gradient:
         raise InputError("the array's geometry determines no gradient: locate with the direct fit to its readings")
-    outputs = np.asarray(outputs, dtype=float)
+    return in_pieces(partial(_locate_dipole, array), np.asarray(outputs, dtype=float), covariance)
+
+
+def _locate_dipole(array: Array, outputs: FloatArray, covariance: FloatArray | None) -> EulerSolutions:
     euler = locate(outputs, covariance)
     at = np.flatnonzero(euler.is_located)
     if not len(at):

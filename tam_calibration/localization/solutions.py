@@ -1,6 +1,7 @@
 """Where the sources of many samples are, and why some could not be located."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from enum import IntEnum
 
 import numpy as np
@@ -81,3 +82,25 @@ class EulerSolutions:
         unit = self.position_m / self.distance_m[:, None]
         errors: FloatArray = np.sqrt(np.einsum("ni,nij,nj->n", unit, self.position_covariance_m2, unit))
         return errors
+
+
+Locate = Callable[[FloatArray, FloatArray | None], EulerSolutions]
+"""From outputs and their covariance to the sources."""
+
+_PIECE = 8192
+
+
+def in_pieces(locate: Locate, outputs: FloatArray, covariance: FloatArray | None) -> EulerSolutions:
+    """Locate samples in pieces of bounded size, so that what is worked out on the way stays small.
+
+    ``covariance`` is one for all samples, (9, 9) or (8, 8), or one for each of them.
+    """
+    if len(outputs) <= _PIECE:
+        return locate(outputs, covariance)
+    parts = []
+    for start in range(0, len(outputs), _PIECE):
+        part = slice(start, start + _PIECE)
+        own = covariance if covariance is None or np.ndim(covariance) == 2 else covariance[part]
+        parts.append(locate(outputs[part], own))
+    names = [field.name for field in fields(EulerSolutions)]
+    return EulerSolutions(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))

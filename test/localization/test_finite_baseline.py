@@ -4,6 +4,7 @@ from numpy.linalg import norm
 from numpy.testing import assert_allclose
 
 from tam_calibration.array import Array
+from tam_calibration.localization import solutions
 from tam_calibration.localization.dipole import dipole_field
 from tam_calibration.localization.euler import locate
 from tam_calibration.localization.finite_baseline import locate_dipole
@@ -63,6 +64,18 @@ def test_refused_samples_keep_their_reason_and_disturb_no_other(dipoles):
         for n in (0, 2, 3):
             alone = locate_dipole(outputs[n : n + 1], ARRAY, NOISE)
             assert_allclose(alone.position_m[0], found.position_m[n], rtol=1e-12)
+
+
+def test_many_samples_are_located_as_few_are(dipoles, monkeypatch):
+    """Cut into pieces, each sample gives what it gives in one, with one covariance or one for each."""
+    outputs = dipoles[2].reshape(300, -1) @ ARRAY.operator.T
+    whole = locate_dipole(outputs, ARRAY, NOISE)
+    monkeypatch.setattr(solutions, "_PIECE", 70)
+    for noise in (NOISE, np.broadcast_to(NOISE, (300, 9, 9))):
+        cut = locate_dipole(outputs, ARRAY, noise)
+        assert_allclose(cut.position_m, whole.position_m, rtol=1e-12)
+        assert_allclose(cut.position_covariance_m2, whole.position_covariance_m2, rtol=1e-9)
+        assert cut.status.tolist() == whole.status.tolist()
 
 
 def test_without_a_located_sample_the_reasons_are_told(dipoles):
