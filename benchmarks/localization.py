@@ -12,48 +12,39 @@ from pathlib import Path
 import click
 import numpy as np
 from asked import ANYTHING, Figure
+from localization_moving import demodulation, passing, source_calibration
+from localization_setup import (
+    AMPLITUDE_NOISE_T,
+    ARRAY,
+    MOMENT_AM2,
+    POSES,
+    RANGE_M,
+    SENSOR_NOISE_T,
+    directions,
+    in_array,
+    largest,
+    ratio,
+    rms,
+)
 from numpy.linalg import inv, norm
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-from scipy.spatial.transform import Rotation
 
-from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.whole import write_whole
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source
-from tam_calibration.localization.background import background_of, turning_of
-from tam_calibration.localization.demodulation import demodulate
 from tam_calibration.localization.dipole import Dipole, dipole_field
 from tam_calibration.localization.direct_fit import fit_loop
 from tam_calibration.localization.euler import locate
 from tam_calibration.localization.finite_baseline import locate_dipole
 from tam_calibration.localization.loop import Loop
-from tam_calibration.localization.poses import Poses
 from tam_calibration.localization.solutions import EulerSolutions
-from tam_calibration.localization.spectrum import band_pass_amplitude
-from tam_calibration.localization.tracking import straight_track, track_dipole
-from tam_calibration.reproduce.wu2025_coil import AMPERE_TURNS, HEADINGS_DEG, POSITION_M, RADIUS_M
+from tam_calibration.reproduce.wu2025_coil import POSITION_M, RADIUS_M
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.units import FloatArray
 
 RESULTS = Path(__file__).parent / "results" / "localization.csv"
-AMPLITUDE_NOISE_T = from_nanotesla(0.05)
-SENSOR_NOISE_T = from_nanotesla(1.0)
-RANGE_M = float(norm(POSITION_M))
-MOMENT_AM2 = AMPERE_TURNS * np.pi * RADIUS_M**2
-ARRAY = Array.cross(0.21, vector_noise_T=AMPLITUDE_NOISE_T)
-POSES = Poses.headings(Rotation.from_euler("z", from_degrees(HEADINGS_DEG)[:, None]).as_quat())
-
-
-def directions(generator: np.random.Generator, count: int) -> FloatArray:
-    """Return (count, 3) random directions."""
-    drawn = generator.standard_normal((count, 3))
-    unit: FloatArray = drawn / norm(drawn, axis=1, keepdims=True)
-    return unit
 
 
 def exact(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
@@ -85,7 +76,7 @@ def dipole_at_the_coil(generator: np.random.Generator, runs: int) -> Iterable[Fi
         ("true baselines", locate_dipole(outputs, ARRAY), (0.0, 0.003)),
     ):
         position = norm(found.position_m - places, axis=1).max() / RANGE_M
-        yield Figure(case, name, "largest error of r over range", _largest(found.distance_m - RANGE_M), asked=asked)
+        yield Figure(case, name, "largest error of r over range", largest(found.distance_m - RANGE_M), asked=asked)
         yield Figure(case, name, "largest error of position over range", float(position))
 
 
@@ -98,7 +89,7 @@ def coil(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
     fitted, pulls = [], []
     for axis in track(directions(generator, runs), description="coil"):
         source = Loop(POSITION_M, MOMENT_AM2 * axis, RADIUS_M)
-        fields = _in_array(source)
+        fields = in_array(source)
         outputs = fields.reshape(len(fields), -1) @ ARRAY.operator.T
         for name, solutions in zip(found, (locate(outputs), locate_dipole(outputs, ARRAY)), strict=True):
             found[name].append(solutions.distance_m - RANGE_M)
@@ -110,11 +101,11 @@ def coil(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
         asked = (0.0, 0.03) if name.startswith("Euler") else ANYTHING
         worst = np.sqrt(np.mean(np.square(errors), axis=1)).max() / RANGE_M
         yield Figure(case, name, "RMSE of r over range, the worst direction of the coil", float(worst), asked=asked)
-        yield Figure(case, name, "largest error of r over range in any heading", _largest(errors))
-        yield Figure(case, name, "RMSE of r [m]", _rms(errors))
+        yield Figure(case, name, "largest error of r over range in any heading", largest(errors))
+        yield Figure(case, name, "RMSE of r [m]", rms(errors))
     yield Figure(case, "loop fit", "largest error of position [m]", float(max(fitted)), asked=(0, 1e-3))
-    yield Figure(case, "loop fit", "RMSE of position [m]", _rms(fitted))
-    yield _ratio(case, "loop fit", "RMSE of position/bound", np.square(pulls), ANYTHING)
+    yield Figure(case, "loop fit", "RMSE of position [m]", rms(fitted))
+    yield ratio(case, "loop fit", "RMSE of position/bound", np.square(pulls), ANYTHING)
 
 
 def calibrated(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
@@ -127,7 +118,7 @@ def calibrated(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
         axis = MOMENT_AM2 * directions(generator, 1)[0]
         through = inv(calibration.errors.matrix) @ scenario.errors.matrix
         for kind, source in (("coil", Loop(POSITION_M, axis, RADIUS_M)), ("dipole", Dipole(POSITION_M, axis))):
-            fields = _in_array(source)
+            fields = in_array(source)
             for size, noise in (("1 nT", SENSOR_NOISE_T), ("0.05 nT", AMPLITUDE_NOISE_T)):
                 noisy = fields + noise * generator.standard_normal(fields.shape)
                 pair = [
@@ -141,144 +132,14 @@ def calibrated(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
                     squares.setdefault((f"{kind}, {size}", "true baselines"), []).append((better[0], better[1]))
     for (case, method), each in squares.items():
         after, perfect = np.array(each).mean(axis=2).T
-        ratio = np.sqrt(after.mean() / perfect.mean())
-        spread = ratio / 2 * np.std(after / after.mean() - perfect / perfect.mean(), ddof=1) / np.sqrt(runs)
+        worse = np.sqrt(after.mean() / perfect.mean())
+        spread = worse / 2 * np.std(after / after.mean() - perfect / perfect.mean(), ddof=1) / np.sqrt(runs)
         name = "RMSE of r after maximum_likelihood over that of an error-free array"
-        yield Figure(case, method, name, float(ratio), float(spread), (0.0, 1.05))
-
-
-def source_calibration(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
-    """Yield the errors of baseline scale, common rotation and places of the axes over the Cramér–Rao bound."""
-    errors = read_scenario("wu_turntable").errors
-    source = Loop(POSITION_M, MOMENT_AM2 * np.array([0.6, -0.6, 0.5291503]), RADIUS_M)
-    fits = []
-    for _ in track(range(runs), description="source"):
-        truth = _faulty_array(generator)
-        clean = np.einsum("kij,nkj->nki", errors.matrix, _elements(source, truth, errors))
-        exactly = _by_source(clean, source, errors)
-        fits.append(
-            (exactly, _by_source(clean + AMPLITUDE_NOISE_T * generator.standard_normal(clean.shape), source, errors))
-        )
-    squares = [(noisy.parameters - true.parameters) ** 2 for true, noisy in fits]
-    bounds = [np.diag(true.covariance) for true, _ in fits]
-    case = "source calibration, 12 headings"
-    for name, part in (
-        ("baseline scale", slice(0, 1)),
-        ("common rotation", slice(1, 4)),
-        ("places of the axes", slice(4, None)),
-    ):
-        ratio = [square[part].sum() / bound[part].sum() for square, bound in zip(squares, bounds, strict=True)]
-        yield _ratio(case, "calibrate_by_source", f"{name}, RMSE/bound", ratio, (0.0, 1.1))
-    typical = np.sqrt(np.mean(bounds, axis=0))
-    yield Figure(case, "bound", "baseline scale", float(typical[0]))
-    yield Figure(case, "bound", "common rotation [rad]", float(typical[1:4].max()))
-    yield Figure(case, "bound", "place of an axis, the worst [m]", float(typical[4:].max()))
-
-
-def demodulation(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
-    """Yield the errors of amplitudes at 10 Hz over σ √(2/N), which takes phase and background for known."""
-    time = np.arange(2000) / 100
-    attitude = Manoeuvre(from_degrees(25), from_degrees(25), 20.0).attitudes(time, generator)
-    background, turning = background_of(time, attitude), turning_of(attitude, 3)
-    site = Rotation.from_quat(attitude).inv().apply(read_scenario("wu_turntable").site_field_T)
-    drift = np.outer(np.sin(2 * np.pi * time / 300), from_nanotesla(np.array([8.0, 5.0, -6.0])))
-    carrier = np.sin(2 * np.pi * 10 * (time - time[[0, -1]].mean()) + 0.4)[:, None]
-    bound = SENSOR_NOISE_T * np.sqrt(2 / len(time))
-    ratios: dict[tuple[str, str], list[float]] = {}
-    for _ in track(range(runs), description="demodulation"):
-        amplitude = from_nanotesla(np.array(generator.uniform(10, 1000))) * directions(generator, 1)[0]
-        for rests, signal in (("array", carrier * amplitude), ("world", carrier * (turning @ amplitude))):
-            noisy = site + drift + signal + SENSOR_NOISE_T * generator.standard_normal(signal.shape)
-            found = demodulate(time, noisy, 10.0, background, turning if rests == "world" else None).amplitude
-            ratios.setdefault((rests, "synchronous least squares"), []).append(_square(found, amplitude, bound))
-            if rests == "array":
-                passed = band_pass_amplitude(time, noisy, 8, 12)
-                ratios.setdefault((rests, "band-pass 8 to 12 Hz"), []).append(_square(passed, amplitude, bound))
-    for (rests, method), squares in ratios.items():
-        case = f"10 Hz, 20 s, 1 nT, platform turns, source rests in the {rests}"
-        asked = (0.0, 1.05) if method.startswith("synchronous") else ANYTHING
-        yield _ratio(case, method, "amplitude, RMSE/bound", squares, asked)
-
-
-def passing(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
-    """Yield the errors of a steady dipole that is passed, over the standard errors."""
-    array, time = Array.cross(0.5, vector_noise_T=SENSOR_NOISE_T), np.arange(200) / 5
-    position = straight_track(time, np.array([-20.0, 0, 0]), np.array([1.0, 0, 0]))
-    sway = Rotation.from_euler("zyx", 0.1 * np.sin(np.outer(time, [0.2, 0.33, 0.5])))
-    points = position[:, None] + np.einsum("nij,kj->nki", sway.as_matrix(), array.positions_m)
-    site, source = (
-        read_scenario("wu_turntable").site_field_T,
-        Dipole(np.array([2.0, 3.0, -2.5]), np.array([100.0, 200, -300])),
-    )
-    fields = np.einsum("nji,nkj->nki", sway.as_matrix(), source.field_T(points) + site)
-    for noise_deg in (0.0, 0.1):
-        noise = from_degrees(noise_deg)
-        squares, errors = [], []
-        for _ in track(range(runs), description=f"passing, {noise_deg}°"):
-            reported = (sway * Rotation.from_rotvec(noise * generator.standard_normal((len(time), 3)))).as_quat()
-            noisy = fields + SENSOR_NOISE_T * generator.standard_normal(fields.shape)
-            fit = track_dipole(noisy, array, Poses(reported, position, noise)).fit
-            error = fit.source.position_m - source.position_m
-            squares.append(error @ inv(fit.covariance[:3, :3]) @ error / 3)
-            errors.append(norm(error))
-        case = f"passing a steady dipole, attitude to {noise_deg}°"
-        yield _ratio(case, "track_dipole", "error of position over its standard error", squares, ANYTHING)
-        yield Figure(case, "track_dipole", "RMSE of position [m]", _rms(errors))
-
-
-def _in_array(source: Dipole | Loop) -> FloatArray:
-    """Return the (12, 4, 3) fields at the sensors in the array frame."""
-    turn = POSES.matrix
-    fields: FloatArray = np.einsum(
-        "nji,nkj->nki", turn, source.field_T(np.einsum("nij,kj->nki", turn, ARRAY.positions_m))
-    )
-    return fields
-
-
-def _faulty_array(generator: np.random.Generator) -> SourceCalibration:
-    """Return baselines wrong by 3 %, a frame turned by half a degree, and axes 5 mm from their places, at random."""
-    scale, rotation = 1 + 0.03 * generator.standard_normal(), from_degrees(0.5 * generator.standard_normal(3))
-    return SourceCalibration(scale, rotation, 5e-3 * generator.standard_normal((4, 3, 3)), np.zeros((40, 40)), 0.0, 0)
-
-
-def _elements(source: Loop, truth: SourceCalibration, errors: SensorErrors) -> FloatArray:
-    """Return (12, 4, 3) numbers that the matrices of the errors turn into what the displaced elements read."""
-    turn, array = POSES.matrix, truth.array_of(ARRAY)
-    world = source.field_T(np.einsum("nij,kaj->nkai", turn, array.element_positions_m))
-    rows = truth.errors_of(errors).matrix
-    raw = np.einsum("kai,nji,nkaj->nka", rows, turn, world, optimize=True)
-    undone: FloatArray = np.einsum("kij,nkj->nki", inv(errors.matrix), raw)
-    return undone
-
-
-def _by_source(amplitudes_T: FloatArray, source: Loop, errors: SensorErrors) -> SourceCalibration:
-    return calibrate_by_source(amplitudes_T, AMPLITUDE_NOISE_T, source, POSES, errors, ARRAY)
+        yield Figure(case, method, name, float(worse), float(spread), (0.0, 1.05))
 
 
 def _square_of_distance(found: EulerSolutions) -> FloatArray:
     return (found.distance_m - RANGE_M) ** 2
-
-
-def _square(found: FloatArray, true: FloatArray, bound: float) -> float:
-    """Return the mean squared error over the bound's, the sign of all channels together apart."""
-    sign = np.sign(found @ true)
-    return float(np.mean((sign * found - true) ** 2) / bound**2)
-
-
-def _ratio(case: str, method: str, name: str, squares: object, asked: tuple[float, float]) -> Figure:
-    """Return the root of mean squared ratios with its standard error."""
-    each = np.asarray(squares, dtype=float)
-    each = each.reshape(len(each), -1).mean(axis=1)
-    root = float(np.sqrt(each.mean()))
-    return Figure(case, method, name, root, float(each.std(ddof=1) / np.sqrt(len(each)) / (2 * root)), asked)
-
-
-def _largest(errors: object) -> float:
-    return float(np.abs(np.asarray(errors)).max()) / RANGE_M
-
-
-def _rms(errors: object) -> float:
-    return float(np.sqrt(np.mean(np.square(np.asarray(errors)))))
 
 
 CASES = (exact, dipole_at_the_coil, coil, calibrated, source_calibration, demodulation, passing)
