@@ -27,12 +27,14 @@ from tam_calibration.files import (
     read_samples,
 )
 from tam_calibration.files.json_text import to_json
+from tam_calibration.files.recording_file import is_large, read_stream
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.fit.ambient_gradient import as_if_uniform
 from tam_calibration.problems import InputError
-from tam_calibration.recording import Recording
+from tam_calibration.recording import SKETCH, Recording, SampleSource
 
 _Fit = Callable[[Recording, Array], Calibration]
+_StreamFit = Callable[[SampleSource, Array], Calibration]
 
 
 @click.command()
@@ -76,10 +78,14 @@ def command(
     to_stdout = json_path == Path("-")
     outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
     with write_together(outputs, [recording, array, *([source] if source else [])]) as beside:
-        fit: _Fit = partial(calibrate, method=method, ambient_gradient=ambient_gradient)
+        fit = partial(calibrate, method=method, ambient_gradient=ambient_gradient)
         if effects is not None:
-            fit = _fit_of_effects(effects, method, ambient_gradient)
-        data, calibration = _calibrate(recording, array, fit, place, tolerance_s)
+            with_effects = _fit_of_effects(effects, method, ambient_gradient)
+            data, calibration = _calibrate(recording, array, with_effects, place, tolerance_s)
+        elif place is None and is_large(recording):
+            data, calibration = _calibrate_stream(recording, array, fit, tolerance_s)
+        else:
+            data, calibration = _calibrate(recording, array, fit, place, tolerance_s)
         if source is not None:
             calibration = _complete(calibration, source, tolerance_s)
         if "yaml" in beside:
@@ -119,8 +125,20 @@ def _calibrate(
             recording = _with_intensity(recording, place)
         progress.add_task(f"fitting {recording.sample_count} samples", total=None)
         calibration = fit(recording, array)
-    uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
+    uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient).whole()
     return uniform, replace(calibration, source=provenance(path))
+
+
+def _calibrate_stream(
+    path: Path, array_path: Path, fit: _StreamFit, tolerance_s: float
+) -> tuple[Recording, Calibration]:
+    """Return the calibration of a recording that need not fit into memory, and every n-th sample to show."""
+    array = read_array(array_path)
+    with showing_progress() as progress:
+        recording = read_stream(path, array.sensor_count, tolerance_s, reading(progress))
+        progress.add_task(f"fitting {recording.sample_count} samples", total=None)
+        calibration = fit(recording, array)
+    return recording.thinned(SKETCH), replace(calibration, source=provenance(path))
 
 
 def _complete(calibration: Calibration, path: Path, tolerance_s: float) -> Calibration:

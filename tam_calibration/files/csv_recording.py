@@ -1,11 +1,12 @@
 """Recordings as CSV: time_s, b1x_nT … bKz_nT, and the channels that there are."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from tam_calibration.files.csv_table import read_table, write_table
+from tam_calibration.files.csv_table import read_table, read_table_pieces, write_table
 from tam_calibration.files.exact import nanotesla_to_write
 from tam_calibration.files.location import in_file
 from tam_calibration.pointcloud_layout import CHANNEL_COLUMNS, SampleLayout
@@ -27,10 +28,31 @@ def read_csv_recording(path: Path) -> Recording:
     """
     names, table = read_table(path)
     with in_file(path):
-        columns = _standard_columns(names, table)
-        layout = _layout(columns)
-        rows = np.column_stack([columns[name] for name in layout.columns])
-        return layout.recording(rows)
+        return _recording(names, table)
+
+
+def read_csv_pieces(path: Path) -> Iterator[Recording]:
+    """Yield what `read_csv_recording` returns in pieces of some ten thousand samples.
+
+    A channel without a value in a whole piece is None in that piece.
+
+    Raises
+    ------
+    InputError
+        As `read_csv_recording` does, when the fault is met.
+    """
+    count = 0
+    for names, table in read_table_pieces(path):
+        with in_file(f"{path}, samples from {count + 1}" if count else path):
+            recording = _recording(names, table)
+        count += len(table)
+        yield recording
+
+
+def _recording(names: list[str], table: FloatArray) -> Recording:
+    columns = _standard_columns(names, table)
+    layout = _layout(columns)
+    return layout.recording(np.column_stack([columns[name] for name in layout.columns]))
 
 
 def write_csv_recording(path: Path, recording: Recording) -> None:

@@ -1,17 +1,20 @@
 """Tables of numbers as text: a header of column names, then one line a row, separated by commas."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
-from tam_calibration.files.location import read_text
 from tam_calibration.files.whole import write_whole
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
 _EMPTY_CELL = re.compile(r"(?<=,)[ \t]*(?=,|\r?$)|^[ \t]*(?=,)", re.MULTILINE)
+
+_PIECE_CHARACTERS = 1 << 24
 
 
 def read_table(path: Path) -> tuple[list[str], FloatArray]:
@@ -22,31 +25,75 @@ def read_table(path: Path) -> tuple[list[str], FloatArray]:
     InputError
         When the file cannot be read, has no rows or a cell that is not a number.
     """
-    header, _, body = read_text(path).partition("\n")
-    if ";" in header:
-        raise InputError(f"{path} separates its columns by semicolons: use commas, and points within numbers")
-    names = [name.strip() for name in header.split(",")]
-    if not body.strip():
-        raise InputError(f"{path} holds a header but no sample")
-    body = _EMPTY_CELL.sub("nan", body)
+    pieces = list(read_table_pieces(path))
+    names, first = pieces[0]
+    return names, first if len(pieces) == 1 else np.concatenate([table for _, table in pieces])
+
+
+def read_table_pieces(path: Path) -> Iterator[tuple[list[str], FloatArray]]:
+    """Yield the column names with some rows after the other, so that a file may be larger than memory.
+
+    Raises
+    ------
+    InputError
+        As `read_table` does, when the fault is met.
+    """
+    with _opened(path) as file:
+        header, first_line, is_empty = file.readline(), 2, True
+        if not header.strip():
+            raise InputError(f"{path} is empty, or its first line is")
+        if ";" in header:
+            raise InputError(f"{path} separates its columns by semicolons: use commas, and points within numbers")
+        names = [name.strip() for name in header.split(",")]
+        while lines := file.readlines(_PIECE_CHARACTERS):
+            table = _numbers(lines, len(names))
+            if table is None:
+                raise InputError(_describe_fault(path, names, lines, first_line, is_end=not file.read(1)))
+            if len(table):
+                is_empty = False
+                yield names, table
+            first_line += len(lines)
+        if is_empty:
+            raise InputError(f"{path} holds a header but no sample")
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[TextIO]:
     try:
-        table = np.loadtxt(body.splitlines(), delimiter=",", ndmin=2, comments=None)
+        with path.open(encoding="utf-8-sig") as file:
+            yield file
+    except OSError as problem:
+        raise InputError(f"{path} cannot be read: {problem.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text file") from None
+
+
+def _numbers(lines: list[str], width: int) -> FloatArray | None:
+    """Return the numbers of lines, or None where they are no table of that width."""
+    if not any(line.strip() for line in lines):
+        return np.empty((0, width))
+    try:
+        try:
+            table = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
+        except ValueError:
+            table = np.loadtxt(
+                _EMPTY_CELL.sub("nan", "".join(lines)).splitlines(), delimiter=",", ndmin=2, comments=None
+            )
     except ValueError:
-        table = None
-    if table is None or table.shape[1] != len(names):
-        raise InputError(_describe_fault(path, names, body.splitlines()))
-    return names, table
+        return None
+    return table if table.shape[1] == width else None
 
 
-def _describe_fault(path: Path, names: Sequence[str], lines: list[str]) -> str:
-    for number, line in enumerate(lines, start=2):
+def _describe_fault(path: Path, names: Sequence[str], lines: list[str], first_line: int, is_end: bool) -> str:
+    for number, line in enumerate(lines, start=first_line):
         cells = line.split(",")
         if line.strip() and len(cells) != len(names):
-            hint = ": the file seems to be truncated" if number == len(lines) + 1 else ""
+            is_last = is_end and number == first_line + len(lines) - 1
+            hint = ": the file seems to be truncated" if is_last else ""
             return f"{path} line {number} has {len(cells)} values, but the header has {len(names)} columns{hint}"
         for name, cell in zip(names, cells, strict=False):
             try:
-                float(cell or "nan")
+                float(cell.strip() or "nan")
             except ValueError:
                 return f"{path} line {number} column {name}: {cell.strip()!r} is not a number"
     return f"{path} is not a table of numbers separated by commas"

@@ -8,13 +8,16 @@ from numpy.typing import NDArray
 
 from tam_calibration.calibration import Corrected
 from tam_calibration.files.csv_corrected import write_csv_corrected
-from tam_calibration.files.csv_recording import read_csv_recording, write_csv_recording
+from tam_calibration.files.csv_recording import read_csv_pieces, read_csv_recording, write_csv_recording
+from tam_calibration.files.recording_stream import RecordingStream
 from tam_calibration.files.samples import Progress, Samples, stamps_of
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 
 _BAG_BEGINNINGS = (b"\x89MCAP0\r\n", b"SQLite format 3\0")
 _BAG_SUFFIXES = (".mcap", ".db3")
+
+_LARGE_BYTES = 1 << 26
 
 TOLERANCE_S = 1e-3
 
@@ -74,8 +77,7 @@ def read_samples(
 
         return read_bag(path, sensor_count, round(tolerance_s * 1e9), progress)
     recording = read_csv_recording(path)
-    if sensor_count not in (None, recording.sensor_count):
-        raise InputError(f"{path}: the recording has {recording.sensor_count} sensors, not {sensor_count}")
+    _require_sensors(path, recording, sensor_count)
     return Samples(recording)
 
 
@@ -85,7 +87,7 @@ def read_pieces(
     tolerance_s: float = TOLERANCE_S,
     progress: Progress = lambda done, total: None,
 ) -> Iterator[Samples]:
-    """Yield a recording as `read_samples` returns it, a bag in pieces of bounded size.
+    """Yield a recording as `read_samples` returns it, in pieces of bounded size.
 
     A channel without a value in a whole piece is None in that piece.
 
@@ -100,7 +102,36 @@ def read_pieces(
 
         yield from read_bag_pieces(path, sensor_count, round(tolerance_s * 1e9), progress)
     else:
-        yield read_samples(path, sensor_count, tolerance_s, progress)
+        for recording in read_csv_pieces(path):
+            _require_sensors(path, recording, sensor_count)
+            yield Samples(recording)
+
+
+def _require_sensors(path: Path, recording: Recording, sensor_count: int | None) -> None:
+    if sensor_count not in (None, recording.sensor_count):
+        raise InputError(f"{path}: the recording has {recording.sensor_count} sensors, not {sensor_count}")
+
+
+def is_large(path: Path) -> bool:
+    """Return whether a file, or the files of a folder, had better be read in pieces: from 64 MiB on."""
+    parts = path.iterdir() if path.is_dir() else [path]
+    return sum(part.stat().st_size for part in parts if part.is_file()) >= _LARGE_BYTES
+
+
+def read_stream(
+    path: Path,
+    sensor_count: int | None = None,
+    tolerance_s: float = TOLERANCE_S,
+    progress: Progress = lambda done, total: None,
+) -> RecordingStream:
+    """Read a recording that may be larger than memory: it is kept in temporary files as numbers.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read or kept, or holds no recording.
+    """
+    return RecordingStream(samples.recording for samples in read_pieces(path, sensor_count, tolerance_s, progress))
 
 
 def write_recording(path: Path, recording: Recording, storage: str = "sqlite3") -> None:

@@ -29,11 +29,13 @@ def field_products(joint: FloatArray, unmix: FloatArray, center: FloatArray) -> 
         At k, l the sum of b_k b_lᵀ.
     """
     sets, sensors = center.shape[:2]
-    eye = np.broadcast_to(np.eye(3 * sensors), (sets, 3 * sensors, 3 * sensors))
-    shift = np.concatenate([eye, -center.reshape(sets, -1, 1)], axis=2)
-    centered = (shift @ joint @ np.swapaxes(shift, 1, 2)).reshape(sets, sensors, 3, sensors, 3)
-    products: FloatArray = np.einsum("skip,skplq,sljq->sklij", unmix, centered, unmix, optimize=True)
-    return products
+    restore = np.zeros((sets, sensors, 3, 3 * sensors + 1))
+    for sensor in range(sensors):
+        restore[:, sensor, :, 3 * sensor : 3 * sensor + 3] = unmix[:, sensor]
+    restore[..., -1:] = -unmix @ center[..., None]
+    restore = restore.reshape(sets, 3 * sensors, -1)
+    products: FloatArray = restore @ joint @ np.swapaxes(restore, 1, 2)
+    return np.swapaxes(products.reshape(sets, sensors, 3, sensors, 3), 2, 3)
 
 
 def procrustes(cross: FloatArray) -> FloatArray:

@@ -71,10 +71,9 @@ class _Scores:
     mean: FloatArray
 
     def blocks(self) -> Iterator[tuple[FloatArray, FloatArray]]:
-        offset = (self.projection @ self.mean)[:, None]
+        centered = np.column_stack([self.projection, -self.projection @ self.mean])
         for points, intensity in self.data.blocks():
-            scores = self.projection @ points
-            scores -= offset
+            scores = centered @ points
             known = np.isfinite(intensity)
             yield (scores, intensity) if known.all() else (scores[:, known], intensity[known])
 

@@ -16,6 +16,25 @@ NO_ELLIPSOID = (
     "or the field or a sensor changed during the recording"
 )
 
+ROWS, COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+"""Where the six elements xx yy zz xy xz yz stand in a symmetric matrix."""
+
+
+def _shifts() -> FloatArray:
+    """Return (9, 121): how the monomials change with the origin x y z and with its pairs."""
+    shift = np.zeros((9, 11, 11))
+    for element, (row, column) in enumerate(zip(ROWS, COLUMNS, strict=True)):
+        factor = 1 if row == column else 2
+        # (p - o)(p - o)ᵀ = p pᵀ - p oᵀ - o pᵀ + o oᵀ
+        shift[row, element, 6 + column] -= factor
+        shift[column, element, 6 + row] -= factor
+        shift[3 + element, element, 9] = factor
+    shift[range(3), range(6, 9), 9] = -1
+    return shift.reshape(9, -1)
+
+
+_SHIFT = _shifts()
+
 
 def monomial_columns(points: FloatArray, intensity: FloatArray, out: FloatArray | None = None) -> FloatArray:
     """Return the (11, N) monomials of points (3, N) and intensities (N,), in ``out`` where that is given."""
@@ -32,16 +51,8 @@ def monomial_columns(points: FloatArray, intensity: FloatArray, out: FloatArray 
 
 def move_origin(moments: FloatArray, origin: FloatArray) -> FloatArray:
     """Return the moments (..., 11, 11) of the points seen from an origin (..., 3)."""
-    x, y, z = np.moveaxis(origin, -1, 0)
-    shift = np.zeros(moments.shape)
-    shift[...] = np.eye(11)
-    shift[..., 0, 6], shift[..., 1, 7], shift[..., 2, 8] = -2 * x, -2 * y, -2 * z
-    shift[..., 3, 6], shift[..., 3, 7] = -2 * y, -2 * x
-    shift[..., 4, 6], shift[..., 4, 8] = -2 * z, -2 * x
-    shift[..., 5, 7], shift[..., 5, 8] = -2 * z, -2 * y
-    shift[..., :3, 9] = origin**2
-    shift[..., 3, 9], shift[..., 4, 9], shift[..., 5, 9] = 2 * x * y, 2 * x * z, 2 * y * z
-    shift[..., 6:9, 9] = -origin
+    pairs = origin[..., ROWS] * origin[..., COLUMNS]
+    shift = (np.concatenate([origin, pairs], axis=-1) @ _SHIFT).reshape(moments.shape) + np.eye(11)
     moved: FloatArray = shift @ moments @ np.swapaxes(shift, -1, -2)
     return moved
 
@@ -67,7 +78,11 @@ def linear_center(moments: FloatArray, right: FloatArray) -> FloatArray:
         When the points do not determine an ellipsoid.
     """
     unknowns = _solve(moments[..., :9, :9], right)
-    return _solve(symmetric(unknowns[..., :6]), -unknowns[..., 6:] / 2)
+    try:
+        center: FloatArray = np.linalg.solve(symmetric(unknowns[..., :6]), -unknowns[..., 6:, None] / 2)[..., 0]
+    except LinAlgError:
+        raise InputError(NO_ELLIPSOID) from None
+    return center
 
 
 def center_of(moments: FloatArray) -> FloatArray:
@@ -122,7 +137,7 @@ def square_root(shape: FloatArray) -> FloatArray:
 
 def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Solve symmetric systems after scaling the rows and columns to a unit diagonal."""
-    scale = 1 / np.sqrt(np.maximum(np.abs(np.diagonal(matrix, axis1=-2, axis2=-1)), np.finfo(float).tiny))
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), np.finfo(float).tiny))
     scaled = matrix * scale[..., :, None] * scale[..., None, :]
     try:
         solution: FloatArray = scale * np.linalg.solve(scaled, (scale * right)[..., None])[..., 0]

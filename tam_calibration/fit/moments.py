@@ -110,16 +110,14 @@ def _add_block(quartic: FloatArray, joint: FloatArray, points: FloatArray, inten
     finite = np.isfinite(intensity)
     if not finite.all():
         points, intensity = points[:, finite], intensity[finite]
-    columns = np.empty((3 * sensors + 1, points.shape[1]))
-    columns[: len(points)] = points
     if len(points) < 3 * sensors:
-        columns[-4:-1] = points.reshape(-1, 3, points.shape[1]).mean(axis=0)
-    columns[-1] = 1
+        mean = points[:-1].reshape(sensors - 1, 3, -1).mean(axis=0)
+        points = np.concatenate([points[:-1], mean, points[-1:]])
     monomials = np.empty((11, points.shape[1]))
     for sensor in range(sensors):
-        ellipsoid.monomial_columns(columns[3 * sensor : 3 * sensor + 3], intensity, monomials)
+        ellipsoid.monomial_columns(points[3 * sensor : 3 * sensor + 3], intensity, monomials)
         quartic[:, sensor] += _products_of_runs(monomials, groups)
-    joint += _products_of_runs(columns, groups)
+    joint += _products_of_runs(points, groups)
 
 
 def _products_of_runs(columns: FloatArray, groups: int) -> FloatArray:

@@ -16,9 +16,6 @@ from tam_calibration.fit.scale import Normalized
 from tam_calibration.units import FloatArray
 
 _RUNS = 1000
-_ROWS, _COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
-"""Where the six elements of a shape stand in its matrix."""
-
 _CROSS = np.zeros((3, 3, 3))
 """a × b is its contraction with a, then b, over the last two axes."""
 _CROSS[(0, 1, 2), (1, 2, 0), (2, 0, 1)] = 1
@@ -60,7 +57,7 @@ def sandwich(moments: Moments, errors: SensorErrors, factor: float) -> FloatArra
 def _spread(data: Normalized, unmix: FloatArray, center: FloatArray, rotation: FloatArray) -> FloatArray:
     """Return the sum over runs of the outer products of the terms: 9 K of the ellipsoids, 3 K - 3 of the alignment."""
     sensors = len(center)
-    shape = (np.swapaxes(unmix, 1, 2) @ unmix)[:, _ROWS, _COLUMNS]
+    shape = (np.swapaxes(unmix, 1, 2) @ unmix)[:, ellipsoid.ROWS, ellipsoid.COLUMNS]
     size = 12 * sensors - 3
     spread = np.zeros((size, size))
     run = max(1, data.source.sample_count // _RUNS)
@@ -68,7 +65,7 @@ def _spread(data: Normalized, unmix: FloatArray, center: FloatArray, rotation: F
         finite = np.isfinite(intensity)
         if not finite.all():
             points, intensity = points[:, finite], intensity[finite]
-        points -= center.reshape(-1, 1)
+        points[:-1] -= center.reshape(-1, 1)
         terms = np.empty((size, points.shape[1]))
         square, monomials = intensity * intensity, np.empty((11, points.shape[1]))
         for sensor in range(sensors):

@@ -11,7 +11,7 @@ from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import SampleSource
 from tam_calibration.units import FloatArray
 
-_SAMPLES_FOR_SPHERE = 2_000
+_SAMPLES_FOR_SPHERE = 500
 _REWEIGHTINGS = 40
 _SMALLEST_DISTANCE = 1e-4
 
@@ -40,16 +40,17 @@ class Normalized:
         return self.source.scalar_count is not None
 
     def blocks(self) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Yield the (3K, n) readings and (n,) intensities of one block after the other.
+        """Yield the (3K + 1, n) readings and 1, and the (n,) intensities, of one block after the other.
 
         The intensity is NaN where there is no scalar reading, and 1 throughout without a scalar reference.
         """
         origin = self.origin_T.reshape(-1, 1)
         for block in self.source.blocks():
             count = len(block.time_s)
-            points = np.empty((len(origin), count))
-            np.subtract(block.readings_T.reshape(count, -1).T, origin, out=points)
-            points *= 1 / self.radius_T
+            points = np.empty((len(origin) + 1, count))
+            np.subtract(block.readings_T.reshape(count, -1).T, origin, out=points[:-1])
+            points[:-1] *= 1 / self.radius_T
+            points[-1] = 1
             yield points, np.ones(count) if block.scalar_T is None else block.scalar_T / self.radius_T
 
     @property
@@ -67,14 +68,7 @@ class Normalized:
     @cached_property
     def moments(self) -> FloatArray:
         """(3K + 1, 3K + 1) sum of the outer products of the readings of a sample followed by 1."""
-        size = self.origin_T.size
-        total = np.zeros((size + 1, size + 1))
-        for points, _ in self.blocks():
-            total[:-1, :-1] += points @ points.T
-            total[-1, :-1] += points.sum(axis=1)
-            total[-1, -1] += points.shape[1]
-        total[:-1, -1] = total[-1, :-1]
-        return total
+        return sum((points @ points.T for points, _ in self.blocks()), np.zeros(()))
 
 
 def sphere_center(points: FloatArray) -> FloatArray:
@@ -84,14 +78,13 @@ def sphere_center(points: FloatArray) -> FloatArray:
     """
     mean = points.mean(axis=-2, keepdims=True)
     centered = points - mean
-    square = np.sum(centered**2, axis=-1)
-    size = np.maximum(np.sqrt(square.mean(axis=-1))[..., None, None], np.finfo(float).tiny)
+    transposed = np.swapaxes(centered, -1, -2)
+    square = np.einsum("...ni,...ni->...n", centered, centered)[..., None]
+    size = np.maximum(np.sqrt(square.mean(axis=-2, keepdims=True)), np.finfo(float).tiny)
     # The mean takes the constant out of the normal equations of the centre.
-    half = centered / size
-    normal = np.swapaxes(half, -1, -2) @ half
-    right = np.sum(half * (square / size[..., 0] ** 2)[..., None], axis=-2)[..., None] / 2
-    center: FloatArray = mean + size * np.swapaxes(np.linalg.pinv(normal, 1e-12, hermitian=True) @ right, -1, -2)
-    return center[..., 0, :]
+    normal, right = transposed @ centered / size**2, transposed @ square / (2 * size**3)
+    center: FloatArray = mean[..., 0, :] + (size * (np.linalg.pinv(normal, 1e-12, hermitian=True) @ right))[..., 0]
+    return center
 
 
 def sphere_of_most(points: FloatArray) -> tuple[FloatArray, float]:

@@ -34,7 +34,7 @@ class UniformLikelihood:
         size = channels.response[0].size + 1
         common, count = np.zeros((size, size)), 0
         for points, intensity in self.data.blocks():
-            there = common_mode(channels, points, intensity, self.scalar_noise)
+            there = common_mode(channels, points[:-1], intensity, self.scalar_noise)
             columns = whitened(there, points[:0])
             common += columns @ columns.T
             count += columns.shape[1]

@@ -129,3 +129,13 @@ def test_sensors_that_stamp_apart_need_a_tolerance(folder, recording):
     assert result.exit_code == 2
     assert "raise the tolerance" in result.stderr
     assert "600" in run("apart", "--array", "array.yaml", "--tolerance-s", "0.004").stdout
+
+
+@pytest.mark.parametrize("method", ["maximum_likelihood", "lossless"])
+def test_a_large_file_is_streamed_to_the_same_result(folder, monkeypatch, method):
+    """What does not fit into memory is calibrated from disk, with the same file as the result, and the report shows."""
+    run("run.csv", "--array", "array.yaml", "-o", "a.yaml", "--method", method)
+    monkeypatch.setattr("tam_calibration.files.recording_file._LARGE_BYTES", 1)
+    run("run.csv", "--array", "array.yaml", "-o", "b.yaml", "--method", method, "--report", "page.html")
+    assert (folder / "b.yaml").read_text() == (folder / "a.yaml").read_text()
+    assert (folder / "page.html").exists()
