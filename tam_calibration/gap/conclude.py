@@ -181,27 +181,31 @@ def _residue(nominal: Model, model: Model, before: Channels, variance: float) ->
     noise = generator.normal(size=(situation.sample_count, situation.sensor_count, 3)) * (
         scale * array.vector_noise_T[None, :, None]
     )
-    readings = situation.errors.distort(situation.field_T) + noise
+    direction = situation.field_T / situation.intensity_T[:, None]
+    field_T: FloatArray = nominal.intensity_T * direction
     scalar = None
     if nominal.recording.scalar_T is not None:
         drawn = generator.normal(size=situation.sample_count) * (scale * (array.scalar_noise_T or 0.0))
-        scalar = np.where(before.precision > 0, situation.intensity_T + drawn, np.nan)
+        field_T, scalar = situation.field_T, np.where(before.precision > 0, situation.intensity_T + drawn, np.nan)
+    readings = situation.errors.distort(field_T) + noise
     twin = Channels.at(
         replace(nominal.recording, readings_T=readings, scalar_T=scalar), array, nominal.errors, nominal.intensity_T
     )
 
+    typical = np.maximum(np.median(before.misfit.row_information, axis=0), np.finfo(float).tiny)
+
     def shifts(channels: Channels) -> FloatArray:
-        shift = channels.misfit.row_shift_T.copy()
-        shift[channels.misfit.row_information == 0] = np.nan
+        information = channels.misfit.row_information
+        shift: FloatArray = channels.misfit.row_shift_T * np.sqrt(information / typical)
+        shift[information == 0] = np.nan
         return shift
 
     left = shifts(after)
     left[~model.is_counted] = np.nan
-    information = before.misfit.row_information
-    floor = scale / np.sqrt(np.maximum(np.median(information, axis=0), np.finfo(float).tiny))
+    floor = scale / np.sqrt(typical)
     return Residue(
         situation.time_s,
-        situation.field_T / situation.intensity_T[:, None],
+        direction,
         shifts(before),
         left,
         shifts(twin),

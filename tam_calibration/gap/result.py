@@ -126,7 +126,8 @@ class Residue:
     before, after, twin : (N, 3K + 1) array
         Shift of each row alone that explains a sample best, tesla, in front of the causes, with them, and of a
         simulation with the same attitudes, fitted parameters and noise; the last row is the scalar, NaN without one.
-        With the causes NaN too where a sample was given up.
+        With the causes NaN too where a sample was given up. Each sample is weighted by how well it tells the shift, so
+        that noise alone makes the same in all.
     floor_T : (3K + 1,) array
         Standard deviation of each row from noise alone.
     temperature_C, current_A : (N,) array, optional
