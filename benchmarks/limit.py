@@ -5,7 +5,7 @@ differs is stated by the case; an outlier adds normal errors of its size to all 
 
 - RMSE/bound of a group of parameters: each error over its own Cramér-Rao bound, that of data without outliers;
 - the largest RMSE/bound of any single parameter: n runs scatter one by 1/√(2n), so that it takes 2000 of them;
-- the part of all errors within the 95 % intervals that the standard errors tell; beside it, unasked, single parameters;
+- the part of all errors within the 95 % intervals that the standard errors tell, and the same of single parameters;
 - the closed form, which starts maximum_likelihood, against its end, in standard errors;
 - e_T over its floor on a second recording that the fit has not seen;
 - the processor time of a fit, its covariance and residuals included.
@@ -171,7 +171,7 @@ def _coverage(name: str, method: str, within: np.ndarray) -> Iterable[Figure]:
     yield Figure(name, method, "within 95 %", float(each.mean()), float(each.std(ddof=1) / np.sqrt(len(each))), asked)
     for what, value in (("lowest", float(single.min())), ("highest", float(single.max()))):
         spread = float(np.sqrt(value * (1 - value) / len(within)))
-        yield Figure(name, method, f"within 95 %, {what} of any parameter", value, spread)
+        yield Figure(name, method, f"within 95 %, {what} of any parameter", value, spread, asked)
 
 
 def _root(squares: FloatArray) -> tuple[float, float]:

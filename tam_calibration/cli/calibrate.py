@@ -138,7 +138,8 @@ def _calibrate_stream(
         recording = read_stream(path, array.sensor_count, tolerance_s, reading(progress))
         progress.add_task(f"fitting {recording.sample_count} samples", total=None)
         calibration = fit(recording, array)
-    return recording.thinned(SKETCH), replace(calibration, source=provenance(path))
+    shown = as_if_uniform(recording.thinned(SKETCH), calibration.errors, array, calibration.ambient_gradient).whole()
+    return shown, replace(calibration, source=provenance(path))
 
 
 def _complete(calibration: Calibration, path: Path, tolerance_s: float) -> Calibration:

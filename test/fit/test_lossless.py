@@ -37,7 +37,7 @@ def test_a_drift_that_the_scalar_tracks_spoils_only_the_published_step(noise_fre
     assert 1e-10 < np.abs(published - truth).max() < 1e-8
 
 
-def test_jackknife_tells_the_spread_of_the_estimate(wu_scenario):
+def test_covariance_tells_the_spread_of_the_estimate(wu_scenario):
     """Over 60 runs the spread of the parameters agrees with the standard errors that are told."""
     errors, told = [], []
     for seed in range(60):
