@@ -111,6 +111,8 @@ def _fit_of_effects(effects: str, method: str, ambient_gradient: bool) -> _Fit:
     from tam_calibration.gap.calibration_with_effects import calibrate_with_effects  # late: not every fit needs it
 
     names = [name.strip() for name in effects.split(",") if name.strip()]
+    if not names:
+        raise InputError("--effects names none: give names such as temperature_drift, or auto")
     return partial(calibrate_with_effects, effects=names)
 
 
