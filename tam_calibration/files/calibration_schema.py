@@ -188,7 +188,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         frame=stored.frame,
         effects=tuple(effect.to_fitted() for effect in stored.effects),
         effect_sizes=tuple(effect.to_size() for effect in stored.effects),
-        known_source=stored.known_source and stored.known_source.to_known_source(),
+        known_source=None if stored.known_source is None else stored.known_source.to_known_source(),
     )
 
 
