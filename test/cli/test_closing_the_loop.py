@@ -81,6 +81,7 @@ def test_a_scenario_gets_the_calibration_of_an_array(folder):
     ("effects", "code", "words"),
     [
         ("tides", 2, "there is no effect 'tides'"),
+        (",", 2, "--effects names none"),
         ("current_interference", 2, "needs the current channel, which is not recorded"),
         ("auto,hysteresis", 2, "name no others beside it"),
         ("saturation", 1, "is not in this recording"),
