@@ -24,6 +24,16 @@ def test_noise_on_a_slow_motion_is_found():
     assert array.scalar_noise_T == pytest.approx(1e-10, rel=0.1)
 
 
+def test_of_a_long_recording_some_stretches_serve(monkeypatch):
+    """A part of the blocks gives the same noise within its scatter."""
+    monkeypatch.setattr("tam_calibration.recording.BLOCK", 500)
+    monkeypatch.setattr("tam_calibration.fit.noise.SKETCH", 2000)
+    run = simulate(read_scenario("tumble_100_hz"))
+    assert run.recording.sample_count > 4000
+    array, _ = complete_noise(replace(run.scenario.array, vector_noise_T=None), run.recording)
+    assert array.vector_noise_T == pytest.approx(1e-9, rel=0.1)
+
+
 def test_stated_noise_is_kept(wu_run, wu_scenario):
     """What the array file says is not changed."""
     array, estimated = complete_noise(wu_scenario.array, wu_run.recording)
