@@ -183,17 +183,23 @@ def _knows(recording: Recording, channels: Sequence[str]) -> NDArray[np.bool_]:
     return known
 
 
-def agreed_field(readings_T: FloatArray, errors: SensorErrors, array: Array) -> FloatArray:
-    """Return the field (N, 3) that the readings (N, K, 3) of all sensors agree on, each weighed by its noise, tesla."""
+def agreed_field(
+    readings_T: FloatArray, errors: SensorErrors, array: Array, is_trusted: NDArray[np.bool_] | None = None
+) -> FloatArray:
+    """Return the field (N, 3) that the readings (N, K, 3) agree on, each weighed by its noise, tesla.
+
+    Axes that are not trusted (3K,) do not count.
+    """
     unbiased = (readings_T - errors.bias_T).reshape(len(readings_T), -1)
-    field: FloatArray = unbiased @ _unmixing(errors, array).T
+    field: FloatArray = unbiased @ _unmixing(errors, array, is_trusted).T
     return field
 
 
-def _unmixing(errors: SensorErrors, array: Array) -> FloatArray:
+def _unmixing(errors: SensorErrors, array: Array, is_trusted: NDArray[np.bool_] | None = None) -> FloatArray:
     """Return the (3, 3K) matrix from readings without bias to the field."""
     assert array.vector_noise_T is not None
     matrix = errors.matrix.reshape(-1, 3)
-    weighted = matrix / np.repeat(array.vector_noise_T**2, 3)[:, None]
+    precision = 1 / np.repeat(array.vector_noise_T**2, 3)
+    weighted = matrix * np.where(True if is_trusted is None else is_trusted, precision, 0.0)[:, None]
     unmixing: FloatArray = inv(matrix.T @ weighted) @ weighted.T
     return unmixing

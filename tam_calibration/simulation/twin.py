@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tam_calibration.calibration import Calibration
 from tam_calibration.effects.effect import Situation
@@ -18,7 +19,8 @@ _LARGEST_EXCESS = 1.2
 def twin(calibration: Calibration, recording: Recording, seed: int) -> Recording:
     """Return a recording with the field, attitude, temperature and current of another, and noise of its own.
 
-    The field is what the sensors of the recording agree on; whatever else they differ in, the twin does not show.
+    The field is what the sensors of the recording agree on, without axes that round, end or jump; whatever else they
+    differ in, the twin does not show.
 
     Parameters
     ----------
@@ -35,7 +37,7 @@ def twin(calibration: Calibration, recording: Recording, seed: int) -> Recording
         When the recording is of another number of sensors, or lacks a channel that an effect needs.
     """
     array, errors, effects = calibration.array, calibration.errors, calibration.effects
-    field = agreed_field(calibration.without_effects(recording).readings_T, errors, array)
+    field = agreed_field(calibration.without_effects(recording).readings_T, errors, array, _is_trusted(calibration))
     run = filled(recording)
     situation = Situation(run.time_s, field, errors, array, run.temperature_C, run.current_A, run.attitude)
     vector_noise, scalar_noise, *of_effects = np.random.default_rng(seed).spawn(2 + len(effects))
@@ -47,6 +49,17 @@ def twin(calibration: Calibration, recording: Recording, seed: int) -> Recording
     rows = add_effects(rows, situation, effects, of_effects, "reading")
     scalar = None if recording.scalar_T is None else np.where(np.isfinite(recording.scalar_T), rows[:, -1], np.nan)
     return replace(recording, readings_T=rows[:, :-1].reshape(recording.readings_T.shape), scalar_T=scalar)
+
+
+def _is_trusted(calibration: Calibration) -> NDArray[np.bool_]:
+    """Return which axes (3K,) hold no effect that cannot be taken off; all where the others tell no field."""
+    matrix = calibration.errors.matrix.reshape(-1, 3)
+    is_trusted = np.ones(len(matrix), dtype=bool)
+    staying = [fitted for fitted in calibration.effects if not removable([fitted])]
+    for part in (part for fitted in staying for part in fitted.contributions if part.sensor >= 0):
+        first = 3 * part.sensor
+        is_trusted[slice(first, first + 3) if part.axis is None else first + part.axis] = False
+    return is_trusted if np.linalg.matrix_rank(matrix[is_trusted]) == 3 else np.ones_like(is_trusted)
 
 
 def _noise(calibration: Calibration) -> tuple[FloatArray, float]:

@@ -64,6 +64,18 @@ def test_the_noise_is_that_which_the_calibration_found(calibration, run_with_hol
     assert noise.std() == pytest.approx(expected * 1e-9, rel=0.05)
 
 
+def test_an_axis_that_rounds_does_not_tell_the_field_of_its_twin(calibration, run_with_hole):
+    """Readings in coarse steps are made again from the field of the other sensors, and rounded anew."""
+    step = 100e-9
+    coarse = FittedEffect("quantization", {}, (Contribution(1, 1, "lattice", {"step": step, "offset": 0.0}),))
+    keeping = replace(calibration, effects=(coarse,), effect_sizes=(UNKNOWN_SIZE,))
+    readings = run_with_hole.readings_T.copy()
+    readings[:, 1, 1] = np.round(readings[:, 1, 1] / step) * step
+    made = twin(keeping, replace(run_with_hole, readings_T=readings), 1).readings_T[:, 1, 1]
+    assert_allclose(np.round(made / step), made / step, atol=1e-6)
+    assert np.sqrt(np.mean((made - run_with_hole.readings_T[:, 1, 1]) ** 2)) == pytest.approx(step / 12**0.5, rel=0.1)
+
+
 def test_a_twin_needs_the_channels_of_its_effects(calibration, recording):
     """Without temperature there is no drift to show."""
     with pytest.raises(InputError, match="needs the temperature"):
