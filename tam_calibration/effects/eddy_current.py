@@ -36,10 +36,16 @@ class EddyCurrent(LinearEffect):
         return jumps(situation)
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
-        """Return time constants from part of a step of time to seconds."""
+        """Return time constants from part of a step of time to seconds.
+
+        Currents that decay more slowly than the field turns change the scale factor, and a lag of it is a slow drift.
+        """
         shortest = _SHORTEST_STEPS * situation.step_s
         span = float(situation.time_s[-1] - situation.time_s[0])
-        longest = max(min(_LONGEST_S, _LONGEST_PART * span), 2 * shortest)
+        change = np.diff(situation.field_T, axis=0)
+        turning = np.sum(change**2) / np.sum(np.diff(situation.time_s)) / situation.step_s
+        slowest = float(np.sqrt(np.mean(np.sum((situation.field_T - situation.field_T.mean(axis=0)) ** 2, axis=1)) / turning))
+        longest = max(min(_LONGEST_S, _LONGEST_PART * span, slowest), 2 * shortest)
         return [{"time_constant_s": float(constant)} for constant in np.geomspace(shortest, longest, _COUNT)]
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:

@@ -24,7 +24,7 @@ _ON_LATTICE = 0.02
 _MOTION_POWER = 1e-3
 """Part of the power of the field's changes that may lie above the band of the motion."""
 
-_WHOLE_BAND = 0.7
+_WHOLE_BAND = 0.3
 _ROUNDS = 3
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from tam_calibration.effects.effect import Finding, FittedEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.channels import Channels, Design, calibration_design
-from tam_calibration.gap.steps import LEAST_EVIDENCE, Search
+from tam_calibration.gap.steps import CLEAN, LEAST_EVIDENCE, Search, open_part
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.probability import probabilities
@@ -23,7 +23,6 @@ from tam_calibration.units import FloatArray
 SMALLEST_GAP = 0.1
 """In noise floors; what is smaller is no gap, however certain."""
 
-_CLOSED = 0.9
 _PARTLY_CLOSED = 0.5
 _AS_GOOD = 10.0
 """Difference of BIC within which two effects cannot be told apart."""
@@ -64,9 +63,10 @@ def _verdict(found: Search, size: Size, nominal: Channels, variance: float) -> V
     if size.before < SMALLEST_GAP:
         return "no_gap"
     strongest = max((rival.delta_bic for rival in found.remaining), default=0.0)
+    left = open_part(found.nominal.base(), found.model.base(), found.remaining)
     if not found.steps:
         return "no_gap" if strongest < LEAST_EVIDENCE and variance < 1.44 else "unexplained"
-    if size.closed >= _CLOSED or strongest < LEAST_EVIDENCE:
+    if size.closed >= 1 - CLEAN or left < CLEAN:
         return "explained"
     return "partly_explained" if size.closed >= _PARTLY_CLOSED else "unexplained"
 
@@ -74,7 +74,7 @@ def _verdict(found: Search, size: Size, nominal: Channels, variance: float) -> V
 def _causes(found: Search, size: Size, chances: Mapping[str, float], variance: float) -> tuple[Cause, ...]:
     model = found.model
     linear = [step for step in found.steps if isinstance(step.accepted.form, Hypothesis)]
-    others = [step for step in found.steps if isinstance(step.accepted.form, Finding)]
+    others = list({id(step.accepted.form.fitted): step for step in reversed(found.steps) if isinstance(step.accepted.form, Finding)}.values())
     shares = shares_of(model) if model.parts else np.empty(0)
     fitted = _fitted(model, variance)
     gains = [step.accepted.gain for step in (*linear, *others)]
@@ -121,7 +121,7 @@ def _fitted(model: Model, variance: float) -> list[FittedEffect]:
 
 
 def _findings(model: Model) -> list[FittedEffect]:
-    return [finding.fitted for finding in model.findings]
+    return list({id(finding.fitted): finding.fitted for finding in reversed(model.findings)}.values())
 
 
 def _places(effect: FittedEffect) -> list[Place]:

@@ -6,7 +6,7 @@ from math import log
 
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect, Situation
 from tam_calibration.gap.channels import Channels
-from tam_calibration.gap.regression import Base
+from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.result import Considered
 from tam_calibration.gap.search import Hypothesis, best_form, refined
 from tam_calibration.gap.unknown import FunctionOfDirection, FunctionOfNeighbours, FunctionOfRate, FunctionOfTime
@@ -92,8 +92,7 @@ def examine(base: Base, effect: Effect) -> Evidence | str:
 
 def evidence_of(base: Base, form: Hypothesis) -> Evidence:
     """Return the evidence for an effect in a form."""
-    left = max(base.energy - form.selection.gain, 1e-300)
-    gain = base.channels.count * log(base.energy / left)
+    gain = twice_log_likelihood_ratio(base.energy, form.selection.gain, base.channels.count)
     return Evidence(form.effect.name, form, form.selection.delta_bic, gain)
 
 

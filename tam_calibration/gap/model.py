@@ -4,20 +4,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.linalg import LinAlgError
 from numpy.typing import NDArray
 
 from tam_calibration.array import Array
 from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, LinearEffect, Shape, Term
+from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.errors import SensorErrors
 from tam_calibration.gap.channels import Channels, Design, calibration_design
-from tam_calibration.gap.nominal import start, stepped
+from tam_calibration.gap.nominal import start, stepped, without_jump
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.search import Hypothesis
 from tam_calibration.gap.selection import columns_of
+from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 _MOST_STEPS = 8
+_STEP_LENGTHS = (1.0, 0.5, 0.125)
 _SETTLED = 1e-3
 
 
@@ -32,9 +36,9 @@ class Part:
 
     @classmethod
     def of(cls, form: Hypothesis) -> "Part":
-        """Accept a hypothesis; its values are not known yet."""
+        """Accept a hypothesis, with values to start from where it has them."""
         keys = tuple((term.sensor, term.axis, term.name) for term in form.terms)
-        return cls(form.effect, form.shape, keys, np.zeros(form.design.width))
+        return cls(form.effect, form.shape, keys, np.zeros(form.design.width) if form.values is None else form.values)
 
     def terms(self, channels: Channels) -> list[Term]:
         """Return the terms in the situation of the channels."""
@@ -80,6 +84,8 @@ class Model:
         Accepted effects that add to the rows.
     findings : tuple of Finding
         Accepted effects that were found otherwise.
+    gross : FittedEffect, optional
+        A jump that was seen without a calibration, and that the errors already do without.
     """
 
     recording: Recording
@@ -88,12 +94,15 @@ class Model:
     intensity_T: float
     parts: tuple[Part, ...] = ()
     findings: tuple[Finding, ...] = ()
+    gross: FittedEffect | None = None
 
     @classmethod
     def nominal(cls, recording: Recording, array: Array) -> "Model":
-        """Fit the calibration alone."""
-        noisy, errors, intensity = start(recording, array)
-        return cls(recording, noisy, errors, intensity).settled()
+        """Fit the calibration alone, or with a jump that is too large for the calibration to be found in spite of it."""
+        jump = moved_sphere(recording)
+        noisy, errors, intensity = start(recording if jump is None else without_jump(recording, jump), array)
+        model = cls(recording, noisy, errors, intensity, gross=jump)
+        return model.settled() if jump is None else model
 
     @property
     def is_counted(self) -> NDArray[np.bool_]:
@@ -113,27 +122,35 @@ class Model:
         )
 
     def settled(self) -> "Model":
-        """Return the model with calibration and effects fitted together, by Gauss-Newton steps."""
-        model = self
-        added: FloatArray | None = None
+        """Return the model with calibration and effects fitted together, by Gauss-Newton steps that do not climb."""
+        model, base = self, self.base()
         for _ in range(_MOST_STEPS):
-            channels = model.channels(added)
-            terms = [part.terms(channels) for part in model.parts]
-            base = Base(channels, [calibration_design(channels.situation), *map(Design.of, terms)])
-            ends = np.cumsum([12 * model.recording.sensor_count, *(len(part.values) for part in model.parts)])
-            pieces = np.split(base.step, ends[:-1])
-            parts = tuple(
-                replace(part, values=part.values + step) for part, step in zip(model.parts, pieces[1:], strict=True)
-            )
-            fall = channels.energy - base.energy
-            errors = stepped(model.errors, pieces[0], float(np.mean(channels.situation.intensity_T)))
-            model = replace(model, errors=errors, parts=parts)
-            if parts:
-                count = channels.situation.scalar_row + 1
-                added = np.sum([part.signal(own, count) for part, own in zip(parts, terms, strict=True)], axis=0)
-            if fall < _SETTLED * max(1.0, base.energy / channels.count):
+            fall = base.channels.energy - base.energy
+            if fall < _SETTLED * max(1.0, base.energy / base.channels.count):
                 break
+            moved = model._downhill(base)
+            if moved is None:
+                break
+            model, base = moved
         return model
+
+    def _downhill(self, base: Base) -> tuple["Model", Base] | None:
+        """Return the model after a step, shortened until it does not climb, with its base; None where none helps."""
+        for length in _STEP_LENGTHS:
+            try:
+                model = self._stepped(length * base.step, float(np.mean(base.channels.situation.intensity_T)))
+                moved = model.base()
+            except (InputError, Refused, LinAlgError):
+                continue
+            if moved.channels.energy <= base.channels.energy:
+                return model, moved
+        return None
+
+    def _stepped(self, step: FloatArray, unit_T: float) -> "Model":
+        ends = np.cumsum([12 * self.recording.sensor_count, *(len(part.values) for part in self.parts)])
+        own, *others = np.split(step, ends[:-1])
+        parts = tuple(replace(part, values=part.values + change) for part, change in zip(self.parts, others, strict=True))
+        return replace(self, errors=stepped(self.errors, own, unit_T), parts=parts)
 
     def signal(self) -> FloatArray:
         """Return what the effects add to the rows, (N, 3K + 1), tesla."""
@@ -147,6 +164,8 @@ class Model:
     def base(self) -> Base:
         """Return the fit as the base of further hypotheses, linearised where it stands."""
         channels = self.channels(self.signal() if self.parts else None)
+        if not np.isfinite(channels.energy):
+            raise Refused("the fit does not settle: the readings do not fit one calibration")
         designs = [Design.of(part.terms(channels)) for part in self.parts]
         return Base(channels, [calibration_design(channels.situation), *designs])
 

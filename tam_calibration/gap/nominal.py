@@ -5,13 +5,18 @@ from dataclasses import replace
 import numpy as np
 
 from tam_calibration.array import Array
+from tam_calibration.effects.bias_jump import BiasJump
+from tam_calibration.effects.effect import FittedEffect, Situation
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.noise import complete_noise
+from tam_calibration.fit.scale import sphere_of_most
 from tam_calibration.gap.channels import update
 from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
+
+_LEAST_RADIUS = 0.1
 
 
 def prepared(recording: Recording) -> Recording:
@@ -33,25 +38,40 @@ def prepared(recording: Recording) -> Recording:
 def start(recording: Recording, array: Array) -> tuple[Array, SensorErrors, float]:
     """Return the array with its noise, the errors of a first fit and the intensity that stands for a scalar channel.
 
-    Raises
-    ------
-    InputError, Refused
-        When no fit can be made of the whole recording or of a part of it.
+    Where no calibration fits the whole recording, that of a part of it is taken; where none fits any part, the spheres
+    on which most readings lie.
     """
     noisy, _ = complete_noise(array, recording)
-    problem: Exception | None = None
     for part in _parts(recording.sample_count):
         for robust in (False, True):
             try:
                 fitted = maximum_likelihood(recording.take(part), array, robust=robust)
-            except (InputError, Refused) as refusal:
-                problem = problem or refusal
+            except (InputError, Refused):
                 continue
             if array.vector_noise_T is None:
                 noisy = replace(noisy, vector_noise_T=fitted.array.vector_noise_T)
             return noisy, fitted.errors, fitted.intensity_T
-    assert problem is not None
-    raise problem
+    return noisy, *_spheres(recording)
+
+
+def _spheres(recording: Recording) -> tuple[SensorErrors, float]:
+    """Return the biases and scale factors of the spheres on which most readings lie, and their intensity."""
+    found = [sphere_of_most(readings) for readings in np.swapaxes(recording.readings_T, 0, 1)]
+    radius = np.array([radius for _, radius in found])
+    mean = float(radius.mean())
+    intensity = mean if recording.scalar_T is None else float(np.nanmean(recording.scalar_T))
+    scale = np.maximum(radius, _LEAST_RADIUS * mean) / intensity
+    matrix = scale[:, None, None] * np.eye(3)
+    return SensorErrors.from_matrix(matrix, np.array([center for center, _ in found])), intensity
+
+
+def without_jump(recording: Recording, jump: FittedEffect) -> Recording:
+    """Return the recording without a jump that is known beforehand."""
+    none = SensorErrors.none(recording.sensor_count)
+    place = Array(np.zeros((recording.sensor_count, 3)))
+    situation = Situation(recording.time_s, recording.readings_T[:, 0], none, place)
+    added = BiasJump().signal(situation, jump)[:, :-1].reshape(recording.readings_T.shape)
+    return replace(recording, readings_T=recording.readings_T - added)
 
 
 def _parts(count: int) -> list[slice]:

@@ -2,14 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import log
 
 import numpy as np
 
 from tam_calibration.gap.channels import Channels, Design
 from tam_calibration.units import FloatArray
 
-_OPEN = 1e-10
+_OPEN = 1e-8
 """Directions of the calibration of so little relative information are open, as is the common rotation."""
+
+_LEAST_ENERGY = 1e-9
+"""Part of the energy that rounding may leave."""
 
 VISIBLE = 1e-5
 """Part of a column's information that must be left once the calibration is eliminated."""
@@ -104,7 +108,7 @@ class Base:
         self._inverse = pseudo_inverse(information)
         self.step = self._inverse @ self._score
         self.information = information
-        self.energy = channels.energy - float(self._score @ self.step)
+        self.energy = max(channels.energy - float(self._score @ self.step), _LEAST_ENERGY * channels.energy)
 
     def extended(self, design: Design) -> "Base":
         """Return the base with one more design."""
@@ -136,3 +140,8 @@ class Base:
 def _rank(information: FloatArray) -> int:
     size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     return int(np.linalg.matrix_rank(information / np.outer(size, size), tol=_OPEN * len(size), hermitian=True))
+
+
+def twice_log_likelihood_ratio(energy: float, gain: float, count: float) -> float:
+    """Return n ln(S / (S - gain)) of n channels with the energy S, of which a gain is explained."""
+    return count * log(energy / max(energy - gain, _LEAST_ENERGY * energy))

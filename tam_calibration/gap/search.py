@@ -5,12 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from tam_calibration.effects.effect import Finding, LinearEffect, Shape, Situation, Term
+from tam_calibration.effects.effect import Finding, FittedEffect, LinearEffect, Shape, Situation, Term
 from tam_calibration.gap.channels import Design
-from tam_calibration.gap.regression import Base
-from tam_calibration.gap.selection import Selection, select
+from tam_calibration.gap.regression import Base, Projected, twice_log_likelihood_ratio
+from tam_calibration.gap.selection import Selection, evidence, first_step, select
+from tam_calibration.units import FloatArray
 
 _REFINEMENTS = 14
+
+_FULLY_SELECTED = 2
+"""Shapes, the most promising ones, of which the terms are selected."""
 
 Place = tuple[int, int | None]
 """Sensor (index, ``SCALAR`` or ``ALL``) and axis."""
@@ -32,6 +36,8 @@ class Hypothesis:
         Its evidence.
     tried : tuple of Shape
         The shapes among which this was the best.
+    values : (P,) array, optional
+        Coefficients to start from, where the fit does not find them from zero.
     """
 
     effect: LinearEffect
@@ -39,6 +45,7 @@ class Hypothesis:
     terms: tuple[Term, ...]
     selection: Selection
     tried: tuple[Shape, ...] = ()
+    values: FloatArray | None = None
 
     def moved(self, situation: Situation) -> "Hypothesis":
         """Return the same terms of the same shape in another situation."""
@@ -61,14 +68,16 @@ def places_of(form: Hypothesis | Finding) -> list[Place]:
 
 def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
     """Return the form of an effect with the most evidence among its shapes, or None when no part of it is visible."""
-    channels = base.channels
-    best: Hypothesis | None = None
-    shapes = tuple(effect.shapes(channels.situation, channels.misfit))
-    for shape in shapes:
-        tried = _selected(base, effect, shape)
-        if tried is not None and (best is None or tried.selection.delta_bic > best.selection.delta_bic):
-            best = replace(tried, tried=shapes)
-    return best
+    shapes = tuple(effect.shapes(base.channels.situation, base.channels.misfit))
+    offers = [offer for offer in (_offer(base, effect, shape) for shape in shapes) if offer is not None]
+    offers.sort(key=lambda offer: -offer.evidence)
+    forms = [form for form in (_selected(base, effect, offer) for offer in offers[:_FULLY_SELECTED]) if form is not None]
+    if not forms:
+        return None
+    best = replace(max(forms, key=lambda form: form.selection.delta_bic), tried=shapes)
+    searched = sum(len({other[name] for other in shapes if name in other}) > 1 for name in best.shape)
+    price = searched * float(np.log(base.channels.count))
+    return replace(best, selection=replace(best.selection, delta_bic=best.selection.delta_bic - price))
 
 
 def refined(base: Base, form: Hypothesis) -> Hypothesis:
@@ -79,20 +88,54 @@ def refined(base: Base, form: Hypothesis) -> Hypothesis:
     return form
 
 
+def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypothesis:
+    """Return an effect with known shape and coefficients as a form."""
+    wanted = {(one.sensor, one.axis, one.term): one for one in fitted.contributions}
+    terms = [
+        term
+        for term in effect.terms(base.channels.situation, fitted.shape)
+        if (term.sensor, term.axis, term.name) in wanted
+    ]
+    values = [
+        wanted[term.sensor, term.axis, term.name].values.get(coefficient.name, 0.0)
+        for term in terms
+        for coefficient in term.coefficients
+    ]
+    gain, rank = base.project(Design.of(terms)).gain()
+    selection = Selection(tuple(range(len(terms))), gain, rank, evidence(base.energy, gain, base.channels.count, rank))
+    return Hypothesis(effect, fitted.shape, tuple(terms), selection, (), np.array(values))
+
+
 def restricted(base: Base, form: Hypothesis, sensor: int) -> Hypothesis | None:
     """Return what the data ask for of the same effect and shape at one sensor."""
-    return _selected(base, form.effect, form.shape, sensor)
+    offer = _offer(base, form.effect, form.shape, sensor)
+    return None if offer is None else _selected(base, form.effect, offer)
 
 
-def _selected(base: Base, effect: LinearEffect, shape: Shape, sensor: int | None = None) -> Hypothesis | None:
+@dataclass(frozen=True, eq=False)
+class _Offer:
+    """All terms of a shape with their normal equations, and the evidence for the best of them alone."""
+
+    shape: Shape
+    terms: list[Term]
+    projected: Projected
+    evidence: float
+
+
+def _offer(base: Base, effect: LinearEffect, shape: Shape, sensor: int | None = None) -> _Offer | None:
     terms = [term for term in effect.terms(base.channels.situation, shape) if sensor in (None, term.sensor)]
     if not terms:
         return None
     projected = base.project(Design.of(terms))
-    selection = select(projected, terms, base.energy, base.channels.count - base.rank)
+    first = first_step(projected, terms, base.energy, base.channels.count - base.rank)
+    return _Offer(shape, terms, projected, first) if np.isfinite(first) else None
+
+
+def _selected(base: Base, effect: LinearEffect, offer: _Offer) -> Hypothesis | None:
+    selection = select(offer.projected, offer.terms, base.energy, base.channels.count - base.rank)
     if not selection.terms:
         return None
-    return Hypothesis(effect, shape, tuple(terms[index] for index in selection.terms), selection)
+    return Hypothesis(effect, offer.shape, tuple(offer.terms[index] for index in selection.terms), selection)
 
 
 def _refined(base: Base, form: Hypothesis, name: str, tried: list[float]) -> Hypothesis:
@@ -117,8 +160,10 @@ def _refined(base: Base, form: Hypothesis, name: str, tried: list[float]) -> Hyp
     shape, terms, gain = at(found.x)
     if gain <= form.selection.gain:
         return form
-    more = base.channels.count * np.log((base.energy - form.selection.gain) / max(base.energy - gain, 1e-300))
-    selection = Selection(form.selection.terms, gain, form.selection.rank, form.selection.delta_bic + float(more))
+    count = base.channels.count
+    more = twice_log_likelihood_ratio(base.energy, gain, count)
+    more -= twice_log_likelihood_ratio(base.energy, form.selection.gain, count)
+    selection = replace(form.selection, gain=gain, delta_bic=form.selection.delta_bic + more)
     return replace(form, shape=shape, terms=terms, selection=selection)
 
 

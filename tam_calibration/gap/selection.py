@@ -2,11 +2,16 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import log
 
 import numpy as np
 
 from tam_calibration.effects.effect import Term
-from tam_calibration.gap.regression import Projected
+from tam_calibration.gap.regression import Projected, twice_log_likelihood_ratio
+from tam_calibration.units import FloatArray
+
+
+_RIDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +53,16 @@ def bundles_of(terms: Sequence[Term]) -> list[tuple[int, ...]]:
     return list(dict.fromkeys(tuple(group) for group in groups.values()))
 
 
+def first_step(projected: Projected, terms: Sequence[Term], energy: float, count: float) -> float:
+    """Return the evidence of the best single step of a selection."""
+    columns = columns_of(terms)
+    gains, ranks = projected.gains([_join(columns, bundle) for bundle in bundles_of(terms)])
+    return max(
+        (evidence(energy, gain, count, int(rank)) for gain, rank in zip(gains, ranks, strict=True) if rank),
+        default=-np.inf,
+    )
+
+
 def select(projected: Projected, terms: Sequence[Term], energy: float, count: float) -> Selection:
     """Return the terms that lower the free-scale BIC most, by steps.
 
@@ -71,7 +86,7 @@ def select(projected: Projected, terms: Sequence[Term], energy: float, count: fl
         if not offers:
             break
         gains, ranks = left.gains([_join(columns, offer) for offer in offers])
-        values = np.array([evidence(energy, gained + gain, count, spent + rank) for gain, rank in zip(gains, ranks)])
+        values = np.array([evidence(energy, gained + gain, count, spent + rank) for gain, rank in zip(gains, ranks, strict=True)])
         values[ranks == 0] = -np.inf
         first = int(np.argmax(values))
         value = float(values[first]) - (steps + 1) * choice
@@ -88,8 +103,7 @@ def select(projected: Projected, terms: Sequence[Term], energy: float, count: fl
 
 def evidence(energy: float, gain: float, count: float, rank: int) -> float:
     """Return n ln(S / (S - gain)) - p ln n: the free-scale BIC without the terms less that with them."""
-    left = max(energy - gain, np.finfo(float).tiny)
-    return float(count * np.log(energy / left) - rank * np.log(count))
+    return twice_log_likelihood_ratio(energy, gain, count) - rank * log(count)
 
 
 def _join(columns: list[np.ndarray], terms: Iterable[int]) -> np.ndarray:
@@ -106,15 +120,30 @@ def _trimmed(
         values = inverse @ kept.score
         gain = float(kept.score @ values)
         best = Selection(tuple(chosen), gain, rank, evidence(energy, gain, count, rank) - choice)
-        ends = np.cumsum([len(columns[index]) for index in chosen])
-        rivals = []
-        for end, index in zip(ends, chosen, strict=True):
-            own = slice(end - len(columns[index]), end)
-            # What is lost without a term follows from its values and their covariance.
-            lost = float(values[own] @ np.linalg.pinv(inverse[own, own], hermitian=True) @ values[own])
-            freed = min(rank, len(columns[index]))
-            rivals.append(evidence(energy, gain - lost, count, rank - freed) - choice)
-        if len(chosen) == 1 or max(rivals) <= best.delta_bic:
+        if len(chosen) == 1:
+            return best
+        widths = np.array([len(columns[index]) for index in chosen])
+        lost = _lost(inverse, values, widths)
+        rivals = [
+            evidence(energy, gain - one, count, rank - min(rank, width)) - choice
+            for one, width in zip(lost, widths, strict=True)
+        ]
+        if max(rivals) <= best.delta_bic:
             return best
         del chosen[int(np.argmax(rivals))]
     return Selection((), 0.0, 0, 0.0)
+
+
+def _lost(covariance: FloatArray, values: FloatArray, widths: np.ndarray) -> FloatArray:
+    """Return what is lost without each term, which follows from its values and their covariance."""
+    starts = np.cumsum(widths) - widths
+    lost = np.zeros(len(widths))
+    for width in np.unique(widths):
+        terms = np.flatnonzero(widths == width)
+        own = starts[terms][:, None] + np.arange(width)
+        blocks = covariance[own[:, :, None], own[:, None, :]]
+        size = np.sqrt(np.maximum(np.einsum("tii->ti", blocks), np.finfo(float).tiny))
+        scaled = blocks / (size[:, :, None] * size[:, None, :]) + _RIDGE * np.eye(width)
+        unit = values[own] / size
+        lost[terms] = np.sum(unit * np.linalg.solve(scaled, unit[:, :, None])[:, :, 0], axis=1)
+    return lost

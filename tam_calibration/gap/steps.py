@@ -1,19 +1,21 @@
 """The diagnosis of a recording: is there a gap, where, which effect causes it, and how far it shrinks."""
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from math import expm1, log
+from dataclasses import dataclass, replace
+from math import expm1, log, sqrt
+
+import numpy as np
 
 from tam_calibration.array import Array
-from tam_calibration.effects.effect import ALL, Effect, Finding
+from tam_calibration.effects.effect import ALL, Effect, Finding, LinearEffect
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap.channels import Design
 from tam_calibration.gap.hypotheses import Evidence, evidence_of, examine, rivals, sharpened, usable
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.nominal import prepared
-from tam_calibration.gap.regression import Base
+from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.result import Considered
-from tam_calibration.gap.search import Hypothesis, places_of, restricted
+from tam_calibration.gap.search import Hypothesis, given_form, places_of, restricted
 from tam_calibration.recording import Recording
 
 Progress = Callable[[str, float], None]
@@ -24,16 +26,22 @@ _LEAST_FIRST_SHARE = 0.3
 _LEAST_SHARE = 0.1
 """Part of the energy that anything explains that the first cause must explain, and each further one."""
 
-_AGAINST_RIVAL = 0.9
+_CHANCE, _MOST_CHANCE = 3.0, 0.15
+"""Standard deviations of the energy of noise by which a cause may fall short of a rival, and most of that."""
+
+_AGAINST_RIVAL = 0.95
 """Part of the energy that a function without physics explains in the same sensors that a cause must explain."""
 
 _AMONG_SEVERAL = 0.35
 """The same before all causes are known."""
 
-_STARTS = 3
+CLEAN = 0.15
+"""Part of the gap that causes may leave open and still explain it."""
+
+_STARTS = 2
 """Effects from which a search starts, at most."""
 
-_REPEATED = {"bias_jump", "periodic_interference", "noise_excess"}
+_REPEATED = {"bias_jump", "periodic_interference", "noise_excess", "outliers"}
 """Effects that may happen more than once, each time in another form."""
 
 
@@ -83,27 +91,25 @@ def search(recording: Recording, array: Array, without: Collection[str] = (), pr
     tell("nominal calibration", 0.0)
     nominal = Model.nominal(prepared(recording), array)
     looking = _Looking(nominal, frozenset(without), tell)
-    found = looking.forward(None)
-    for start in looking.other_starts(found):
-        found = max(found, looking.forward(start), key=lambda one: one.evidence)
-    steps = _holding(nominal, _swapped(nominal, found.steps, looking.effects))
-    model = nominal
-    for step in steps:
-        model = model.accept(step.accepted.form)
-    first = found.steps[0] if found.steps else found
-    return Search(
-        nominal, model, tuple(steps), first.weighed, first.rivals, tuple(rivals(model.base())), looking.considered
-    )
+    best = looking.found(looking.gross)
+    for start in looking.other_starts(best):
+        if best.is_clean and best.steps:
+            break
+        best = max(best, looking.found(start), key=lambda one: one.evidence)
+    weighed, unknown = looking.weigh(looking.first_base, 0)
+    return Search(nominal, best.model, best.steps, weighed, unknown, best.remaining, looking.considered)
 
 
 @dataclass(frozen=True, eq=False)
-class _Path:
-    """Causes, and what was weighed last."""
+class _Outcome:
+    """Causes that hold, the model with them, what is still open, and the evidence for it all."""
 
+    first: Evidence | None
     steps: tuple[Step, ...]
-    weighed: tuple[Evidence, ...]
-    rivals: tuple[Evidence, ...]
+    model: Model
+    remaining: tuple[Evidence, ...]
     evidence: float
+    is_clean: bool
 
 
 class _Looking:
@@ -111,65 +117,97 @@ class _Looking:
 
     def __init__(self, nominal: Model, without: Collection[str], tell: Progress) -> None:
         self._nominal, self._tell = nominal, tell
-        self._first_base = nominal.base()
-        self.effects, missing = usable(installed_effects(), without, self._first_base.channels)
+        self.first_base = nominal.base()
+        self._effects, missing = usable(installed_effects(), without, self.first_base.channels)
         self._considered = {one.effect: one for one in missing}
         self._first: tuple[tuple[Evidence, ...], tuple[Evidence, ...]] | None = None
+
+    @property
+    def gross(self) -> Evidence | None:
+        """The jump that was seen without a calibration, where there is one."""
+        jump = self._nominal.gross
+        effect = None if jump is None else self._effects.get(jump.effect)
+        if jump is None or not isinstance(effect, LinearEffect):
+            return None
+        return evidence_of(self.first_base, given_form(self.first_base, effect, jump))
 
     @property
     def considered(self) -> tuple[Considered, ...]:
         """What nothing speaks for."""
         return tuple(self._considered.values())
 
-    def _weigh(self, base: Base, depth: int) -> tuple[tuple[Evidence, ...], tuple[Evidence, ...]]:
+    def weigh(self, base: Base, depth: int) -> tuple[tuple[Evidence, ...], tuple[Evidence, ...]]:
+        """Return what speaks for each effect and, in front of all causes, for each function without physics."""
         if depth == 0 and self._first is not None:
             return self._first
         weighed = []
-        for number, (name, effect) in enumerate(self.effects.items()):
-            self._tell(name, (depth + number / len(self.effects)) / (_MOST_CAUSES + 1))
+        for number, (name, effect) in enumerate(self._effects.items()):
+            self._tell(name, (depth + number / len(self._effects)) / (_MOST_CAUSES + 1))
             found = examine(base, effect)
             if isinstance(found, Evidence):
                 weighed.append(found)
             elif depth == 0:
                 self._considered[name] = Considered(name, "not_supported", found)
-        result = sharpened(base, weighed), tuple(rivals(base))
-        if depth == 0:
-            self._first = result
-        return result
+        if depth > 0:
+            return sharpened(base, weighed), ()
+        self._first = sharpened(base, weighed), tuple(rivals(base))
+        return self._first
 
-    def forward(self, first: Evidence | None) -> _Path:
+    def found(self, first: Evidence | None) -> _Outcome:
+        """Return the causes that hold of those found from a start, or from the strongest."""
+        steps, base = self._forward(first)
+        kept = _holding(self._nominal, _swapped(self._nominal, steps, self._effects), self.weigh(self.first_base, 0)[1])
+        model = _beside(self._nominal, kept, None)
+        if kept != steps:
+            base = model.base()
+        unknown = tuple(rivals(base)) if kept else self.weigh(self.first_base, 0)[1]
+        count = base.channels.count
+        spent = base.rank - self.first_base.rank + sum(finding.parameter_count for finding in model.findings)
+        evidence = -count * log(base.energy / count) - spent * log(count)
+        is_clean = open_part(self.first_base, base, unknown) < CLEAN
+        return _Outcome(steps[0].accepted if steps else None, tuple(kept), model, unknown, evidence, is_clean)
+
+    def _forward(self, first: Evidence | None) -> tuple[list[Step], Base]:
         """Accept causes, the strongest first, or one that is given and then the strongest."""
-        model, base = self._nominal, self._first_base
+        model, base = self._nominal, self.first_base
         steps: list[Step] = []
         explained = 0.0
         while True:
-            weighed, unknown = self._weigh(base, len(steps))
-            accepted = first if first is not None and not steps else None
+            weighed, unknown = self.weigh(base, len(steps))
+            accepted = first if not steps else None
             if accepted is None and len(steps) < _MOST_CAUSES:
                 accepted = _choose(base, weighed, unknown, steps, explained)
             if accepted is None:
-                count = base.channels.count
-                spent = base.rank - self._first_base.rank
-                spent += sum(finding.parameter_count for finding in model.findings)
-                return _Path(tuple(steps), weighed, unknown, -count * log(base.energy / count) - spent * log(count))
-            steps.append(Step(accepted, weighed, unknown))
+                return steps, base
+            steps.append(Step(_absorbed(accepted, steps), weighed, unknown))
             explained = max(explained, _energy(accepted, base.energy, base.channels.count))
             model = model.accept(accepted.form)
             base = model.base()
 
-
-    def other_starts(self, found: _Path) -> list[Evidence]:
+    def other_starts(self, found: _Outcome) -> list[Evidence]:
         """Return from what else to start: the first cause at one sensor, and the next effects where a gap remains."""
-        base = self._first_base
+        first = found.first
+        if first is None or first.is_certain or self._nominal.gross is not None:
+            return []
         starts = []
-        first = found.steps[0].accepted if found.steps else None
-        if first is not None and isinstance(first.form, Hypothesis) and len({t.sensor for t in first.form.terms}) > 1:
-            starts.append(_at_strongest_sensor(base, first.form))
-        if first is not None and max((one.delta_bic for one in found.rivals), default=0.0) > LEAST_EVIDENCE:
-            weighed, _ = self._weigh(base, 0)
-            ranked = sorted(weighed, key=lambda one: -one.delta_bic)
+        if isinstance(first.form, Hypothesis) and len({term.sensor for term in first.form.terms}) > 1:
+            starts.append(_at_strongest_sensor(self.first_base, first.form))
+        if not found.is_clean:
+            ranked = sorted(self.weigh(self.first_base, 0)[0], key=lambda one: -one.delta_bic)
             starts += [one for one in ranked[:_STARTS] if one.delta_bic > first.delta_bic / 2 and one is not first]
         return [start for start in starts if start is not None]
+
+
+def _absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
+    """Return noise or spikes in sensors that saturate or are rounded as part of that: what is left there is of it."""
+    if not isinstance(accepted.form, Finding) or accepted.is_certain:
+        return accepted
+    sensors = {sensor for sensor, _ in places_of(accepted.form)}
+    for step in steps:
+        before = step.accepted
+        if before.is_certain and isinstance(before.form, Finding) and sensors <= {at for at, _ in places_of(before.form)}:
+            return replace(accepted, effect=before.effect, form=replace(accepted.form, fitted=before.form.fitted))
+    return accepted
 
 
 def _at_strongest_sensor(base: Base, form: Hypothesis) -> Evidence | None:
@@ -198,7 +236,9 @@ def _swapped(nominal: Model, steps: Sequence[Step], effects: Mapping[str, Effect
         names = [
             one.effect
             for one in (*step.weighed, step.accepted)
-            if isinstance(one.form, Hypothesis) and one.delta_bic > LEAST_EVIDENCE and one.effect not in others
+            if isinstance(one.form, Hypothesis)
+            and one.delta_bic > LEAST_EVIDENCE
+            and (one.effect not in others or one.effect == step.accepted.effect)
         ]
         offers = [examine(base, effects[name]) for name in dict.fromkeys(names)]
         sharp = sharpened(base, [offer for offer in offers if isinstance(offer, Evidence)])
@@ -208,8 +248,8 @@ def _swapped(nominal: Model, steps: Sequence[Step], effects: Mapping[str, Effect
     return kept
 
 
-def _beside(nominal: Model, steps: Sequence[Step], step: Step) -> Model:
-    """Return the model with all causes but one."""
+def _beside(nominal: Model, steps: Sequence[Step], step: Step | None) -> Model:
+    """Return the model with all causes, or all but one."""
     model = nominal
     for other in steps:
         if other is not step:
@@ -238,34 +278,43 @@ def _choose(
     return None
 
 
-def _holding(nominal: Model, steps: list[Step]) -> list[Step]:
+def _holding(nominal: Model, steps: list[Step], rivals_of_all: Sequence[Evidence]) -> list[Step]:
     """Return the causes that, beside all others, explain what functions without physics explain in their sensors."""
     kept = list(steps)
     while kept:
-        failing = [step for step in kept if isinstance(step.accepted.form, Hypothesis) and not _holds(nominal, kept, step)]
+        failing = [step for step in kept if isinstance(step.accepted.form, Hypothesis) and not _holds(nominal, kept, step, rivals_of_all)]
         if not failing:
             break
         kept.remove(min(failing, key=lambda step: step.accepted.gain))
     return kept
 
 
-def _holds(nominal: Model, steps: list[Step], step: Step) -> bool:
+def _holds(nominal: Model, steps: list[Step], step: Step, rivals_of_all: Sequence[Evidence]) -> bool:
     base = _beside(nominal, steps, step).base()
     assert isinstance(step.accepted.form, Hypothesis)
     form = step.accepted.form.moved(base.channels.situation)
     gain, rank = base.project(form.design).gain()
-    gain = base.channels.count * log(base.energy / max(base.energy - gain, 1e-300))
-    unknown = step.rivals if steps == [step] else rivals(base)
+    gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
+    unknown = rivals_of_all if steps == [step] else rivals(base)
     alone = Evidence(step.accepted.effect, form, gain - rank * log(base.channels.count), gain)
     return alone.delta_bic >= LEAST_EVIDENCE and _beats(base, alone, unknown, _AGAINST_RIVAL)
 
 
 def _beats(base: Base, candidate: Evidence, unknown: Iterable[Evidence], tolerance: float) -> bool:
+    """Whether a candidate explains nearly all of the energy that the best function without physics does."""
     count, energy = base.channels.count, base.energy
-    rival = max((_gain_beside(base, one, candidate) for one in unknown), default=0.0)
-    return candidate.gain >= _AGAINST_RIVAL * rival or (
-        _energy_of(candidate.gain, energy, count) >= tolerance * _energy_of(rival, energy, count)
-    )
+    rival = _energy_of(max((_gain_beside(base, one, candidate) for one in unknown), default=0.0), energy, count)
+    if rival <= 0:
+        return True
+    chance = _CHANCE * energy / count * sqrt(2 * count) / rival
+    return _energy(candidate, energy, count) >= (tolerance - min(chance, _MOST_CHANCE)) * rival
+
+
+def open_part(first: Base, last: Base, unknown: Iterable[Evidence]) -> float:
+    """Return the part of all that can be explained that causes leave to functions without physics."""
+    count = last.channels.count
+    left = max((_energy(one, last.energy, count) for one in unknown if one.delta_bic > LEAST_EVIDENCE), default=0.0)
+    return left / max(left + first.energy - last.energy, np.finfo(float).tiny)
 
 
 def _energy(one: Evidence, energy: float, count: float) -> float:
@@ -287,4 +336,4 @@ def _gain_beside(base: Base, rival: Evidence, candidate: Evidence) -> float:
     if not terms:
         return 0.0
     gain, rank = base.project(Design.of(terms)).gain()
-    return base.channels.count * log(base.energy / max(base.energy - gain, 1e-300)) - rank
+    return twice_log_likelihood_ratio(base.energy, gain, base.channels.count) - rank

@@ -9,7 +9,7 @@ from tam_calibration.gap.regression import pseudo_inverse
 from tam_calibration.units import FloatArray
 
 FOLDS = 5
-_BLOCKS_PER_FOLD = 4
+_BLOCKS_PER_FOLD = 12
 
 
 def folds_of(sample_count: int, interleaved: bool) -> list[list[slice]]:
