@@ -12,6 +12,7 @@ from numpy.linalg import inv
 
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import ellipsoid
+from tam_calibration.fit.gram import gram
 from tam_calibration.fit.scale import Normalized
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
@@ -102,7 +103,7 @@ def _moments(scores: _Scores, variance: Callable[[FloatArray], FloatArray | floa
     for points, intensity in scores.blocks():
         columns = ellipsoid.monomial_columns(points, intensity)
         columns *= 1 / np.sqrt(variance(points))
-        moments += columns @ columns.T
+        moments += gram(columns)
     return moments
 
 

@@ -13,6 +13,7 @@ from tam_calibration.array import Array
 from tam_calibration.calibration import FRAME_STATEMENT, Calibration
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import ellipsoid
+from tam_calibration.fit.gram import gram
 from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
 from tam_calibration.problems import InputError
@@ -124,7 +125,7 @@ def _products_of_runs(columns: FloatArray, groups: int) -> FloatArray:
     """Return the (G, M, M) sums of the outer products of columns (M, N), of G runs of equal length."""
     width, count = columns.shape
     if groups == 1:
-        return (columns @ columns.T)[None]
+        return gram(columns)[None]
     run = _length_of_run(count, groups)
     if run * groups != count:
         columns = np.pad(columns, ((0, 0), (0, run * groups - count)))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.errors import SensorErrors
+from tam_calibration.fit.gram import gram
 from tam_calibration.recording import SampleSource
 from tam_calibration.units import FloatArray
 
@@ -68,7 +69,7 @@ class Normalized:
     @cached_property
     def moments(self) -> FloatArray:
         """(3K + 1, 3K + 1) sum of the outer products of the readings of a sample followed by 1."""
-        return sum((points @ points.T for points, _ in self.blocks()), np.zeros(()))
+        return sum((gram(points) for points, _ in self.blocks()), np.zeros(()))
 
 
 def sphere_center(points: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.fit.channels import Channels
+from tam_calibration.fit.gram import gram
 from tam_calibration.fit.likelihood import UNIFORM, Linearization, common_mode, linearization, whitened
 from tam_calibration.fit.scale import Normalized
 from tam_calibration.units import FloatArray
@@ -36,6 +37,6 @@ class UniformLikelihood:
         for points, intensity in self.data.blocks():
             there = common_mode(channels, points[:-1], intensity, self.scalar_noise)
             columns = whitened(there, points[:0])
-            common += columns @ columns.T
+            common += gram(columns)
             count += columns.shape[1]
         return linearization(channels, self.data.moments, common, count)
