@@ -143,8 +143,10 @@ class RecordingStream:
         """Return the samples that a mask (N,) selects; they stay where they are."""
         taken = RecordingStream.__new__(RecordingStream)
         taken._columns, taken._thinned = self._columns, {}
-        taken._chosen = np.zeros(self._columns["time_s"].count, dtype=bool)
-        taken._chosen[self._places(np.flatnonzero(index))] = True
+        taken._chosen = (
+            np.ones(self._columns["time_s"].count, dtype=bool) if self._chosen is None else self._chosen.copy()
+        )
+        taken._chosen[taken._chosen] = index
         return taken
 
     def whole(self) -> Recording:

@@ -100,11 +100,12 @@ def calibrate(
 
 def _held_out(recording: SampleSource, array: Array, fit: Fit) -> Residuals | None:
     """Return the residuals of every sample, each corrected by a fit to the other folds of blocks of time."""
-    count = recording.sample_count
-    block = np.arange(count) * FOLDS * BLOCKS_PER_FOLD // count
+    block = np.arange(FOLDS * BLOCKS_PER_FOLD)
+    starts = -(-np.append(block, len(block)) * recording.sample_count // len(block))
+    fold_of = np.repeat((block % FOLDS).astype(np.int8), np.diff(starts))
     parts, sizes = [], []
     for fold in range(FOLDS):
-        test = block % FOLDS == fold
+        test = fold_of == fold
         if not test.any() or (~test).sum() < 2 * FEWEST_SAMPLES:
             return None
         try:

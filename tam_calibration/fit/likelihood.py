@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.fit.channels import Channels, Turning
+from tam_calibration.fit.gram import gram
 from tam_calibration.fit.reference import InterpolationNoise
 from tam_calibration.units import FloatArray
 
@@ -135,7 +136,7 @@ class Likelihood:
             if weights is not None:
                 there = there._replace(precision=there.precision * weights[part][there.known])
             columns = whitened(there, self._flat[part, 3 * self.points.shape[1] :].T)
-            total += columns @ columns.T
+            total += gram(columns)
             if self.interpolation_noise is not None:
                 kept.append((columns.T * np.sqrt(there.precision)[:, None], there.precision))
         if self.interpolation_noise is None:

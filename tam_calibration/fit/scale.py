@@ -12,7 +12,7 @@ from tam_calibration.fit.gram import gram
 from tam_calibration.recording import SampleSource
 from tam_calibration.units import FloatArray
 
-_SAMPLES_FOR_SPHERE = 500
+_SAMPLES_FOR_SPHERE = 400
 _REWEIGHTINGS = 40
 _SMALLEST_DISTANCE = 1e-4
 
@@ -77,15 +77,17 @@ def sphere_center(points: FloatArray) -> FloatArray:
 
     Where the points do not determine it, as in a plane, the one nearest to their mean is returned.
     """
-    mean = points.mean(axis=-2, keepdims=True)
-    centered = points - mean
-    transposed = np.swapaxes(centered, -1, -2)
-    square = np.einsum("...ni,...ni->...n", centered, centered)[..., None]
+    columns = np.ascontiguousarray(np.swapaxes(points, -1, -2))
+    mean = columns.mean(axis=-1, keepdims=True)
+    columns = columns - mean
+    square = np.einsum("...in,...in->...n", columns, columns)[..., None]
     size = np.maximum(np.sqrt(square.mean(axis=-2, keepdims=True)), np.finfo(float).tiny)
     # The mean takes the constant out of the normal equations of the centre.
-    normal, right = transposed @ centered / size**2, transposed @ square / (2 * size**3)
-    center: FloatArray = mean[..., 0, :] + (size * (np.linalg.pinv(normal, 1e-12, hermitian=True) @ right))[..., 0]
-    return center
+    normal, right = columns @ np.swapaxes(columns, -1, -2) / size**2, columns @ square / (2 * size**3)
+    values, vectors = np.linalg.eigh(normal)
+    inverse = np.divide(1, values, out=np.zeros_like(values), where=values > 1e-12 * values[..., -1:])
+    center: FloatArray = mean + size * (vectors @ (inverse[..., None] * (np.swapaxes(vectors, -1, -2) @ right)))
+    return center[..., 0]
 
 
 def sphere_of_most(points: FloatArray) -> tuple[FloatArray, float]:
@@ -109,7 +111,8 @@ def normalize(source: SampleSource) -> Normalized:
     """Return the readings and intensity in units of order one."""
     some = source.thinned(_SAMPLES_FOR_SPHERE).readings_T
     origin = sphere_center(np.swapaxes(some, 0, 1))
-    return Normalized(source, origin, float(norm(some - origin, axis=2).mean()))
+    centered = some - origin
+    return Normalized(source, origin, float(np.sqrt(np.einsum("nki,nki->nk", centered, centered)).mean()))
 
 
 def free_scale(matrix: FloatArray) -> FloatArray:
