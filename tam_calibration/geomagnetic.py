@@ -49,3 +49,20 @@ def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day
         )
     components = ppigrf.igrf(longitude_deg, latitude_deg, height_m / 1e3, datetime(day.year, day.month, day.day))
     return from_nanotesla(np.ravel(components).astype(float))
+
+
+def field_at(place: str) -> FloatArray:
+    """Return the (3,) field east, north, up at LAT,LON,DATE at sea level, tesla.
+
+    Raises
+    ------
+    InputError
+        When that is no place and date of the model.
+    """
+    try:
+        latitude, longitude, day = place.split(",")
+        where = float(latitude), float(longitude)
+        when = date.fromisoformat(day.strip())
+    except ValueError:
+        raise InputError(f"a place must be LAT,LON,DATE such as 47.37,8.54,2025-06-30, not {place!r}") from None
+    return site_field_T(*where, 0.0, when)

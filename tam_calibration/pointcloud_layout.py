@@ -33,6 +33,15 @@ CHANNEL_COLUMNS = {
 FIELD_GRADIENT_COLUMNS = (*OUTPUT_NAMES, *(f"{name}_standard_error" for name in OUTPUT_NAMES))
 """Columns of ``field_gradient``: outputs in T and T/m, then their standard errors."""
 
+SOURCE_COLUMNS = (
+    *(f"{axis}_m" for axis in "xyz"),
+    *(f"position_covariance_{pair}_m2" for pair in ("xx", "xy", "xz", "yy", "yz", "zz")),
+    *(f"moment_{axis}_Am2" for axis in "xyz"),
+    *(f"moment_covariance_{pair}_A2m4" for pair in ("xx", "xy", "xz", "yy", "yz", "zz")),
+    "status",
+)
+"""Columns of ``source_estimate``: position and moment with their covariances; NaN where ``status`` is not 0."""
+
 GRADIENT_ROW_MAJOR = (3, 4, 5, 4, 6, 7, 5, 7, 8)
 """Positions among the nine outputs of the 3 × 3 gradient, row by row."""
 

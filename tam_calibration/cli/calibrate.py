@@ -10,7 +10,6 @@ import numpy as np
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
-from tam_calibration.cli.place import field_at
 from tam_calibration.cli.terminal import (
     PATH,
     reading,
@@ -30,6 +29,7 @@ from tam_calibration.files.json_text import to_json
 from tam_calibration.files.recording_file import is_large, read_stream
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.fit.ambient_gradient import as_if_uniform
+from tam_calibration.geomagnetic import field_at
 from tam_calibration.problems import InputError
 from tam_calibration.recording import SKETCH, Recording, SampleSource
 

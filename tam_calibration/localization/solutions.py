@@ -20,6 +20,8 @@ class Status(IntEnum):
     ILL_CONDITIONED = 4
     AMBIGUOUS = 5
     UNCERTAIN = 6
+    NO_ATTITUDE = 7
+    NO_REGIONAL = 8
 
     @property
     def reason(self) -> str:
@@ -37,6 +39,9 @@ _REASONS = {
     Status.AMBIGUOUS: "the two smallest eigenvalues of the tensor are equal within their noise, and which of their "
     "directions is left out changes the position: it is no single dipole, or the noise is too large",
     Status.UNCERTAIN: "the position is uncertain by more than the distance: go nearer, or average longer",
+    Status.NO_ATTITUDE: "the attitude is unknown, without which the regional field cannot be taken off, nor a position "
+    "be turned into the world",
+    Status.NO_REGIONAL: "the regional field is not known yet: it is fitted to the first samples",
 }
 
 
@@ -63,6 +68,12 @@ class EulerSolutions:
     moment_Am2: FloatArray
     moment_covariance_A2m4: FloatArray
     status: np.ndarray
+
+    @classmethod
+    def refused(cls, count: int, status: Status) -> "EulerSolutions":
+        """Return those of samples that are all refused for one reason."""
+        vectors, matrices = np.full((2, count, 3), np.nan), np.full((2, count, 3, 3), np.nan)
+        return cls(vectors[0], matrices[0], vectors[1], matrices[1], np.full(count, status, dtype=int))
 
     @property
     def is_located(self) -> np.ndarray:

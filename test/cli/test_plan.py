@@ -131,7 +131,7 @@ def test_not_yet_enough_is_said(folder):
         (("--turntable", "30,30"), "--turntable must be one step in degrees"),
         (("--turntable", "-5"), "steps of a turntable"),
         (("--pitch-limit-deg", "120"), "the pitch limit must lie between 0 and 90"),
-        (("--turntable", "30", "--place", "47,8"), "--place must be LAT,LON,DATE"),
+        (("--turntable", "30", "--place", "47,8"), "a place must be LAT,LON,DATE"),
         (("--turntable", "30", "--place", "47,8,2025-01-01", "--inclination-deg", "60"), "leave out --inclination-deg"),
         (("run.csv", "--calibration", "c.yaml", "--turntable", "30"), "either a recording or --calibration"),
         (("nowhere.csv", "--turntable", "30"), "nowhere.csv"),
