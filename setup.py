@@ -38,10 +38,12 @@ setup(
         "scipy>=1.11",
     ],
     extras_require={
+        "fleet": ["distributed>=2024.1"],
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
         "test": [
             "click>=8.2",
             "colcon-common-extensions",
+            "distributed>=2024.1",
             "hypothesis",
             "magpylib",
             "mypy",
@@ -57,6 +59,7 @@ setup(
             f"collector = {NAME}.nodes.collector:main",
             f"calibrator = {NAME}.nodes.calibrator:main",
             f"corrector = {NAME}.nodes.corrector:main",
+            f"localizer = {NAME}.nodes.localizer:main",
         ],
         f"{NAME}.effects": [
             f"temperature_drift = {NAME}.effects.temperature_drift:TemperatureDrift",

@@ -1,4 +1,4 @@
-"""Start collector, calibrator and corrector: `ros2 launch tam_calibration tam.launch.py array_file:=A.yaml`."""
+"""Start all nodes: `ros2 launch tam_calibration tam.launch.py array_file:=A.yaml`."""
 
 from importlib.resources import files
 
@@ -8,7 +8,7 @@ from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription
 
-NODES = ("collector", "calibrator", "corrector")
+NODES = ("collector", "calibrator", "corrector", "localizer")
 
 ARGUMENTS = {
     "namespace": ("", "Namespace of the nodes and of their relative topics."),
@@ -20,7 +20,7 @@ ARGUMENTS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the three nodes with the arguments that are given."""
+    """Return the nodes with the arguments that are given."""
     name = "FASTRTPS_DEFAULT_PROFILES_FILE"
     profile = str(files("tam_calibration") / "config" / "fastdds.xml")
     return LaunchDescription(

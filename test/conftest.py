@@ -60,6 +60,24 @@ def recording(true_errors):
 
 
 @pytest.fixture(scope="session")
+def passing(true_errors, cross):
+    """Return 600 samples of a platform that passes a dipole at 1.5 m/s eastwards while it turns, 3.4 m away at best."""
+    from scipy.spatial.transform import Rotation
+
+    from tam_calibration.localization.dipole import Dipole
+
+    time = np.arange(600) / 20
+    place = np.outer(time, [1.5, 0, 0])
+    turns = Rotation.from_euler("zyx", np.stack([0.6 * np.sin(time / 3), 0.1 * np.sin(time), 0.2 * np.cos(time)], 1))
+    dipole = Dipole(np.array([30.0, 2.5, -2.3]), np.array([40.0, -60.0, 150.0]))
+    sensors = place[:, None] + np.einsum("nij,kj->nki", turns.as_matrix(), cross.positions_m)
+    world = np.array([1e-6, 21e-6, -43e-6]) + dipole.field_T(sensors)
+    fields = np.einsum("nji,nkj->nki", turns.as_matrix(), world)
+    noise = 1e-9 * np.random.default_rng(30).normal(size=fields.shape)
+    return Recording(1.7e9 + time, true_errors.distort(fields) + noise, attitude=turns.as_quat())
+
+
+@pytest.fixture(scope="session")
 def gap():
     """Return the gap of 400 samples of a cross whose sensor 2 drifts with a temperature that rises by 10 °C."""
     from tam_calibration.effects.effect import Contribution, FittedEffect

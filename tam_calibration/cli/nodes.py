@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @click.option("--method", help="Method of the fit.")
 @click.option("--params-file", type=click.Path(exists=True, path_type=Path), help="ROS parameters of the nodes.")
 def command(array: Path | None, calibration: Path | None, method: str | None, params_file: Path | None) -> None:
-    """Start collector, calibrator and corrector, and show coverage, losses and advice until Ctrl-C."""
+    """Start collector, calibrator, corrector and localizer, and show coverage, losses and advice until Ctrl-C."""
     log_directory = Path(os.environ.get("ROS_LOG_DIR", "~/.ros/log")).expanduser() / f"tam_nodes_{os.getpid()}"
     with ros_session():
         from tam_calibration.nodes.monitor import Monitor

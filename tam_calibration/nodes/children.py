@@ -21,7 +21,7 @@ BAD_INPUT = 2
 """Exit code of a process whose last line says what in its input is not usable."""
 
 
-NODES = ("collector", "calibrator", "corrector")
+NODES = ("collector", "calibrator", "corrector", "localizer")
 
 
 def node_commands(

@@ -16,7 +16,7 @@ from tam_calibration.units import FloatArray
 
 
 class Client(Monitor):
-    """Waits on the three nodes, and fails at once when one of them ends.
+    """Waits on the nodes, and fails at once when one of them ends.
 
     Parameters
     ----------

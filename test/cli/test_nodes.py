@@ -1,4 +1,4 @@
-"""`tam nodes`: the three nodes together, watched."""
+"""`tam nodes`: the nodes together, watched."""
 
 import signal
 
@@ -9,11 +9,11 @@ from tam_calibration.cli.main import main
 
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install 'tam_calibration[ros]'")
 
-NODES = ("collector", "calibrator", "corrector")
+NODES = ("collector", "calibrator", "corrector", "localizer")
 
 
 def test_nodes_start_together_and_end_together(bench, recording, tmp_path):
-    """All three start, what they say is printed line by line, and Ctrl-C ends them with exit code 0."""
+    """All start, what they say is printed line by line, and Ctrl-C ends them with exit code 0."""
     children = bench.start({"tam": ["-u", "-m", "tam_calibration", "nodes", "--calibration", str(tmp_path / "c.yaml")]})
     bench.spin_until(lambda: set(NODES) <= set(bench.node.get_node_names()), "the nodes are seen")
     bench.stream(recording, [bench.publish_sensors((1, 2, 3))])

@@ -53,7 +53,7 @@ def started(launch_file, **given):
 def test_nodes_are_the_entry_points(launch_file):
     """Executables, names and modules of the nodes are the same everywhere."""
     nodes = started(launch_file)
-    assert list(nodes) == ["collector", "calibrator", "corrector"]
+    assert list(nodes) == ["collector", "calibrator", "corrector", "localizer"]
     setup = ast.unparse(ast.parse((ROOT / "setup.py").read_text()))
     for name, node in nodes.items():
         assert (node.package, node.executable) == ("tam_calibration", name)

@@ -9,15 +9,15 @@ from importlib.resources import files
 import pytest
 import yaml
 
-NODES = ("collector", "calibrator", "corrector")
+NODES = ("collector", "calibrator", "corrector", "localizer")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_ends_every_node_well(bench, number):
     """SIGINT and SIGTERM end a node with exit code 0 and nothing on its output."""
-    children = bench.start_nodes(collector={}, calibrator={}, corrector={})
+    children = bench.start_nodes(**{name: {} for name in NODES})
     assert {name: children.end_one(name, number) for name in NODES} == dict.fromkeys(NODES, 0)
-    assert [children.log(name) for name in NODES] == ["", "", ""]
+    assert [children.log(name) for name in NODES] == [""] * len(NODES)
 
 
 def test_unusable_parameter_ends_the_node_with_a_sentence(ros_domain):
@@ -30,6 +30,8 @@ def test_unusable_parameter_ends_the_node_with_a_sentence(ros_domain):
         ("calibrator", "method:=magic"): "is not one of: maximum_likelihood",
         ("calibrator", "array_file:=/array.yaml"): "/array.yaml",
         ("corrector", "calibration_file:=/calibration.yaml"): "/calibration.yaml",
+        ("localizer", "index:=0.0"): "Max: 10.0, value: 0.0: index",
+        ("localizer", "regional:=here"): "a place must be LAT,LON,DATE",
     }
     processes = {
         sentence: subprocess.Popen(

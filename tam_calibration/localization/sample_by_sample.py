@@ -1,0 +1,151 @@
+"""The source of each sample of a run by itself: what the localizer node and `tam locate` have in common."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tam_calibration.array import Array
+from tam_calibration.localization.euler import DIPOLE_INDEX, locate
+from tam_calibration.localization.finite_baseline import locate_dipole
+from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.localization.tracking import with_attitude_noise, without_regional
+from tam_calibration.problems import InputError
+from tam_calibration.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Regional:
+    """The field beside that of the source, uniform in the world of the attitude.
+
+    Parameters
+    ----------
+    field_T : (3,) array
+        In the world, tesla.
+    attitude_noise : float
+        Standard deviation of the attitude about each axis, radians.
+    """
+
+    field_T: FloatArray
+    attitude_noise: float = 0.0
+
+
+def regional_of(outputs: FloatArray, attitude: FloatArray) -> FloatArray:
+    """Return the field (3,) that most samples have in the world, tesla: the median of each of its components.
+
+    Parameters
+    ----------
+    outputs : (N, 9) or (N, 8) array
+        Field and gradient, most of them far from the source.
+    attitude : (N, 4) array
+        Quaternions x, y, z, w from the array frame to the world.
+
+    Raises
+    ------
+    InputError
+        When no sample has a field and an attitude.
+    """
+    from scipy.spatial.transform import Rotation
+
+    known = np.isfinite(outputs[:, :3]).all(axis=1) & np.isfinite(attitude).all(axis=1)
+    if not known.any():
+        raise InputError("no sample has a field and an attitude: the regional field cannot be fitted")
+    median: FloatArray = np.median(Rotation.from_quat(attitude[known]).apply(outputs[known, :3]), axis=0)
+    return median
+
+
+def locate_samples(
+    outputs: FloatArray,
+    array: Array,
+    covariance: FloatArray,
+    *,
+    index: float = DIPOLE_INDEX,
+    regional: Regional | None = None,
+    attitude: FloatArray | None = None,
+) -> EulerSolutions:
+    """Locate the source of each sample; a sample's result does not depend on its neighbours.
+
+    A dipole is located with the array's true baselines, any other source by Euler's equation.
+
+    Parameters
+    ----------
+    outputs : (N, 9) array
+        Field and gradient, array frame, tesla and T/m.
+    array : Array
+        Whose outputs they are.
+    covariance : (9, 9) array
+        Of the outputs.
+    index : float
+        Structural index.
+    regional : Regional, optional
+        What is taken off the field; without it the outputs are those of the source alone.
+    attitude : (N, 4) array, optional
+        Quaternions x, y, z, w from the array frame to the world, needed where there is a regional field; NaN where
+        unknown, which refuses the sample.
+
+    Returns
+    -------
+    EulerSolutions
+        In the array frame.
+
+    Raises
+    ------
+    InputError
+        When a shape or the structural index is wrong, the covariance is none, or there is no attitude.
+    """
+    if regional is None:
+        return _locate(outputs, array, covariance, index)
+    if attitude is None:
+        raise InputError("without an attitude the regional field cannot be taken off")
+    widened = with_attitude_noise(covariance, regional.field_T, regional.attitude_noise)
+    return _unless_unknown(_locate(_without(outputs, regional.field_T, attitude), array, widened, index), attitude)
+
+
+def turned(solutions: EulerSolutions, attitude: FloatArray) -> EulerSolutions:
+    """Return solutions of the array frame along the axes of the world, the array's centre still the origin.
+
+    Parameters
+    ----------
+    solutions : EulerSolutions
+        In the array frame.
+    attitude : (N, 4) array
+        Quaternions x, y, z, w from the array frame to the world; where one is unknown so is the result.
+    """
+    matrix = _matrices(attitude)
+    world = EulerSolutions(
+        (matrix @ solutions.position_m[..., None])[..., 0],
+        matrix @ solutions.position_covariance_m2 @ np.swapaxes(matrix, 1, 2),
+        (matrix @ solutions.moment_Am2[..., None])[..., 0],
+        matrix @ solutions.moment_covariance_A2m4 @ np.swapaxes(matrix, 1, 2),
+        solutions.status,
+    )
+    return _unless_unknown(world, attitude)
+
+
+def _locate(outputs: FloatArray, array: Array, covariance: FloatArray, index: float) -> EulerSolutions:
+    if index == DIPOLE_INDEX and array.has_gradient:
+        return locate_dipole(outputs, array, covariance)
+    return locate(outputs, covariance, index=index)
+
+
+def _unless_unknown(solutions: EulerSolutions, attitude: FloatArray) -> EulerSolutions:
+    """Name the attitude as the reason where it is unknown."""
+    status = np.where(np.isfinite(attitude).all(axis=1), solutions.status, Status.NO_ATTITUDE)
+    return replace(solutions, status=status)
+
+
+def _without(outputs: FloatArray, regional_T: FloatArray, attitude: FloatArray) -> FloatArray:
+    known = np.isfinite(attitude).all(axis=1)
+    rest = np.full_like(outputs, np.nan)
+    rest[known] = outputs[known]
+    rest[known, :3] = without_regional(outputs[known, None, :3], attitude[known], regional_T)[:, 0]
+    return rest
+
+
+def _matrices(attitude: FloatArray) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
+    known = np.isfinite(attitude).all(axis=1)
+    matrices = np.full((len(attitude), 3, 3), np.nan)
+    if known.any():
+        matrices[known] = Rotation.from_quat(attitude[known]).as_matrix()
+    return matrices

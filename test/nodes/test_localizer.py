@@ -1,0 +1,235 @@
+"""The localizer: a process over DDS that answers every sample as offline; and how outputs find their attitude."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tam_calibration.files import read_calibration, write_calibration
+from tam_calibration.fit import calibrate
+from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
+from tam_calibration.localization.solutions import Status
+from tam_calibration.pointcloud_layout import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS, SampleLayout
+
+sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
+geometry_msgs = pytest.importorskip("geometry_msgs.msg", reason="the ROS message packages are not installed")
+
+FIRST = 200
+"""Samples far from the source."""
+STATUS = SOURCE_COLUMNS.index("status")
+LAYOUT = SampleLayout(4, attitude=True)
+
+
+@pytest.fixture(scope="module")
+def calibration_file(recording, cross, tmp_path_factory):
+    """Return the path of the calibration of the array that passes the source."""
+    path = tmp_path_factory.mktemp("calibration") / "calibration.yaml"
+    write_calibration(path, calibrate(recording, cross))
+    return path
+
+
+@pytest.fixture(scope="module")
+def outputs(passing, calibration_file):
+    """Return field and gradient of the samples, with their standard errors."""
+    corrected = read_calibration(calibration_file).correct(passing)
+    return np.hstack([corrected.outputs, np.tile(corrected.standard_errors, (passing.sample_count, 1))])
+
+
+def header(stamp_ns):
+    """Return the header of a sample."""
+    from rclpy.time import Time
+    from std_msgs.msg import Header
+
+    return Header(stamp=Time(nanoseconds=stamp_ns).to_msg(), frame_id="tam_array")
+
+
+def stamps(recording):
+    """Return the stamps of samples, nanoseconds."""
+    return [round(time * 1e9) for time in recording.time_s]
+
+
+class Feed:
+    """Publishes what collector and corrector would, and keeps what the localizer answers."""
+
+    def __init__(self, bench, **parameters):
+        from tam_calibration.nodes.base import RELIABLE_STREAM
+
+        bench.start_nodes(localizer=parameters)
+        self.bench = bench
+        self.estimates = bench.listen(sensor_msgs.PointCloud2, "source_estimate")
+        self.sources = bench.listen(geometry_msgs.PointStamped, "source")
+        topics = ("samples", "field_gradient") if parameters.get("regional") != "none" else ("field_gradient",)
+        self.publishers = {
+            topic: bench.node.create_publisher(sensor_msgs.PointCloud2, topic, RELIABLE_STREAM) for topic in topics
+        }
+        wanted = {f"publishers./{topic}": "1" for topic in topics}
+        wanted |= {"subscribers./source": "1", "subscribers./source_estimate": "1"}
+        bench.health("localizer", lambda _, figures: wanted.items() <= figures.items(), "all are connected")
+
+    def publish(self, topic, stamp_ns, columns, row):
+        """Publish a row."""
+        from tam_calibration.nodes.cloud import make_cloud
+
+        self.publishers[topic].publish(make_cloud(header(stamp_ns), columns, row.tolist()))
+
+    def play(self, recording, outputs):
+        """Publish samples and their outputs, no faster than they are answered; return the rows of the answers."""
+        before = len(self.estimates)
+        for index, (stamp, sample) in enumerate(zip(stamps(recording), LAYOUT.rows(recording), strict=True)):
+            if "samples" in self.publishers:
+                self.publish("samples", stamp, LAYOUT.columns, sample)
+            self.publish("field_gradient", stamp, FIELD_GRADIENT_COLUMNS, outputs[index])
+            self.bench.spin_until(lambda index=index: len(self.estimates) >= before + index - 20, "answers")
+        self.bench.spin_until(lambda: len(self.estimates) == before + len(outputs), "every sample is answered")
+        return self.rows()[before:]
+
+    def rows(self):
+        """Return the rows that were answered."""
+        from tam_calibration.nodes.cloud import read_cloud
+
+        return np.concatenate([read_cloud(cloud)[1] for cloud in self.estimates])
+
+
+def rows_of(solutions):
+    """Return solutions as rows of `source_estimate`."""
+    from tam_calibration.nodes.localizer_node import source_rows
+
+    return source_rows(solutions)
+
+
+def test_each_sample_is_located_as_offline(bench, passing, outputs, calibration_file):
+    """In a fixed frame, with the regional field fitted: every sample has its answer, equal to one call for all."""
+    settings = {"regional_samples": FIRST, "attitude_noise_rad": 1e-4, "fixed_frame": "level"}
+    feed = Feed(bench, calibration_file=calibration_file, **settings)
+    rows = feed.play(passing, outputs)
+    calibration = read_calibration(calibration_file)
+    regional = Regional(regional_of(outputs[:FIRST, :9], passing.attitude[:FIRST]), 1e-4)
+    assert (rows[:FIRST, STATUS] == Status.NO_REGIONAL).all()
+    offline = turned(
+        locate_samples(
+            outputs[FIRST:, :9],
+            calibration.array,
+            calibration.output_covariance,
+            regional=regional,
+            attitude=passing.attitude[FIRST:],
+        ),
+        passing.attitude[FIRST:],
+    )
+    assert offline.is_located.any() and not offline.is_located.all()
+    assert_allclose(rows[FIRST:], rows_of(offline), rtol=1e-12)
+    feed.bench.spin_until(lambda: len(feed.sources) == offline.is_located.sum(), "only located ones are published")
+    points = [[message.point.x, message.point.y, message.point.z] for message in feed.sources]
+    assert_array_equal(points, rows[rows[:, STATUS] == 0, :3])
+    assert {message.header.frame_id for message in feed.sources} == {"level"}
+    answered = [cloud.header.stamp.sec * 10**9 + cloud.header.stamp.nanosec for cloud in feed.estimates]
+    assert answered == stamps(passing)
+    _, figures = bench.health("localizer", lambda status, _: "located" in status.message, "it is counted")
+    assert int(figures["located"]) == offline.is_located.sum()
+    assert int(figures["refused.no_regional"]) == FIRST
+    assert int(figures["received"]) == passing.sample_count
+
+
+def test_source_alone_needs_no_attitude(bench, passing, outputs, calibration_file):
+    """Without regional field outputs are taken as they are, in the array frame; a structural index other than 3."""
+    feed = Feed(bench, regional="none", index=2.0, calibration_file=calibration_file)
+    source = outputs[:50].copy()
+    source[:, :9] *= 1e-2
+    source[10, 4] = np.nan
+    rows = feed.play(passing.take(slice(0, 50)), source)
+    calibration = read_calibration(calibration_file)
+    offline = locate_samples(source[:, :9], calibration.array, calibration.output_covariance, index=2.0)
+    assert_allclose(rows, rows_of(offline), rtol=1e-12)
+    assert rows[10, STATUS] == Status.NOT_FINITE
+
+
+def test_missing_attitude_is_answered_and_told(bench, passing, outputs):
+    """A sample without attitude has a status row, and /diagnostics says why nothing is located."""
+    feed = Feed(bench, regional="47.4,8.5,2026-06-01")
+    part = passing.take(slice(0, 30))
+    attitude = np.full((30, 4), np.nan)
+    attitude[:5] = part.attitude[:5]
+    for stamp, sample, row in zip(stamps(part), LAYOUT.rows(part), outputs, strict=False):
+        sample[-4:] = attitude[stamps(part).index(stamp)]
+        feed.publish("samples", stamp, LAYOUT.columns, sample)
+        feed.publish("field_gradient", stamp, FIELD_GRADIENT_COLUMNS, row)
+    bench.spin_until(lambda: len(feed.estimates) == 30, "every sample is answered")
+    assert (feed.rows()[5:, STATUS] == Status.NO_ATTITUDE).all()
+    assert (feed.rows()[:5, STATUS] != Status.NO_ATTITUDE).all()
+    bench.health("localizer", lambda _, figures: figures["refused.no_attitude"] == "25", "it is counted")
+
+
+def test_other_columns_are_told(bench, passing, outputs):
+    """A cloud of other columns is an error that names those that are needed."""
+    feed = Feed(bench, regional="none")
+    feed.publish("field_gradient", 1, FIELD_GRADIENT_COLUMNS[:9], outputs[0, :9])
+    status, _ = bench.health("localizer", lambda status, _: "columns" in status.message, "it is told")
+    assert status.level == b"\x02"
+
+
+def test_whole_chain_locates_the_source(bench, passing, calibration_file):
+    """Raw readings and an IMU: collector, corrector and localizer together find the dipole as it is passed."""
+    from rclpy.time import Time
+
+    fitted = {"calibration_file": calibration_file, "regional_samples": FIRST, "fixed_frame": "level"}
+    bench.start_nodes(collector={}, corrector={"calibration_file": calibration_file}, localizer=fitted)
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    estimates = bench.listen(sensor_msgs.PointCloud2, "source_estimate")
+    imu = bench.node.create_publisher(sensor_msgs.Imu, "imu/data", 1000)
+    bench.spin_until(imu.get_subscription_count, "the attitude is subscribed")
+    sensors = bench.publish_sensors(scalar=False)
+    connected = {"collector": {"samples": 3}, "corrector": {"field_gradient": 1}, "localizer": {"source_estimate": 1}}
+    bench.connect(**connected)
+
+    def publish(recording, index):
+        message = sensor_msgs.Imu()
+        message.header.stamp = Time(nanoseconds=stamps(recording)[index]).to_msg()
+        turn = message.orientation
+        turn.x, turn.y, turn.z, turn.w = recording.attitude[index].tolist()
+        imu.publish(message)
+        bench.spin_until(lambda: True, "at once")
+        sensors(recording, index)
+
+    bench.play(passing, publish, samples, last=450)
+    bench.spin_until(lambda: len(estimates) >= 449, "all are answered")
+    from tam_calibration.nodes.cloud import read_cloud
+
+    rows = np.concatenate([read_cloud(cloud)[1] for cloud in estimates])
+    nearest = rows[400]
+    assert nearest[STATUS] == 0
+    assert_allclose(nearest[:3], [0.0, 2.5, -2.3], atol=0.1)
+
+
+def test_outputs_wait_for_their_attitude():
+    """Whichever comes first, outputs get the attitude of their stamp, in order and once."""
+    from tam_calibration.nodes.attitude_join import AttitudeJoin
+
+    join, turn, row = AttitudeJoin(), np.ones(4), np.zeros(18)
+    assert join.push_outputs(1, row) == []
+    assert join.push_outputs(2, row) == []
+    [first] = join.push_attitude(1, turn)
+    assert (first.stamp_ns, first.attitude is turn) == (1, True)
+    lost, third = *join.push_attitude(3, turn), *join.push_outputs(3, row)
+    assert (lost.stamp_ns, lost.attitude) == (2, None)
+    assert (third.stamp_ns, third.attitude is turn) == (3, True)
+
+
+def test_a_new_run_begins_without_a_loss():
+    """When stamps start over, outputs that still waited go on without attitude, and new ones find theirs."""
+    from tam_calibration.nodes.attitude_join import AttitudeJoin
+
+    join, turn, row = AttitudeJoin(), np.ones(4), np.zeros(18)
+    join.push_attitude(100, turn)
+    assert [one.attitude is turn for one in join.push_outputs(100, row)] == [True]
+    assert join.push_outputs(101, row) == []
+    assert [(one.stamp_ns, one.attitude) for one in join.push_outputs(5, row)] == [(101, None)]
+    assert [(one.stamp_ns, one.attitude is turn) for one in join.push_attitude(5, turn)] == [(5, True)]
+    join.push_attitude(3, turn)
+    assert [(one.stamp_ns, one.attitude is turn) for one in join.push_outputs(3, row)] == [(3, True)]
+
+
+def test_outputs_do_not_wait_for_ever():
+    """Without any sample the oldest outputs go on without attitude."""
+    from tam_calibration.nodes.attitude_join import LONGEST_WAIT, AttitudeJoin
+
+    join = AttitudeJoin()
+    answered = [one for stamp in range(LONGEST_WAIT + 7) for one in join.push_outputs(stamp, np.zeros(18))]
+    assert [one.stamp_ns for one in answered] == list(range(7))
