@@ -11,6 +11,7 @@ LAYERS = (
     ("__main__",),
     ("cli",),
     ("nodes",),
+    ("fleet",),
     ("report",),
     ("files",),
     ("gap", "reproduce", "blind"),
@@ -37,7 +38,7 @@ LAYERS = (
 
 RANK = {room: rank for rank, layer in enumerate(LAYERS) for room in layer}
 CORE = RANK["units"]
-SURROUNDINGS = {"__main__", "cli", "nodes", "report", "files"}
+SURROUNDINGS = {"__main__", "cli", "nodes", "fleet", "report", "files"}
 """The rooms that are not numerics."""
 
 MODULES = {

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from tam_calibration.array import OUTPUT_NAMES
 from tam_calibration.calibration import Calibration, Corrected
 from tam_calibration.cli.terminal import PATH, reading, showing_progress, tolerance_option, working
-from tam_calibration.files import read_array, read_calibration, read_pieces, read_samples, write_corrected_pieces
+from tam_calibration.files import read_array, read_calibration, write_corrected_pieces
+from tam_calibration.files.correcting import correct_file
 from tam_calibration.files.json_text import to_json
-from tam_calibration.files.samples import Samples
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray, to_nanotesla
 
@@ -43,11 +43,9 @@ def command(
         raise InputError(f"{output} would be overwritten: choose another name for the output")
     intensity = _Intensity()
     with showing_progress() as progress:
-        source = recording, calibration.errors.sensor_count, tolerance_s, reading(progress)
-        # Effects reach from one piece into the next, and holes in their channels are filled from both sides.
-        pieces = [read_samples(*source)] if calibration.effects else read_pieces(*source)
-        corrected = _correct(pieces, calibration, intensity)
-        write_corrected_pieces(output, corrected, recording, working(progress, f"writing {output}"))
+        corrected = correct_file(recording, calibration, tolerance_s, reading(progress))
+        written = working(progress, f"writing {output}")
+        write_corrected_pieces(output, _counted(corrected, intensity), recording, written)
     summary = _summarise(intensity, calibration, output)
     click.echo(to_json(summary) if as_json else _sentence(summary))
 
@@ -81,27 +79,13 @@ class _Intensity:
         return math.sqrt(max(0.0, self.squares_T2 / self.samples - (self.sum_T / self.samples) ** 2))
 
 
-def _correct(
-    pieces: Iterable[Samples], calibration: Calibration, intensity: _Intensity
+def _counted(
+    pieces: Iterable[tuple[Corrected, NDArray[np.int64] | None]], intensity: _Intensity
 ) -> Iterator[tuple[Corrected, NDArray[np.int64] | None]]:
-    """Yield the corrected pieces with their stamps; refuse at the end what is mostly not in tesla."""
-    wrong_units: list[InputError] = []
-    right_units = 0
-    for samples in pieces:
-        if calibration.effects:
-            corrected = calibration.correct(samples.recording)
-        else:
-            outputs = calibration.apply(samples.recording.readings_T)
-            corrected = Corrected(samples.recording.time_s, outputs, calibration.output_standard_errors)
-        try:
-            samples.recording.check_units()
-            right_units += 1
-        except InputError as problem:
-            wrong_units.append(problem)
+    """Yield the corrected pieces, their intensities added up."""
+    for corrected, stamps_ns in pieces:
         intensity.add(corrected.outputs)
-        yield corrected, samples.stamps_ns
-    if len(wrong_units) > right_units:
-        raise wrong_units[0]
+        yield corrected, stamps_ns
 
 
 def _check_array(calibration: Calibration, array_path: Path) -> None:

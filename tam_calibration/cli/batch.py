@@ -1,0 +1,66 @@
+"""`tam batch`: many recordings through calibration, diagnosis and correction."""
+
+import os
+from functools import partial
+from pathlib import Path
+
+import click
+
+from tam_calibration.cli.terminal import PATH, showing_progress, stdout, tolerance_option
+from tam_calibration.problems import InputError
+
+
+@click.command()
+@click.argument("recordings", nargs=-1, required=True)
+@click.option("--array", "array_path", type=PATH, required=True, help="Array YAML: where the sensors sit, their noise.")
+@click.option(
+    "--calibration",
+    "calibration_path",
+    type=PATH,
+    help="Calibration YAML to correct with, its effects taken off first; by default each recording's own.",
+)
+@click.option("--out", type=PATH, required=True, help="Folder of the results.")
+@click.option("--jobs", type=click.IntRange(1), help="Processes of this machine; by default one for each core.")
+@click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work.")
+@tolerance_option
+@click.pass_context
+def command(
+    ctx: click.Context,
+    recordings: tuple[str, ...],
+    array_path: Path,
+    calibration_path: Path | None,
+    out: Path,
+    jobs: int | None,
+    scheduler: str | None,
+    tolerance_s: float,
+) -> None:
+    """Calibrate, diagnose and correct many RECORDINGS: bags and CSV files, or patterns such as 'missions/**/*.mcap'.
+
+    Called again, also after it was killed, it does what is not done yet, has failed or has changed. The folder that a
+    recording lies in names its platform. Exits 0 when all is done and no gap is open, 1 when something was refused,
+    failed or stays unexplained, 2 on bad input.
+    """
+    from tam_calibration.cli.batch_table import print_batch  # late, as they bring the fits with them
+    from tam_calibration.fleet.batch import run_batch
+    from tam_calibration.fleet.cluster import run_on_cluster
+    from tam_calibration.fleet.find import find_recordings
+    from tam_calibration.fleet.local import run_here
+    from tam_calibration.fleet.task import read_options
+
+    if jobs is not None and scheduler is not None:
+        raise InputError("give either --jobs, for this machine, or --scheduler, for a cluster")
+    options = read_options(array_path, calibration_path, tolerance_s)
+    paths = find_recordings(recordings, without=out)
+    if scheduler is None:
+        run = partial(run_here, jobs=jobs or len(os.sched_getaffinity(0)))
+    else:
+        run = partial(run_on_cluster, scheduler=scheduler)
+    with showing_progress() as progress:
+        task = progress.add_task("recordings", total=len(paths))
+        results = run_batch(
+            paths, out, options, run, lambda done, total: progress.update(task, completed=done, total=total)
+        )
+    print_batch(stdout(), results)
+    for name in ("summary.html", "summary.csv", "summary.json"):
+        click.echo(f"written: {out / name}")
+    ctx.exit(0 if all(result.is_settled for result in results) else 1)

@@ -1,0 +1,84 @@
+"""A batch: what is done already is kept, the rest is done, and everything is summed up."""
+
+import fcntl
+import shutil
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tam_calibration.fleet.result import Result, read_result
+from tam_calibration.fleet.summary import write_summaries
+from tam_calibration.fleet.task import Options, Task
+from tam_calibration.problems import InputError, Refused
+
+Run = Callable[[list[Task]], Iterable[tuple[Task, str]]]
+"""Does tasks, and yields each as it is done, with what kept its result from being written."""
+
+Progress = Callable[[int, int], None]
+"""Is told how many recordings are done, and how many there are."""
+
+
+def run_batch(recordings: list[Path], out: Path, options: Options, run: Run, progress: Progress) -> list[Result]:
+    """Do what is left to do of a batch, write its summaries, and return all results in the order of the summaries.
+
+    Parameters
+    ----------
+    recordings : list of Path
+        Absolute.
+    out : Path
+        Folder of the results, which is made where there is none.
+    options : Options
+        What is asked for every recording.
+    run : callable
+        Does the tasks.
+    progress : callable
+        Is told how far it is.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
+    Refused
+        When another batch is writing into the folder.
+    """
+    with _owning(out):
+        tasks = [Task.of(path, out, options) for path in recordings]
+        left = [task for task in tasks if not task.is_done()]
+        kept = len(tasks) - len(left)
+        progress(kept, len(tasks))
+        lost: dict[Path, str] = {}
+        for done, (task, problem) in enumerate(run(left) if left else (), start=kept + 1):
+            if problem:
+                lost[task.path] = problem
+            progress(done, len(tasks))
+        results = sorted((_result(task, lost.get(task.path, "")) for task in tasks), key=_order)
+        write_summaries(out, results)
+    return results
+
+
+def _result(task: Task, problem: str) -> Result:
+    result = None if problem else read_result(task.folder)
+    return result or task.result("failed", {"run": problem or f"its result is not in {task.folder}"})
+
+
+def _order(result: Result) -> tuple[str, float, str]:
+    """By platform and time; what could not be read comes first."""
+    return result.platform, result.time_span_s[0] if result.time_span_s else 0.0, result.path
+
+
+@contextmanager
+def _owning(out: Path) -> Iterator[None]:
+    """Hold the folder for one batch at a time, and remove what a batch that was killed left unfinished."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        lock = (out / ".lock").open("w")
+    except OSError as problem:
+        raise InputError(f"{out} cannot be written: {problem.strerror}") from None
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise Refused(f"another batch is writing into {out}: wait for it, or name another folder") from None
+        for part in (*out.glob(".summary.*"), *out.glob("recordings/*/.*")):
+            shutil.rmtree(part, ignore_errors=True)
+        yield

@@ -1,0 +1,63 @@
+"""Tasks on the cores of this machine, in processes that end with the one that started them."""
+
+import os
+import signal
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context, parent_process
+from threading import Thread
+
+from tam_calibration.fleet.task import Task, process
+
+
+def run_here(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, str]]:
+    """Do tasks in so many processes; yield each as it is done, with what kept its result from being written.
+
+    When a process is killed, as the system does when memory runs out, the tasks that were not done yet are done one
+    after another, each in a process of its own, so that one of them cannot take the others with it.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    left = []
+    for task, problem in _in_pool(tasks, jobs):
+        if isinstance(problem, BrokenProcessPool):
+            left.append(task)
+        else:
+            yield task, _sentence(problem)
+    for task in left:
+        for _, problem in _in_pool([task], 1):
+            yield task, _sentence(problem)
+
+
+def _in_pool(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, BaseException | None]]:
+    # A forked process would inherit the threads of a progress display.
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_begin)
+    try:
+        futures = {pool.submit(process, task): task for task in tasks}
+        for future in as_completed(futures):
+            yield futures[future], future.exception()
+    except BrokenProcessPool as problem:  # while tasks were handed in
+        yield from ((task, problem) for task in tasks)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _begin() -> None:
+    """Let this process end at an interrupt, without a word, and with the process that started it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _sentence(problem: BaseException | None) -> str:
+    if problem is None:
+        return ""
+    if isinstance(problem, BrokenProcessPool):
+        return "its process was killed: did memory run out? Cut the recording, or give the batch more memory"
+    return f"{type(problem).__name__}: {problem}"

@@ -1,0 +1,57 @@
+"""Counts, drifts and troubles of a batch as rows of text, for the page and for the terminal."""
+
+from collections.abc import Sequence
+
+from tam_calibration.fleet.counts import COLUMNS, causes_of, counts_of
+from tam_calibration.fleet.parameters import ParameterDrift, by_platform
+from tam_calibration.fleet.result import Result
+from tam_calibration.report.formatting import number, with_error
+
+COUNTS_HEADER = ("platform", *COLUMNS, "causes")
+DRIFT_HEADER = ("platform", "sensor", "parameter", "missions", "mean", "drift per day", "over its error", "scatter")
+
+_DECIMALS = 6
+
+
+def count_rows(results: Sequence[Result]) -> list[list[str]]:
+    """Return a row for each platform, under ``COUNTS_HEADER``."""
+    rows = []
+    for platform, some in by_platform(results).items():
+        causes = ", ".join(f"{cause} {times}" for cause, times in causes_of(some).items())
+        rows.append([platform, *map(str, counts_of(some).values()), causes or "–"])
+    return rows
+
+
+def drift_row(found: ParameterDrift) -> list[str]:
+    """Return the row of a drift, under ``DRIFT_HEADER``."""
+    drift, unit = found.drift, f" ({found.group.unit})" if found.group.unit else ""
+    return [
+        found.platform,
+        str(found.sensor),
+        found.name + unit,
+        str(drift.missions),
+        with_error(drift.mean, drift.mean_standard_error, _DECIMALS),
+        with_error(drift.per_day, drift.per_day_standard_error, _DECIMALS),
+        number(drift.significance),
+        number(drift.scatter),
+    ]
+
+
+def largest(drifts: Sequence[ParameterDrift]) -> list[ParameterDrift]:
+    """Return the drift of each platform and kind of parameter that stands out most over its standard error."""
+    kinds: dict[tuple[str, str], ParameterDrift] = {}
+    for found in drifts:
+        key = found.platform, found.group.title
+        if abs(found.drift.significance) > (abs(kinds[key].drift.significance) if key in kinds else 0.0):
+            kinds[key] = found
+    return list(kinds.values())
+
+
+def open_points(results: Sequence[Result]) -> list[str]:
+    """Return for each recording that is not settled what is the matter with it."""
+    points = []
+    for result in results:
+        statement = "" if result.gap is None or result.is_settled else f"{result.gap['statement']}"
+        if words := "; ".join(part for part in (result.trouble, statement) if part):
+            points.append(f"{result.platform}/{result.recording}: {result.status}; {words}")
+    return points

@@ -1,0 +1,214 @@
+"""One recording through calibration, diagnosis and correction, into a folder that appears whole."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from tam_calibration import __version__
+from tam_calibration.array import Array
+from tam_calibration.calibration import Calibration
+from tam_calibration.files import (
+    array_to_mapping,
+    calibration_to_mapping,
+    calibration_to_yaml,
+    provenance,
+    read_array,
+    read_calibration,
+    read_samples,
+    write_calibration,
+    write_corrected_pieces,
+)
+from tam_calibration.files.correcting import correct_file
+from tam_calibration.files.gap_json import gap_to_mapping, write_gap
+from tam_calibration.files.json_text import to_json
+from tam_calibration.files.recording_file import is_bag, is_large, read_stream
+from tam_calibration.fit import calibrate
+from tam_calibration.fleet.result import Result, Seal, Status, read_result, state_of, write_result
+from tam_calibration.gap import diagnose
+from tam_calibration.problems import InputError, Refused
+from tam_calibration.recording import SampleSource
+
+_DIGEST_LETTERS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """What is asked for every recording.
+
+    Parameters
+    ----------
+    array : Array
+        Geometry and noise.
+    calibration : Calibration, optional
+        What recordings are corrected with, its effects taken off first; by default each with its own calibration.
+    tolerance_s : float
+        Greatest difference of stamps within a sample of a bag, seconds.
+    digest : str
+        Of all these and of the software's version.
+    """
+
+    array: Array
+    calibration: Calibration | None
+    tolerance_s: float
+    digest: str
+
+
+def read_options(array_path: Path, calibration_path: Path | None, tolerance_s: float) -> Options:
+    """Return what is asked for, read from its files.
+
+    Raises
+    ------
+    InputError
+        When a file cannot be read, or the calibration is of another array.
+    """
+    array = read_array(array_path)
+    calibration = None if calibration_path is None else read_calibration(calibration_path)
+    if calibration is not None and not calibration.is_of(array):
+        raise InputError(f"the calibration is of another array than {array_path}: use the calibration of this array")
+    asked = {
+        "software": __version__,
+        "array": array_to_mapping(array),
+        "calibration": None if calibration is None else calibration_to_yaml(calibration),
+        "tolerance_s": tolerance_s,
+    }
+    return Options(array, calibration, tolerance_s, sha256(to_json(asked).encode()).hexdigest())
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A recording, by its absolute path, and the folder for what is made of it."""
+
+    path: Path
+    folder: Path
+    options: Options
+
+    @classmethod
+    def of(cls, path: Path, out: Path, options: Options) -> "Task":
+        """Return the task of a recording; its folder tells recordings of one name apart by their paths."""
+        digest = sha256(str(path).encode()).hexdigest()[:_DIGEST_LETTERS]
+        return cls(path, out.resolve() / "recordings" / path.parent.name / f"{path.name}-{digest}", options)
+
+    def result(self, status: Status, problems: dict[str, str], **rest: Any) -> Result:
+        """Return a result of this recording."""
+        names = self.path.name, self.path.parent.name, str(self.path)
+        return Result(*names, status, problems, self.options.digest, **rest)
+
+    def is_done(self) -> bool:
+        """Whether its result is there, of this recording as it is now and of these options."""
+        result = read_result(self.folder)
+        if result is None or result.status == "failed" or result.seal is None:
+            return False
+        with suppress(InputError, OSError):
+            return result.options == self.options.digest and result.seal.holds(self.path)
+        return False
+
+
+def process(task: Task) -> None:
+    """Do a task; what is wrong with the recording is kept in its result.
+
+    Raises
+    ------
+    OSError
+        When its folder cannot be written.
+    """
+    with _placing(task.folder) as folder:
+        write_result(folder, _work(task, folder))
+
+
+@contextmanager
+def _placing(folder: Path) -> Iterator[Path]:
+    """Give a folder to write to that takes its place, and that of an older one, when all is written."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as name:
+        beside = Path(name, folder.name)
+        beside.mkdir()
+        yield beside
+        with suppress(FileNotFoundError):
+            shutil.rmtree(folder)
+        os.rename(beside, folder)
+
+
+@dataclass
+class _Notes:
+    """What kept the steps from their results, and whether that is a failure rather than an answer."""
+
+    problems: dict[str, str] = field(default_factory=dict)
+    is_failed: bool = False
+
+    @contextmanager
+    def step(self, name: str, may_refuse: bool = False) -> Iterator[None]:
+        """Keep what goes wrong within."""
+        try:
+            yield
+        except (InputError, Refused) as problem:
+            self.problems[name] = str(problem)
+            self.is_failed |= not may_refuse
+        except Exception as problem:  # one recording does not stop the others, whatever it is
+            self.problems[name] = f"{type(problem).__name__}: {problem}"
+            self.is_failed = True
+
+    @property
+    def status(self) -> Status:
+        if self.is_failed:
+            return "failed"
+        return "refused" if self.problems else "done"
+
+
+def _work(task: Task, folder: Path) -> Result:
+    """Write all files but the result, and return it."""
+    options, notes = task.options, _Notes()
+    calibration = options.calibration
+    rest: dict[str, Any] = {}
+    with notes.step("read"):
+        state = state_of(task.path)
+        origin = provenance(task.path)
+        source = _read(task.path, options)
+        rest |= {"seal": Seal(*state, origin.sha256), "samples": source.sample_count, "time_span_s": source.time_span_s}
+    if notes.problems:
+        return task.result(notes.status, notes.problems)
+    with notes.step("calibrate", may_refuse=True):
+        own = replace(calibrate(source, options.array), source=origin)
+        write_calibration(folder / "calibration.yaml", own)
+        rest["sensors"] = calibration_to_mapping(own)["sensors"]
+        calibration = calibration or own
+    with notes.step("diagnose", may_refuse=True):
+        gap = diagnose(source.whole(), options.array)
+        write_gap(folder / "gap.json", gap, origin)
+        rest["gap"] = _in_short(gap_to_mapping(gap))
+    if calibration is not None:
+        with notes.step("correct"):
+            rest["corrected"] = _correct(task, calibration, folder)
+    return task.result(notes.status, notes.problems, **rest)
+
+
+def _read(path: Path, options: Options) -> SampleSource:
+    """Return the samples, without what effects of the given calibration add."""
+    source = path, options.array.sensor_count, options.tolerance_s
+    if options.calibration is not None and options.calibration.effects:
+        return options.calibration.without_effects(read_samples(*source).recording)
+    recording: SampleSource = read_stream(*source) if is_large(path) else read_samples(*source).recording
+    return recording
+
+
+def _in_short(content: dict[str, Any]) -> dict[str, Any]:
+    """Return what the summary tells of a gap."""
+    return {
+        "verdict": content["verdict"],
+        "statement": content["statement"],
+        **{key: content["gap"][key] for key in ("before", "after", "closed")},
+        "causes": [cause["effect"] for cause in content["causes"]],
+    }
+
+
+def _correct(task: Task, calibration: Calibration, folder: Path) -> str:
+    """Write the corrected data, a bag as one .mcap file with its other topics, and return the file's name."""
+    name = "corrected.mcap" if is_bag(task.path) else "corrected.csv"
+    pieces = correct_file(task.path, calibration, task.options.tolerance_s)
+    write_corrected_pieces(folder / name, pieces, task.path)
+    return name
