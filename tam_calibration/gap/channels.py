@@ -140,6 +140,8 @@ class Channels:
         Its inverse variance, 1/T²; 0 where there is no reference.
     is_counted : (N,) array of bool
         Whether the sample counts.
+    stride : int
+        Normal equations, energy and count take every sample of that distance.
     """
 
     recording: Recording
@@ -151,6 +153,7 @@ class Channels:
     misfit_T: FloatArray
     precision: FloatArray
     is_counted: NDArray[np.bool_]
+    stride: int = 1
 
     @classmethod
     def at(
@@ -162,6 +165,7 @@ class Channels:
         added_T: FloatArray | None = None,
         is_counted: NDArray[np.bool_] | None = None,
         row_variance: FloatArray | None = None,
+        stride: int = 1,
     ) -> "Channels":
         """Return the channels of a recording.
 
@@ -181,6 +185,8 @@ class Channels:
             By default every sample counts.
         row_variance : (3K + 1,) array, optional
             Of white noise beyond that of the array, T².
+        stride : int
+            See the class.
         """
         assert array.vector_noise_T is not None
         count = recording.sensor_count
@@ -220,6 +226,7 @@ class Channels:
             np.where(known, scalar - length, 0.0),
             np.where(known, 1 / variance, 0.0),
             np.ones(len(rows), dtype=bool) if is_counted is None else is_counted,
+            stride,
         )
 
     @cached_property
@@ -236,6 +243,11 @@ class Channels:
         return coupling
 
     @property
+    def has_scalar(self) -> bool:
+        """Whether the intensity is measured, and not taken for constant."""
+        return self.recording.scalar_T is not None
+
+    @property
     def channels_per_sample(self) -> FloatArray:
         """(N,) number of channels of each sample that counts."""
         count: FloatArray = self.is_counted * (self.differential.shape[1] + (self.precision > 0))
@@ -244,7 +256,7 @@ class Channels:
     @cached_property
     def count(self) -> float:
         """Number of channels n."""
-        return float(self.channels_per_sample.sum())
+        return float(self.channels_per_sample[:: self.stride].sum())
 
     @cached_property
     def energy_per_sample(self) -> FloatArray:
@@ -255,7 +267,7 @@ class Channels:
     @cached_property
     def energy(self) -> float:
         """Sum of the squares of all channels that count."""
-        return float(self.energy_per_sample[self.is_counted].sum())
+        return float((self.energy_per_sample * self.is_counted)[:: self.stride].sum())
 
     @cached_property
     def misfit(self) -> Misfit:
@@ -331,7 +343,7 @@ class Channels:
         )
 
     def _pieces(self, part: slice | None) -> Iterator[slice]:
-        start, stop, step = (part or slice(None)).indices(len(self.misfit_T))
+        start, stop, step = (part or slice(None, None, self.stride)).indices(len(self.misfit_T))
         for first in range(start, stop, _PIECE * step):
             yield slice(first, min(first + _PIECE * step, stop), step)
 

@@ -31,11 +31,12 @@ _AS_GOOD = 10.0
 def conclude(found: Search) -> Gap:
     """Return the gap that a search found."""
     variance = noise_variance(found.model, found.remaining, LEAST_EVIDENCE)
-    size = measure(found.nominal, found.model, variance)
+    whole_nominal, whole = found.nominal.of_all_samples(), found.model.of_all_samples()
+    size = measure(whole_nominal, whole, variance)
     chances = probabilities(found)
     base = found.nominal.base()
     nominal = base.channels
-    causes = _causes(found, size, chances, variance)
+    causes = _causes(found, whole, size, chances, variance)
     verdict = _verdict(found, size, nominal, variance)
     if verdict in ("no_gap", "unexplained"):
         causes = ()
@@ -71,8 +72,7 @@ def _verdict(found: Search, size: Size, nominal: Channels, variance: float) -> V
     return "partly_explained" if size.closed >= _PARTLY_CLOSED else "unexplained"
 
 
-def _causes(found: Search, size: Size, chances: Mapping[str, float], variance: float) -> tuple[Cause, ...]:
-    model = found.model
+def _causes(found: Search, model: Model, size: Size, chances: Mapping[str, float], variance: float) -> tuple[Cause, ...]:
     linear = [step for step in found.steps if isinstance(step.accepted.form, Hypothesis)]
     others = list({id(step.accepted.form.fitted): step for step in reversed(found.steps) if isinstance(step.accepted.form, Finding)}.values())
     shares = shares_of(model) if model.parts else np.empty(0)
@@ -83,7 +83,7 @@ def _causes(found: Search, size: Size, chances: Mapping[str, float], variance: f
     weights = [*(share * linear_gain / total for share in shares), *(step.accepted.gain / total for step in others)]
     causes = []
     for step, effect, weight in zip((*linear, *others), (*fitted, *_findings(model)), weights, strict=True):
-        sensors, axes = sensors_and_axes(_places(effect), model.recording.sensor_count)
+        sensors, axes = sensors_and_axes(_places(effect), model.recording)
         causes.append(
             Cause(
                 effect,

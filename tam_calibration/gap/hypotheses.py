@@ -20,7 +20,7 @@ CHANNEL_NAMES = {
 }
 """What people call the channels of a recording."""
 
-_PROMISING = 0.6
+_PROMISING = 0.75
 """Part of the strongest evidence from which it pays to refine a shape."""
 
 

@@ -21,6 +21,9 @@ from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 _MOST_STEPS = 8
+_ENOUGH_SAMPLES = 8000
+"""Of a long recording a search takes no more; the fit that it ends with takes all."""
+
 _STEP_LENGTHS = (1.0, 0.5, 0.125)
 _SETTLED = 1e-3
 
@@ -86,6 +89,8 @@ class Model:
         Accepted effects that were found otherwise.
     gross : FittedEffect, optional
         A jump that was seen without a calibration, and that the errors already do without.
+    stride : int
+        The fit takes every sample of that distance.
     """
 
     recording: Recording
@@ -95,13 +100,15 @@ class Model:
     parts: tuple[Part, ...] = ()
     findings: tuple[Finding, ...] = ()
     gross: FittedEffect | None = None
+    stride: int = 1
 
     @classmethod
     def nominal(cls, recording: Recording, array: Array) -> "Model":
         """Fit the calibration alone, or with a jump that is too large for the calibration to be found in spite of it."""
         jump = moved_sphere(recording)
         noisy, errors, intensity = start(recording if jump is None else without_jump(recording, jump), array)
-        model = cls(recording, noisy, errors, intensity, gross=jump)
+        stride = recording.sample_count // _ENOUGH_SAMPLES + 1
+        model = cls(recording, noisy, errors, intensity, gross=jump, stride=stride)
         return model.settled() if jump is None else model
 
     @property
@@ -118,7 +125,7 @@ class Model:
         variances = [finding.variance for finding in self.findings if finding.variance is not None]
         beyond = np.sum(variances, axis=0) if variances else None
         return Channels.at(
-            self.recording, self.array, self.errors, self.intensity_T, added_T, self.is_counted, beyond
+            self.recording, self.array, self.errors, self.intensity_T, added_T, self.is_counted, beyond, self.stride
         )
 
     def settled(self) -> "Model":
@@ -174,3 +181,7 @@ class Model:
         if isinstance(form, Finding):
             return replace(self, findings=(*self.findings, form)).settled()
         return replace(self, parts=(*self.parts, Part.of(form))).settled()
+
+    def of_all_samples(self) -> "Model":
+        """Return the model fitted to every sample."""
+        return self if self.stride == 1 else replace(self, stride=1).settled()

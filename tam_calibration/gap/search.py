@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from tam_calibration.effects.effect import Finding, FittedEffect, LinearEffect, Shape, Situation, Term
+from tam_calibration.effects.effect import SCALAR, Finding, FittedEffect, LinearEffect, Shape, Situation, Term
 from tam_calibration.gap.channels import Design
 from tam_calibration.gap.regression import Base, Projected, twice_log_likelihood_ratio
 from tam_calibration.gap.selection import Selection, evidence, first_step, select
@@ -123,7 +123,11 @@ class _Offer:
 
 
 def _offer(base: Base, effect: LinearEffect, shape: Shape, sensor: int | None = None) -> _Offer | None:
-    terms = [term for term in effect.terms(base.channels.situation, shape) if sensor in (None, term.sensor)]
+    terms = [
+        term
+        for term in effect.terms(base.channels.situation, shape)
+        if sensor in (None, term.sensor) and (term.sensor != SCALAR or effect.is_of_site or base.channels.has_scalar)
+    ]
     if not terms:
         return None
     projected = base.project(Design.of(terms))

@@ -38,6 +38,9 @@ _AMONG_SEVERAL = 0.35
 CLEAN = 0.15
 """Part of the gap that causes may leave open and still explain it."""
 
+_HOPELESS = 0.5
+"""Part of the gap that no causes may leave open."""
+
 _STARTS = 2
 """Effects from which a search starts, at most."""
 
@@ -93,11 +96,17 @@ def search(recording: Recording, array: Array, without: Collection[str] = (), pr
     looking = _Looking(nominal, frozenset(without), tell)
     best = looking.found(looking.gross)
     for start in looking.other_starts(best):
-        if best.is_clean and best.steps:
-            break
         best = max(best, looking.found(start), key=lambda one: one.evidence)
     weighed, unknown = looking.weigh(looking.first_base, 0)
-    return Search(nominal, best.model, best.steps, weighed, unknown, best.remaining, looking.considered)
+    return Search(
+        nominal,
+        best.model,
+        best.steps,
+        weighed,
+        unknown,
+        best.remaining,
+        looking.considered,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,11 +165,16 @@ class _Looking:
     def found(self, first: Evidence | None) -> _Outcome:
         """Return the causes that hold of those found from a start, or from the strongest."""
         steps, base = self._forward(first)
-        kept = _holding(self._nominal, _swapped(self._nominal, steps, self._effects), self.weigh(self.first_base, 0)[1])
+        unknown = self.weigh(self.first_base, 0)[1]
+        if not steps or open_part(self.first_base, base, rivals(base)) > _HOPELESS:
+            kept = []
+        else:
+            kept = _holding(self._nominal, steps, unknown)
+            kept = _swapped(self._nominal, kept, self._effects)
         model = _beside(self._nominal, kept, None)
         if kept != steps:
             base = model.base()
-        unknown = tuple(rivals(base)) if kept else self.weigh(self.first_base, 0)[1]
+        unknown = tuple(rivals(base)) if kept else unknown
         count = base.channels.count
         spent = base.rank - self.first_base.rank + sum(finding.parameter_count for finding in model.findings)
         evidence = -count * log(base.energy / count) - spent * log(count)
@@ -281,17 +295,18 @@ def _choose(
 def _holding(nominal: Model, steps: list[Step], rivals_of_all: Sequence[Evidence]) -> list[Step]:
     """Return the causes that, beside all others, explain what functions without physics explain in their sensors."""
     kept = list(steps)
-    while kept:
-        failing = [step for step in kept if isinstance(step.accepted.form, Hypothesis) and not _holds(nominal, kept, step, rivals_of_all)]
-        if not failing:
-            break
-        kept.remove(min(failing, key=lambda step: step.accepted.gain))
-    return kept
+    while True:
+        weakest_first = sorted(kept, key=lambda step: step.accepted.gain)
+        failing = next((step for step in weakest_first if not _holds(nominal, kept, step, rivals_of_all)), None)
+        if failing is None:
+            return kept
+        kept.remove(failing)
 
 
 def _holds(nominal: Model, steps: list[Step], step: Step, rivals_of_all: Sequence[Evidence]) -> bool:
+    if not isinstance(step.accepted.form, Hypothesis):
+        return True
     base = _beside(nominal, steps, step).base()
-    assert isinstance(step.accepted.form, Hypothesis)
     form = step.accepted.form.moved(base.channels.situation)
     gain, rank = base.project(form.design).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)

@@ -26,6 +26,7 @@ class FunctionOfTime(LinearEffect):
     physics = "No physics: cosines of half periods of the record."
     excitation = "none"
     is_free_in_time = True
+    is_of_site = True
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return cosines in bands of growing order, for each sensor's axes."""

@@ -11,15 +11,20 @@ from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Where
 from tam_calibration.gap.search import Hypothesis, Place
 from tam_calibration.gap.selection import columns_of
+from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 _SPAN_ENERGY = 0.9
 _SHORT_SPAN = 0.6
 _NEARLY_ALL = 0.85
 
-def sensors_and_axes(places: Iterable[Place], sensor_count: int) -> tuple[tuple[int | str, ...], tuple[str, ...]]:
-    """Return what people call places: sensor numbers or "scalar", and axes."""
-    places = list(places)
+def sensors_and_axes(places: Iterable[Place], recording: Recording) -> tuple[tuple[int | str, ...], tuple[str, ...]]:
+    """Return what people call places: sensor numbers or "scalar", and axes.
+
+    An intensity that is not measured but taken for constant is seen by all sensors alike.
+    """
+    sensor_count = recording.sensor_count
+    places = [(ALL if sensor == SCALAR and recording.scalar_T is None else sensor, axis) for sensor, axis in places]
     found = {sensor for sensor, _ in places}
     if ALL in found:
         found = found - {ALL} | set(range(sensor_count))
@@ -146,7 +151,7 @@ def locate(
         places = main_places(base, strongest)
     else:
         places = noisy
-    sensors, axes = sensors_and_axes(places, channels.situation.sensor_count)
+    sensors, axes = sensors_and_axes(places, channels.recording)
     excess = (channels.energy_per_sample / variance - channels.channels_per_sample) * channels.is_counted
     row = _first_row(places, channels)
     per_channel = {
