@@ -44,7 +44,8 @@ class EddyCurrent(LinearEffect):
         span = float(situation.time_s[-1] - situation.time_s[0])
         change = np.diff(situation.field_T, axis=0)
         turning = np.sum(change**2) / np.sum(np.diff(situation.time_s)) / situation.step_s
-        slowest = float(np.sqrt(np.mean(np.sum((situation.field_T - situation.field_T.mean(axis=0)) ** 2, axis=1)) / turning))
+        spread = np.mean(np.sum((situation.field_T - situation.field_T.mean(axis=0)) ** 2, axis=1))
+        slowest = float(np.sqrt(spread / turning))
         longest = max(min(_LONGEST_S, _LONGEST_PART * span, slowest), 2 * shortest)
         return [{"time_constant_s": float(constant)} for constant in np.geomspace(shortest, longest, _COUNT)]
 
