@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -100,13 +101,14 @@ class Situation:
         """The samples between holes of the record."""
         cuts = np.flatnonzero(np.diff(self.time_s) > _HOLE * self.step_s) + 1
         bounds = [0, *cuts.tolist(), self.sample_count]
-        return tuple(slice(start, stop) for start, stop in zip(bounds[:-1], bounds[1:], strict=True))
+        return tuple(slice(start, stop) for start, stop in pairwise(bounds))
 
     def take(self, index: slice | NDArray[Any]) -> "Situation":
         """Return the situation at the samples that a slice, mask or index selects."""
         channels = (self.temperature_C, self.current_A, self.attitude)
-        chosen = [None if channel is None else channel[index] for channel in channels]
-        return Situation(self.time_s[index], self.field_T[index], self.errors, self.array, *chosen)
+        temperature, current, attitude = (None if channel is None else channel[index] for channel in channels)
+        field, time = self.field_T[index], self.time_s[index]
+        return Situation(time, field, self.errors, self.array, temperature, current, attitude)
 
 
 @dataclass(frozen=True)
