@@ -57,9 +57,7 @@ class Hysteresis(LinearEffect):
         shapes: list[Shape] = [{"full_scale_T": scale}]
         for x, y, z in _DIRECTIONS.tolist():
             elevation = float(np.arctan2(z, np.hypot(x, y)))
-            shapes.append(
-                {"full_scale_T": scale, "azimuth_rad": float(np.arctan2(y, x)), "elevation_rad": elevation}
-            )
+            shapes.append({"full_scale_T": scale, "azimuth_rad": float(np.arctan2(y, x)), "elevation_rad": elevation})
         return shapes
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
@@ -67,8 +65,9 @@ class Hysteresis(LinearEffect):
         scale = shape["full_scale_T"]
         if "azimuth_rad" not in shape:
             return self._terms(situation, scale, situation.sensed_T)
-        flat = np.cos(shape["elevation_rad"])
-        direction = flat * np.cos(shape["azimuth_rad"]), flat * np.sin(shape["azimuth_rad"]), np.sin(shape["elevation_rad"])
+        azimuth, elevation = shape["azimuth_rad"], shape["elevation_rad"]
+        flat = np.cos(elevation)
+        direction = flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)
         return self._terms(situation, scale, situation.field_T @ np.array(direction)[:, None])
 
     def _terms(self, situation: Situation, scale: float, drives: FloatArray) -> list[Term]:
