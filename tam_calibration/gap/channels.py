@@ -76,12 +76,12 @@ class Design:
     @property
     def is_shared(self) -> bool:
         """Whether so many rows share the features that it pays to take directions and rows apart."""
-        return 4 * self.features.shape[1] < len(self.rows)
+        return bool(4 * self.features.shape[1] < len(self.rows))
 
     @cached_property
     def scatter(self) -> FloatArray | None:
         """(J, P) sums of atoms to columns; None where they are the same."""
-        if len(self.columns) == self.width and (self.columns == np.arange(self.width)).all():
+        if np.array_equal(self.columns, np.arange(self.width)):
             return None
         scatter = np.zeros((len(self.columns), self.width))
         scatter[np.arange(len(self.columns)), self.columns] = 1
@@ -203,7 +203,8 @@ class Channels:
         length = norm(field, axis=1)
         direction = field / length[:, None]
         scalar = np.full(len(rows), intensity_T) if recording.scalar_T is None else recording.scalar_T - added[..., -1]
-        variance = (array.scalar_noise_T or 0.0) ** 2 + beyond[-1] + np.einsum("ni,ij,nj->n", direction, covariance, direction)
+        variance = (array.scalar_noise_T or 0.0) ** 2 + beyond[-1]
+        variance = variance + np.einsum("ni,ij,nj->n", direction, covariance, direction)
         known = np.isfinite(scalar)
         turn = np.zeros((4, 3 * count + 1))
         turn[:3, :-1], turn[3, -1] = -unmix, 1
@@ -313,7 +314,8 @@ class Channels:
         if not design.is_shared:
             return values
         by_feature = values.reshape(design.features.shape[1], 4, -1)[design.index]
-        return np.einsum("jxq,xj->jq", by_feature, self.turn[:, design.rows])
+        by_atom: FloatArray = np.einsum("jxq,xj->jq", by_feature, self.turn[:, design.rows])
+        return by_atom
 
     def score(self, design: Design, part: slice | None = None) -> FloatArray:
         """Return the score (P,) of the columns of a design: their products with the residuals."""
