@@ -8,7 +8,6 @@ import numpy as np
 from tam_calibration.effects.effect import Finding, FittedEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.channels import Channels, Design, calibration_design
-from tam_calibration.gap.steps import CLEAN, LEAST_EVIDENCE, Search, open_part
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.probability import probabilities
@@ -17,6 +16,7 @@ from tam_calibration.gap.result import Cause, Considered, Gap, Residue, Size, Ve
 from tam_calibration.gap.search import Hypothesis, Place
 from tam_calibration.gap.shares import shares_of
 from tam_calibration.gap.size import measure, noise_variance
+from tam_calibration.gap.steps import CLEAN, LEAST_EVIDENCE, Search, open_part
 from tam_calibration.gap.where import locate, sensors_and_axes
 from tam_calibration.units import FloatArray
 
@@ -72,9 +72,14 @@ def _verdict(found: Search, size: Size, nominal: Channels, variance: float) -> V
     return "partly_explained" if size.closed >= _PARTLY_CLOSED else "unexplained"
 
 
-def _causes(found: Search, model: Model, size: Size, chances: Mapping[str, float], variance: float) -> tuple[Cause, ...]:
+def _causes(
+    found: Search, model: Model, size: Size, chances: Mapping[str, float], variance: float
+) -> tuple[Cause, ...]:
     linear = [step for step in found.steps if isinstance(step.accepted.form, Hypothesis)]
-    others = list({id(step.accepted.form.fitted): step for step in reversed(found.steps) if isinstance(step.accepted.form, Finding)}.values())
+    by_finding = {
+        id(step.accepted.form.fitted): step for step in reversed(found.steps) if isinstance(step.accepted.form, Finding)
+    }
+    others = list(by_finding.values())
     shares = shares_of(model) if model.parts else np.empty(0)
     fitted = _fitted(model, variance)
     gains = [step.accepted.gain for step in (*linear, *others)]
