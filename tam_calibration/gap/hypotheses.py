@@ -86,8 +86,8 @@ def examine(base: Base, effect: Effect) -> Evidence | str:
     finding = effect.find(base.channels.misfit)
     if isinstance(finding, str):
         return finding
-    count = base.channels.count
-    return Evidence(effect.name, finding, finding.gain - finding.parameter_count * log(count), finding.gain, effect.is_certain)
+    delta_bic = finding.gain - finding.parameter_count * log(base.channels.count)
+    return Evidence(effect.name, finding, delta_bic, finding.gain, effect.is_certain)
 
 
 def evidence_of(base: Base, form: Hypothesis) -> Evidence:
@@ -110,7 +110,6 @@ def sharpened(base: Base, weighed: Sequence[Evidence]) -> tuple[Evidence, ...]:
 def rivals(base: Base) -> list[Evidence]:
     """Return what functions without physics say."""
     found = [
-        examine(base, rival())
-        for rival in (FunctionOfTime, FunctionOfDirection, FunctionOfRate, FunctionOfNeighbours)
+        examine(base, rival()) for rival in (FunctionOfTime, FunctionOfDirection, FunctionOfRate, FunctionOfNeighbours)
     ]
     return [one for one in found if isinstance(one, Evidence)]
