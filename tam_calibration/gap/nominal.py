@@ -1,6 +1,7 @@
 """The nominal fit: the calibration that a diagnosis starts from, whatever else is in the recording."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -77,7 +78,7 @@ def without_jump(recording: Recording, jump: FittedEffect) -> Recording:
 def _parts(count: int) -> list[slice]:
     """Return the whole and, where something changed in the middle, its halves and thirds."""
     cuts = [np.linspace(0, count, parts + 1).astype(int) for parts in (1, 2, 3)]
-    return [slice(int(low), int(high)) for cut in cuts for low, high in zip(cut[:-1], cut[1:], strict=True)]
+    return [slice(int(low), int(high)) for cut in cuts for low, high in pairwise(cut)]
 
 
 def stepped(errors: SensorErrors, step: FloatArray, unit_T: float) -> SensorErrors:
