@@ -11,7 +11,7 @@ _TEMPER = 6.0
 
 
 def probabilities(found: Search) -> Mapping[str, float]:
-    """Return the probability of no gap, of each effect that was weighed first, and of none of these; their sum is one."""
+    """Return the probabilities of no gap, of each effect weighed first, and of none of these; they add up to one."""
     accepted = [step.accepted.effect for step in found.steps]
     logits = {"no_gap": LEAST_EVIDENCE / 2}
     for one in found.weighed:
