@@ -76,7 +76,7 @@ class Projected:
         widths = np.array([len(group) for group in groups])
         for width in np.unique(widths):
             chosen = np.flatnonzero(widths == width)
-            columns = np.stack([groups[index] for index in chosen])
+            columns = np.stack([groups[index] for index in chosen.tolist()])
             values, vectors = np.linalg.eigh(information[columns[:, :, None], columns[:, None, :]])
             kept = values > VISIBLE
             along = np.einsum("gij,gi->gj", vectors, score[columns])
