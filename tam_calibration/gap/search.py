@@ -71,7 +71,8 @@ def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
     shapes = tuple(effect.shapes(base.channels.situation, base.channels.misfit))
     offers = [offer for offer in (_offer(base, effect, shape) for shape in shapes) if offer is not None]
     offers.sort(key=lambda offer: -offer.evidence)
-    forms = [form for form in (_selected(base, effect, offer) for offer in offers[:_FULLY_SELECTED]) if form is not None]
+    selected = (_selected(base, effect, offer) for offer in offers[:_FULLY_SELECTED])
+    forms = [form for form in selected if form is not None]
     if not forms:
         return None
     best = replace(max(forms, key=lambda form: form.selection.delta_bic), tried=shapes)
