@@ -10,7 +10,6 @@ from tam_calibration.effects.effect import Term
 from tam_calibration.gap.regression import Projected, twice_log_likelihood_ratio
 from tam_calibration.units import FloatArray
 
-
 _RIDGE = 1e-9
 
 
@@ -86,7 +85,8 @@ def select(projected: Projected, terms: Sequence[Term], energy: float, count: fl
         if not offers:
             break
         gains, ranks = left.gains([_join(columns, offer) for offer in offers])
-        values = np.array([evidence(energy, gained + gain, count, spent + rank) for gain, rank in zip(gains, ranks, strict=True)])
+        both = zip(gains, ranks, strict=True)
+        values = np.array([evidence(energy, gained + gain, count, spent + rank) for gain, rank in both])
         values[ranks == 0] = -np.inf
         first = int(np.argmax(values))
         value = float(values[first]) - (steps + 1) * choice
