@@ -1,4 +1,4 @@
-"""The part of each effect in what all of them explain, whatever the order: the Shapley value of the explained energy."""
+"""The part of each effect in what all explain, whatever the order: the Shapley value of the explained energy."""
 
 from itertools import combinations
 from math import factorial
@@ -21,7 +21,7 @@ def shares_of(model: Model) -> FloatArray:
     projected = Base(channels, [calibration_design(channels.situation)]).project(Design.joined(designs))
     ends = np.cumsum([design.width for design in designs])
     columns = [np.arange(end - design.width, end) for end, design in zip(ends, designs, strict=True)]
-    explained = {(): 0.0}
+    explained: dict[tuple[int, ...], float] = {(): 0.0}
     for size in range(1, count + 1):
         for group in combinations(range(count), size):
             explained[group] = projected.take(np.concatenate([columns[member] for member in group])).gain()[0]
