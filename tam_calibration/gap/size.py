@@ -22,7 +22,7 @@ _T_OF_FOLDS = 2.776
 
 @dataclass(frozen=True, eq=False)
 class Left:
-    """What a model leaves of each fold: energy (F,) of the channels out of sample, and what noise of one would leave."""
+    """What a model leaves of each fold out of sample: energy (F,), and what noise of unit variance would leave."""
 
     energy: FloatArray
     noise: FloatArray
