@@ -1,6 +1,7 @@
 """How a model does on samples that it did not see."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,11 +18,13 @@ def folds_of(sample_count: int, interleaved: bool) -> list[list[slice]]:
     if interleaved:
         return [[slice(fold, sample_count, FOLDS)] for fold in range(FOLDS)]
     bounds = np.linspace(0, sample_count, FOLDS * _BLOCKS_PER_FOLD + 1).astype(int).tolist()
-    blocks = [slice(low, high) for low, high in zip(bounds[:-1], bounds[1:], strict=True)]
+    blocks = [slice(low, high) for low, high in pairwise(bounds)]
     return [blocks[fold::FOLDS] for fold in range(FOLDS)]
 
 
-def held_out_energy(channels: Channels, designs: Sequence[Design], widths: Sequence[int], interleaved: bool) -> FloatArray:
+def held_out_energy(
+    channels: Channels, designs: Sequence[Design], widths: Sequence[int], interleaved: bool
+) -> FloatArray:
     """Return the energy (F, M) of each fold under fits to the other folds of growing models.
 
     Parameters
