@@ -18,6 +18,7 @@ _SPAN_ENERGY = 0.9
 _SHORT_SPAN = 0.6
 _NEARLY_ALL = 0.85
 
+
 def sensors_and_axes(places: Iterable[Place], recording: Recording) -> tuple[tuple[int | str, ...], tuple[str, ...]]:
     """Return what people call places: sensor numbers or "scalar", and axes.
 
