@@ -21,6 +21,9 @@ from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 _MOST_STEPS = 8
+_GROSS = 0.01
+"""Of the field: a misfit above is no small disturbance."""
+
 _ENOUGH_SAMPLES = 8000
 """Of a long recording a search takes no more; the fit that it ends with takes all."""
 
@@ -104,12 +107,23 @@ class Model:
 
     @classmethod
     def nominal(cls, recording: Recording, array: Array) -> "Model":
-        """Fit the calibration alone, or with a jump that is too large for the calibration to be found in spite of it."""
-        jump = moved_sphere(recording)
-        noisy, errors, intensity = start(recording if jump is None else without_jump(recording, jump), array)
+        """Fit the calibration alone, or beside a jump that is too large for the calibration to be found in spite of it."""
         stride = recording.sample_count // _ENOUGH_SAMPLES + 1
-        model = cls(recording, noisy, errors, intensity, gross=jump, stride=stride)
-        return model.settled() if jump is None else model
+        noisy, errors, intensity = start(recording, array)
+        plain = cls(recording, noisy, errors, intensity, stride=stride).settled()
+        if not plain._is_gross():
+            return plain
+        jump = moved_sphere(recording)
+        if jump is None:
+            return plain
+        noisy, errors, intensity = start(without_jump(recording, jump), array)
+        return cls(recording, noisy, errors, intensity, gross=jump, stride=stride)
+
+    def _is_gross(self) -> bool:
+        """Whether the misfit is no small disturbance of the field."""
+        misfit = self.channels().misfit
+        size = np.sqrt(np.mean(misfit.row_shift_T**2 * (misfit.row_information > 0)))
+        return bool(size > _GROSS * np.median(self.channels().situation.intensity_T))
 
     @property
     def is_counted(self) -> NDArray[np.bool_]:
@@ -156,7 +170,9 @@ class Model:
     def _stepped(self, step: FloatArray, unit_T: float) -> "Model":
         ends = np.cumsum([12 * self.recording.sensor_count, *(len(part.values) for part in self.parts)])
         own, *others = np.split(step, ends[:-1])
-        parts = tuple(replace(part, values=part.values + change) for part, change in zip(self.parts, others, strict=True))
+        parts = tuple(
+            replace(part, values=part.values + change) for part, change in zip(self.parts, others, strict=True)
+        )
         return replace(self, errors=stepped(self.errors, own, unit_T), parts=parts)
 
     def signal(self) -> FloatArray:

@@ -22,8 +22,13 @@ Progress = Callable[[str, float], None]
 
 _MOST_CAUSES = 4
 LEAST_EVIDENCE = 12.0
+_LATER_EVIDENCE = 40.0
+"""ΔBIC from which a first cause counts, and a further one."""
+
+_NOISE = "noise_excess"
+
 _LEAST_FIRST_SHARE = 0.3
-_LEAST_SHARE = 0.1
+_LEAST_SHARE = 0.15
 """Part of the energy that anything explains that the first cause must explain, and each further one."""
 
 _CHANCE, _MOST_CHANCE = 3.0, 0.15
@@ -84,7 +89,9 @@ class Search:
     considered: tuple[Considered, ...]
 
 
-def search(recording: Recording, array: Array, without: Collection[str] = (), progress: Progress | None = None) -> Search:
+def search(
+    recording: Recording, array: Array, without: Collection[str] = (), progress: Progress | None = None
+) -> Search:
     """Look for causes, the strongest first, until nothing more speaks for one; then drop those that do not hold.
 
     The strongest at first need not be a cause: what acts on all sensors may be one thing at one of them and another at
@@ -219,7 +226,9 @@ def _absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
     sensors = {sensor for sensor, _ in places_of(accepted.form)}
     for step in steps:
         before = step.accepted
-        if before.is_certain and isinstance(before.form, Finding) and sensors <= {at for at, _ in places_of(before.form)}:
+        if not (before.is_certain and isinstance(before.form, Finding)):
+            continue
+        if sensors <= {at for at, _ in places_of(before.form)}:
             return replace(accepted, effect=before.effect, form=replace(accepted.form, fitted=before.form.fitted))
     return accepted
 
@@ -278,8 +287,11 @@ def _choose(
     count, energy = base.channels.count, base.energy
     most = max((_energy(one, energy, count) for one in (*weighed, *unknown)), default=0.0)
     done = {step.accepted.effect for step in steps}
-    for candidate in sorted(weighed, key=lambda one: (-one.is_certain, -one.delta_bic)):
-        if candidate.delta_bic < LEAST_EVIDENCE:
+    # Noise is what remains when nothing else explains it.
+    for candidate in sorted(weighed, key=lambda one: (-one.is_certain, one.effect == _NOISE, -one.delta_bic)):
+        if candidate.delta_bic < (_LATER_EVIDENCE if steps else LEAST_EVIDENCE):
+            continue
+        if isinstance(candidate.form, Finding) and not _gives_up_more(candidate.form, base):
             continue
         if candidate.effect in done - _REPEATED:
             continue
@@ -290,6 +302,11 @@ def _choose(
         if _beats(base, candidate, unknown, tolerance):
             return candidate
     return None
+
+
+def _gives_up_more(finding: Finding, base: Base) -> bool:
+    """Whether a finding gives up samples that are still counted, or gives up none at all."""
+    return finding.flagged is None or bool((finding.flagged & base.channels.is_counted).any())
 
 
 def _holding(nominal: Model, steps: list[Step], rivals_of_all: Sequence[Evidence]) -> list[Step]:
@@ -304,9 +321,10 @@ def _holding(nominal: Model, steps: list[Step], rivals_of_all: Sequence[Evidence
 
 
 def _holds(nominal: Model, steps: list[Step], step: Step, rivals_of_all: Sequence[Evidence]) -> bool:
-    if not isinstance(step.accepted.form, Hypothesis):
-        return True
     base = _beside(nominal, steps, step).base()
+    if isinstance(step.accepted.form, Finding):
+        unknown = rivals_of_all if steps == [step] else rivals(base)
+        return step.accepted.effect != _NOISE or _beats(base, step.accepted, unknown, _AGAINST_RIVAL)
     form = step.accepted.form.moved(base.channels.situation)
     gain, rank = base.project(form.design).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
