@@ -14,7 +14,7 @@ LAYERS = (
     ("fleet",),
     ("report",),
     ("files",),
-    ("gap", "reproduce", "blind"),
+    ("gap", "reproduce", "blind", "survey"),
     ("fit", "simulation"),
     ("correction",),
     ("calibration",),

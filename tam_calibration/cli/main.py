@@ -14,6 +14,7 @@ SUBCOMMANDS = {
     "diagnose": "Say where a recording and its simulation part, and which effect causes it.",
     "plan": "Propose the attitudes to record next, and what the standard errors will then be.",
     "correct": "Turn raw readings into the centre vector and the gradient tensor.",
+    "locate": "Locate the source in a recording, steady or alternating.",
     "batch": "Calibrate, diagnose and correct many recordings, on all cores or on a Dask cluster.",
     "nodes": "Start the nodes together: collector, calibrator, corrector, localizer.",
     "play": "Play a bag onto its topics, to feed the nodes.",

@@ -23,6 +23,8 @@ class PoseAmplitudes:
 
     Parameters
     ----------
+    time_s : (N,) array
+        Middles of the poses, seconds.
     poses : Poses
         Of the array, its centre at the origin of the world.
     amplitudes_T : (N, K, 3) array
@@ -31,6 +33,7 @@ class PoseAmplitudes:
         Their standard errors.
     """
 
+    time_s: FloatArray
     poses: Poses
     amplitudes_T: FloatArray
     noise_T: FloatArray
@@ -55,17 +58,24 @@ def amplitudes_of(recording: Recording, frequency_hz: float) -> PoseAmplitudes:
         raise InputError("the recording of the source has no attitude: without it the poses are not known")
     recording = recording.take(np.flatnonzero(np.isfinite(recording.attitude).all(axis=1)))
     assert recording.attitude is not None
-    shortest = FEWEST_PERIODS / frequency_hz
-    stretches = [part for part in _still(recording.attitude) if np.ptp(recording.time_s[part]) >= shortest]
+    stretches = poses_of(recording, frequency_hz)
     if not stretches:
         raise InputError(
-            f"the array stood still nowhere for {shortest:g} s, {FEWEST_PERIODS:g} periods of the source at "
-            f"{frequency_hz:g} Hz: let it rest in each heading"
+            f"the array stood still nowhere for {FEWEST_PERIODS / frequency_hz:g} s, {FEWEST_PERIODS:g} periods of the "
+            f"source at {frequency_hz:g} Hz: let it rest in each heading"
         )
     found = [_demodulate(recording.take(part), frequency_hz) for part in stretches]
-    attitude = np.array([recording.attitude[(part.start + part.stop) // 2] for part in stretches])
+    middles = [(part.start + part.stop) // 2 for part in stretches]
     amplitudes, noise = (np.array(values) for values in zip(*found, strict=True))
-    return PoseAmplitudes(Poses.headings(attitude), amplitudes, noise)
+    poses = Poses.headings(recording.attitude[middles])
+    return PoseAmplitudes(recording.time_s[middles], poses, amplitudes, noise)
+
+
+def poses_of(recording: Recording, frequency_hz: float) -> list[slice]:
+    """Return the stretches of a recording, its attitude known throughout, in which the array stood still."""
+    assert recording.attitude is not None
+    shortest = FEWEST_PERIODS / frequency_hz
+    return [part for part in _still(recording.attitude) if np.ptp(recording.time_s[part]) >= shortest]
 
 
 def _still(attitude: FloatArray) -> list[slice]:

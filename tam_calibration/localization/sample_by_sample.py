@@ -73,7 +73,7 @@ def locate_samples(
     array : Array
         Whose outputs they are.
     covariance : (9, 9) array
-        Of the outputs.
+        Of the outputs; without a regional field it may be (N, 9, 9), one for each sample.
     index : float
         Structural index.
     regional : Regional, optional

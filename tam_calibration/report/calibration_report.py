@@ -34,7 +34,8 @@ def write_calibration_report(
         When the recording is not of the calibration's array, or the file cannot be written.
     """
     evidence = gather(calibration, recording, coverage)
-    page = render("Calibration report", _subtitle(calibration), [build(evidence) for build in SECTIONS])
+    sections = [section for build in SECTIONS if (section := build(evidence)) is not None]
+    page = render("Calibration report", _subtitle(calibration), sections)
     with write_whole(path) as part:
         part.write_text(page, encoding="utf-8")
 

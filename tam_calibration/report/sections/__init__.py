@@ -4,15 +4,25 @@ from collections.abc import Callable
 
 from tam_calibration.report.evidence import Evidence
 from tam_calibration.report.page import Section
-from tam_calibration.report.sections import coverage, histograms, parameters, provenance, quality, residuals, verdict
+from tam_calibration.report.sections import (
+    coverage,
+    histograms,
+    known_source,
+    parameters,
+    provenance,
+    quality,
+    residuals,
+    verdict,
+)
 
-SECTIONS: tuple[Callable[[Evidence], Section], ...] = (
+SECTIONS: tuple[Callable[[Evidence], Section | None], ...] = (
     verdict.build,
     residuals.build,
     coverage.build,
     histograms.build,
     parameters.build,
+    known_source.build,
     quality.build,
     provenance.build,
 )
-"""What makes each section from the evidence."""
+"""What makes each section from the evidence; None where it has nothing to tell."""

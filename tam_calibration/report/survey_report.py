@@ -1,0 +1,62 @@
+"""The page on where a source is."""
+
+from pathlib import Path
+
+from tam_calibration.files import write_whole
+from tam_calibration.report.formatting import count, fixed
+from tam_calibration.report.page import Block, Points, Section, Table, embed, render
+from tam_calibration.report.survey_plots import plot_source_spectrum, plot_survey_map
+from tam_calibration.report.survey_rows import HEADER, MOST_ROWS, overall_rows, sample_rows, statements
+from tam_calibration.survey.result import Survey
+
+_MAP = "The source in plan and in profile, with ellipses that hold 95 %; the array, or its track, for scale."
+_SPECTRUM = "Power of all readings over that of their noise, background taken off; dashed what chance reaches."
+_SAMPLES = f"Position ± standard error of samples by themselves; of more than {MOST_ROWS} some from first to last."
+
+
+def write_survey_report(path: Path, survey: Survey, recording_name: str) -> None:
+    """Write a self-contained HTML page on where the source of a recording is.
+
+    Parameters
+    ----------
+    path : Path
+        File to write; nothing is left there when writing fails.
+    survey : Survey
+        What was found.
+    recording_name : str
+        Of the recording's file.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    subtitle = f"{recording_name}, {count(len(survey.time_s))} {'poses' if survey.line else 'samples'}"
+    page = render("Source report", subtitle, list(_sections(survey)))
+    with write_whole(path) as part:
+        part.write_text(page, encoding="utf-8")
+
+
+def _sections(survey: Survey) -> list[Section]:
+    sections = [Section("Where the source is", _where(survey))]
+    if survey.line is not None and survey.line.spectrum is not None:
+        figure = plot_source_spectrum(survey.line.spectrum, survey.line.frequency_hz)
+        words = f"Spectrum of the readings with a line at {fixed(survey.line.frequency_hz, 4)} Hz"
+        sections.append(Section("Spectrum", [embed(figure, words, _SPECTRUM)]))
+    if rows := sample_rows(survey):
+        sections.append(Section("Samples", [Table(HEADER, rows, _SAMPLES)]))
+    return sections
+
+
+def _where(survey: Survey) -> list[Block]:
+    blocks: list[Block] = []
+    if survey.overall is not None:
+        rows = overall_rows(survey.overall)
+        blocks.append(Table(["", "x", "y", "z", "size"], rows, "The source of all samples together ± standard errors."))
+    elif len(survey.time_s) == 1:
+        blocks.append(Table(HEADER, sample_rows(survey), "The source ± standard errors."))
+    return [
+        *blocks,
+        embed(plot_survey_map(survey), "Map of the source in plan and profile", _MAP),
+        Points(statements(survey)),
+    ]

@@ -1,0 +1,79 @@
+"""A survey as rows of text, for the page and for the terminal."""
+
+import numpy as np
+
+from tam_calibration.localization.solutions import Status
+from tam_calibration.report.formatting import count, number, with_error
+from tam_calibration.survey.result import Overall, Survey, standard_errors
+from tam_calibration.units import FloatArray, to_nanotesla
+
+HEADER = ("time (s)", "x (m)", "y (m)", "z (m)", "distance (m)", "moment (A m²)")
+MOST_ROWS = 20
+"""Samples that are shown; of more, some from the first to the last."""
+
+
+def sample_rows(survey: Survey) -> list[list[str]]:
+    """Return rows of located samples: time from the first, position ± standard errors, distance, size of moment."""
+    located = np.flatnonzero(survey.solutions.is_located)
+    shown = located[np.unique(np.linspace(0, len(located) - 1, min(len(located), MOST_ROWS)).round().astype(int))]
+    distance = np.linalg.norm(survey.solutions.position_m - survey.center_m, axis=1)
+    moments, spreads = survey.solutions.moment_Am2, survey.solutions.moment_covariance_A2m4
+    return [
+        [
+            number(float(survey.time_s[index] - survey.time_s[0]), 4),
+            *_values(survey.solutions.position_m[index], survey.position_standard_errors_m[index]),
+            number(float(distance[index])),
+            _size(moments[index], spreads[index]),
+        ]
+        for index in shown
+    ]
+
+
+def overall_rows(overall: Overall) -> list[list[str]]:
+    """Return rows of position, moment and fit of the source of all samples."""
+    position = _values(overall.position_m, standard_errors(overall.position_covariance_m2))
+    moment = _values(overall.moment_Am2, standard_errors(overall.moment_covariance_A2m4))
+    size = _size(overall.moment_Am2, overall.moment_covariance_A2m4)
+    return [
+        ["position (m)", *position, number(float(np.linalg.norm(overall.position_m)))],
+        ["moment (A m²)", *moment, size],
+    ]
+
+
+def statements(survey: Survey) -> list[str]:
+    """Return what holds for all of it, one sentence each."""
+    words = [f"{survey.frame[:1].upper()}{survey.frame[1:]}."]
+    if survey.line is not None:
+        error = survey.line.standard_error_hz
+        stated = "as stated" if np.isnan(error) else "found"
+        words.append(
+            f"Frequency: {_frequency(survey.line.frequency_hz, error)} Hz, {stated}; amplitudes are peak values."
+        )
+    if survey.regional_T is not None:
+        field = ", ".join(number(float(value), 6) for value in to_nanotesla(survey.regional_T))
+        words.append(f"Regional field taken off, in the world: {field} nT.")
+    if survey.overall is not None and np.isfinite(survey.overall.chi_square):
+        reduced = survey.overall.chi_square / survey.overall.degrees_of_freedom
+        words.append(f"Reduced χ² of all together: {number(reduced)}; near 1 where one dipole explains the readings.")
+    words += [survey.note] * bool(survey.note)
+    located, total = int(survey.solutions.is_located.sum()), len(survey.time_s)
+    words.append(f"{count(located)} of {count(total)} located.")
+    words += [_refusal(status, times) for status, times in survey.refusals.most_common()]
+    return words
+
+
+def _refusal(status: Status, times: int) -> str:
+    return f"{count(times)} refused: {status.reason}."
+
+
+def _frequency(frequency_hz: float, error: float) -> str:
+    return number(frequency_hz, 6) if np.isnan(error) else with_error(frequency_hz, error, 4)
+
+
+def _values(values: FloatArray, errors: FloatArray) -> list[str]:
+    return [with_error(float(value), float(error), 3) for value, error in zip(values, errors, strict=True)]
+
+
+def _size(vector: FloatArray, covariance: FloatArray) -> str:
+    size = float(np.linalg.norm(vector))
+    return with_error(size, float(np.sqrt(vector @ covariance @ vector)) / size, 3)

@@ -1,0 +1,181 @@
+"""`tam locate`: steady and alternating sources found from a recording and its calibration."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.cli.main import main
+from tam_calibration.files import read_calibration, write_calibration, write_recording
+from tam_calibration.fit import calibrate
+from tam_calibration.localization.dipole import Dipole
+from tam_calibration.localization.sample_by_sample import Regional, locate_samples, turned
+from tam_calibration.recording import Recording
+
+PASSED = [30.0, 2.5, -2.3]
+COIL = Dipole(np.array([2.4, -1.0, 0.46]), np.array([300.0, -200.0, 250.0]))
+EARTH_T = np.array([1e-6, 21e-6, -43e-6])
+
+
+def coil(turns, sample_time, cross, true_errors):
+    """Return the recording of a coil of 10 Hz by an array that is turned about its centre."""
+    matrix = turns.as_matrix()
+    sensors = np.einsum("nij,kj->nki", matrix, cross.positions_m)
+    world = EARTH_T + np.sin(2 * np.pi * 10 * sample_time)[:, None, None] * COIL.field_T(sensors)
+    fields = np.einsum("nji,nkj->nki", matrix, world)
+    noise = 1e-9 * np.random.default_rng(10).normal(size=fields.shape)
+    return Recording(sample_time, true_errors.distort(fields) + noise, attitude=turns.as_quat())
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, recording, cross, true_errors, passing):
+    """Return a folder with a calibration, a pass of a dipole, and a coil seen in four headings and while turning."""
+    folder = tmp_path_factory.mktemp("locate")
+    write_calibration(folder / "c.yaml", calibrate(recording, cross))
+    write_recording(folder / "pass.csv", passing)
+    write_recording(folder / "bare.csv", Recording(passing.time_s, passing.readings_T))
+    time = np.arange(800) / 100
+    headings = Rotation.from_euler("z", np.repeat(np.arange(4), 200)[:, None] * np.pi / 2)
+    seen = coil(headings, time, cross, true_errors)
+    write_recording(folder / "coil.csv", seen)
+    first = seen.take(slice(0, 200))
+    write_recording(folder / "one.csv", Recording(first.time_s, first.readings_T))
+    spin = Rotation.from_euler("zyx", np.stack([time / 2, 0.2 * np.sin(time), 0.2 * np.cos(time)], axis=1))
+    write_recording(folder / "spin.csv", coil(spin, time, cross, true_errors))
+    return folder
+
+
+def run(folder, name, *words):
+    """Run the command."""
+    return CliRunner().invoke(main, ["locate", str(folder / name), "--calibration", str(folder / "c.yaml"), *words])
+
+
+def result_of(folder, name, *words):
+    """Return the JSON of the command."""
+    result = run(folder, name, *words, "--json")
+    assert result.exit_code == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+def agrees(found, position_m, deviations=5.0):
+    """Return whether a position is the true one within its standard errors."""
+    return np.abs(np.subtract(found["position_m"], position_m) / found["position_standard_errors_m"]).max() < deviations
+
+
+def test_a_passed_dipole_is_found_from_the_whole_track(folder):
+    """With the velocity all samples give one position, to a millimetre and within its errors; χ² is near 1."""
+    found = result_of(folder, "pass.csv", "--velocity", "1.5,0,0")
+    overall = found["overall"]
+    assert agrees(overall, PASSED)
+    assert max(overall["position_standard_errors_m"]) < 2e-3
+    assert overall["chi_square"] / overall["degrees_of_freedom"] == pytest.approx(1, abs=0.1)
+    assert_allclose(overall["moment_Am2"], [40, -60, 150], rtol=0.01)
+    assert_allclose(np.sqrt(np.diag(overall["position_covariance_m2"])), overall["position_standard_errors_m"])
+
+
+def test_each_sample_of_a_pass_counts_from_the_array(folder, passing):
+    """Without a track the samples are those of the function that the node calls, with IGRF's field as regional."""
+    found = result_of(folder, "pass.csv", "--attitude-noise-deg", "0.001")
+    calibration = read_calibration(folder / "c.yaml")
+    offline = turned(
+        locate_samples(
+            calibration.correct(passing).outputs,
+            calibration.array,
+            calibration.output_covariance,
+            regional=Regional(np.array(found["regional_field_T"]), np.pi / 180e3),
+            attitude=passing.attitude,
+        ),
+        passing.attitude,
+    )
+    assert [sample["status"] == "located" for sample in found["samples"]] == offline.is_located.tolist()
+    positions = [sample["position_m"] for sample in found["samples"] if sample["status"] == "located"]
+    assert_allclose(positions, offline.position_m[offline.is_located], rtol=1e-5)
+    nearest = found["samples"][400]
+    assert agrees(nearest, [0.0, 2.5, -2.3])
+    assert found["located"] + sum(found["refused"].values()) == 600
+
+
+def test_poses_of_an_alternating_source(folder):
+    """Its frequency is found; each pose in which the array stood still has a position, and all have one together."""
+    found = result_of(folder, "coil.csv", "--find-frequency")
+    assert found["frequency_Hz"] == pytest.approx(10, abs=5 * found["frequency_standard_error_Hz"])
+    assert len(found["samples"]) == 4
+    assert all(agrees(sample, COIL.position_m) for sample in found["samples"])
+    assert agrees(found["overall"], COIL.position_m)
+    assert max(found["overall"]["position_standard_errors_m"]) < 1e-3
+
+
+def test_without_attitude_the_frame_is_the_array_s(folder):
+    """One pose, no world."""
+    found = result_of(folder, "one.csv", "--frequency", "10")
+    assert found["frame"].startswith("array frame")
+    assert agrees(found["samples"][0], COIL.position_m)
+
+
+def test_an_array_that_never_stands_still(folder):
+    """Field and gradient are demodulated as they turn; the error of finite baselines is left, and told."""
+    result = run(folder, "spin.csv", "--frequency", "10")
+    assert "never stood still" in result.stdout
+    [sample] = result_of(folder, "spin.csv", "--frequency", "10")["samples"]
+    assert_allclose(sample["position_m"], COIL.position_m, atol=0.04 * np.linalg.norm(COIL.position_m))
+
+
+def test_another_structural_index(folder):
+    """The distance scales with the index, and there is no moment."""
+    dipole, line = (result_of(folder, "coil.csv", "--frequency", "10", "--index", index) for index in ("3", "2"))
+    near, far = (np.linalg.norm(each["samples"][0]["position_m"]) for each in (line, dipole))
+    assert near / far == pytest.approx(2 / 3, rel=0.05)
+    assert line["samples"][0]["moment_Am2"] == [None, None, None]
+
+
+def test_table_and_page(folder, tmp_path):
+    """The terminal tells the source, the page has its map."""
+    page = tmp_path / "page.html"
+    result = run(folder, "pass.csv", "--velocity", "1.5,0,0", "--report", str(page))
+    assert result.exit_code == 0
+    assert "30.000" in result.stdout and "refused" in result.stdout and f"written: {page}" in result.stdout
+    assert "Map of the source in plan and profile" in page.read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("bare.csv",), "has no attitude"),
+        (("pass.csv", "--velocity", "1.5"), "--velocity must be X,Y,Z"),
+        (("pass.csv", "--velocity", "nan,0,0"), "--velocity must be X,Y,Z"),
+        (("pass.csv", "--velocity", "1,0,0", "--index", "2"), "its structural index is 3"),
+        (("pass.csv", "--index", "0"), "structural index must be a positive number"),
+        (("pass.csv", "--place", "here"), "a place must be LAT,LON,DATE"),
+        (("pass.csv", "--attitude-noise-deg", "-1"), "must not be negative"),
+        (("coil.csv", "--frequency", "10", "--find-frequency"), "either given or found"),
+        (("coil.csv", "--frequency", "10", "--velocity", "1,0,0"), "are for steady sources"),
+        (("coil.csv", "--frequency", "80"), "cannot be told from another frequency"),
+        (("coil.csv", "--frequency", "0"), "must be a positive number"),
+        (("coil.csv", "--frequency", "nan"), "must be a positive number"),
+        (("coil.csv", "--frequency", "-10"), "must be a positive number"),
+        (("one.csv", "--frequency", "0.01"), "a record of one period at least"),
+        (("few.csv", "--find-frequency"), "samples"),
+        (("single.csv", "--frequency", "10"), "samples"),
+        (("nothing.csv",), "nothing.csv"),
+    ],
+)
+def test_bad_input_is_one_sentence(folder, arguments, sentence, passing):
+    """Exit code 2, and what would mend it; no page is left."""
+    write_recording(folder / "few.csv", passing.take(slice(0, 4)))
+    write_recording(folder / "single.csv", passing.take(slice(0, 1)))
+    result = run(folder, *arguments, "--report", str(folder / "bad.html"))
+    assert result.exit_code == 2, (result.stdout, result.stderr, result.exception)
+    assert result.stdout == "" and len(result.stderr.splitlines()) == 1
+    assert result.stderr.startswith("tam: ") and sentence in result.stderr
+    assert not (folder / "bad.html").exists()
+
+
+def test_nothing_to_be_found_is_exit_1(folder, passing):
+    """Noise alone has neither a line nor a source; the sentence says so."""
+    write_recording(folder / "far.csv", passing.take(slice(0, 60)))
+    for words, sentence in (((), "no source can be located"), (("--find-frequency",), "no line stands out")):
+        result = run(folder, "far.csv", *words)
+        assert result.exit_code == 1 and sentence in result.stderr
