@@ -100,8 +100,8 @@ def read_result(folder: Path) -> Result | None:
         content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         if content.pop("schema") != SCHEMA:
             return None
-        seal, span = content.pop("seal"), content.pop("time_span_s")
-        return Result(**content, seal=seal and Seal(**seal), time_span_s=span and tuple(span))
+        seal, span, sensors = (content.pop(key) for key in ("seal", "time_span_s", "sensors"))
+        return Result(**content, seal=seal and Seal(**seal), time_span_s=span and tuple(span), sensors=tuple(sensors))
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         return None
 

@@ -176,7 +176,7 @@ def _work(task: Task, folder: Path) -> Result:
         own = replace(calibrate(source, options.array), source=origin)
         write_calibration(folder / "calibration.yaml", own)
         rest["sensors"] = calibration_to_mapping(own)["sensors"]
-        calibration = calibration or own
+        calibration = calibration or read_calibration(folder / "calibration.yaml")  # what others will correct with
     with notes.step("diagnose", may_refuse=True):
         gap = diagnose(source.whole(), options.array)
         write_gap(folder / "gap.json", gap, origin)

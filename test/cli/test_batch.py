@@ -1,0 +1,188 @@
+"""`tam batch`: tables and exit codes, bad input in one sentence, and no loss when it is killed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from tam_calibration.cli.main import main
+from tam_calibration.files import write_array, write_calibration, write_recording
+from tam_calibration.fit import calibrate
+from tam_calibration.fleet.result import read_result
+from tam_calibration.fleet.task import process
+
+KILLS = 10
+PATIENCE_S = 120
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, recording, cross):
+    """Give a working folder with five missions in all formats, one of them damaged, and the array file."""
+    monkeypatch.chdir(tmp_path)
+    for place, platform in enumerate(("auv_1", "auv_2", "auv_1", "auv_2")):
+        (tmp_path / "missions" / platform).mkdir(parents=True, exist_ok=True)
+        mission = replace(recording, time_s=recording.time_s + 86400.0 * place)
+        ending, storage = [(".csv", ""), (".mcap", ""), ("", "sqlite3"), ("", "mcap")][place]
+        write_recording(tmp_path / "missions" / platform / f"dive_{place}{ending}", mission, storage)
+    (tmp_path / "missions/auv_2/damaged.mcap").write_text("no bag")
+    write_array(tmp_path / "array.yaml", cross)
+    return tmp_path
+
+
+@pytest.fixture
+def asked(monkeypatch, gap):
+    """Work in this process with a stand-in for the diagnosis; return what it shall answer, and the jobs asked for."""
+    asked = {"answer": gap}
+
+    def run_here(tasks, jobs):
+        asked["jobs"] = jobs
+        for task in tasks:
+            process(task)
+            yield task, ""
+
+    monkeypatch.setattr(import_module("tam_calibration.fleet.local"), "run_here", run_here)
+    task = import_module("tam_calibration.fleet.task")
+    monkeypatch.setattr(task, "diagnose", lambda recording, array: asked["answer"])
+    return asked
+
+
+def run(*arguments, code=0):
+    """Run the command with the array and return its result."""
+    result = CliRunner().invoke(main, ["batch", "--array", "array.yaml", "--out", "out", *arguments])
+    assert result.exit_code == code, result.output
+    return result
+
+
+def test_people_see_counts_drifts_and_failures(folder, asked):
+    """By platform; the failure in its own sentence; where the summaries are."""
+    out = run("missions/**", "--jobs", "3", code=1).stdout
+    assert asked["jobs"] == 3
+    for words in ("auv_1", "auv_2", "temperature_drift 2", "drift per day", "auv_2/damaged.mcap: failed; read: "):
+        assert words in out
+    assert out.endswith("written: out/summary.html\nwritten: out/summary.csv\nwritten: out/summary.json\n")
+
+
+@pytest.mark.parametrize(
+    ("verdict", "code"),
+    [("no_gap", 0), ("explained", 0), ("partly_explained", 1), ("unexplained", 1), ("not_identifiable", 1)],
+)
+def test_the_exit_code_tells_whether_something_is_open(folder, asked, gap, verdict, code):
+    """A gap that stays open in one recording is exit 1, and its statement is told."""
+    asked["answer"] = replace(gap, verdict=verdict, causes=gap.causes if "explained" in verdict else ())
+    out = run("missions/auv_1/*", code=code).stdout
+    assert ("dive_0.csv: done; The readings of sensor 2 drift" in out) == bool(code)
+
+
+def test_every_core_works_by_default(folder, asked):
+    """As many processes as this one may use cores."""
+    run("missions/auv_1/*.csv")
+    assert asked["jobs"] == len(os.sched_getaffinity(0))
+
+
+def refuse(folder, arguments, *words, code=2):
+    """Check that the command ends with one sentence, and writes nothing."""
+    before = sorted(folder.rglob("*"))
+    result = CliRunner().invoke(main, ["batch", *arguments])
+    assert result.exit_code == code and result.stdout == "", result.output
+    assert len(result.stderr.splitlines()) == 1 and result.stderr.startswith("tam: ")
+    for word in words:
+        assert word in result.stderr
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_bad_input_is_one_sentence(folder, asked, recording, cross):
+    """No recording, no array, a calibration that is none or of another array, two places to work at once."""
+    array, out = ["--array", "array.yaml"], ["--out", "out"]
+    refuse(folder, ["missions/**/*.bag", *array, *out], "no recording is found by missions/**/*.bag")
+    refuse(folder, ["none.csv", *array, *out], "none.csv")
+    refuse(folder, ["missions/**", "--array", "none.yaml", *out], "none.yaml cannot be read")
+    refuse(folder, ["missions/**", *array, *out, "--calibration", "array.yaml"], "array.yaml")
+    refuse(folder, ["missions/**", *array, "--out", "array.yaml"], "array.yaml cannot be written")
+    refuse(folder, ["missions/**", *array, *out, "--jobs", "2", "--scheduler", "tcp://a:1"], "either --jobs")
+    write_calibration(folder / "c.yaml", calibrate(recording, cross))
+    write_array(folder / "far.yaml", replace(cross, positions_m=3 * cross.positions_m))
+    refuse(folder, ["missions/**", "--array", "far.yaml", *out, "--calibration", "c.yaml"], "of another array")
+
+
+def test_recordings_that_do_not_fit_the_array_fail_each_with_its_sentence(folder, asked, recording):
+    """Another number of sensors, a table that is none, an empty bag: told, and the good ones are done."""
+    write_recording(folder / "missions/auv_1/three.csv", replace(recording, readings_T=recording.readings_T[:, :3]))
+    (folder / "missions/auv_1/words.csv").write_text("time_s,b1x_nT\n1,two\n")
+    (folder / "missions/auv_1/empty.mcap").write_bytes(b"")
+    out = run("missions/auv_1/*", code=1).stdout.replace("\n", " ")
+    assert "three.csv: failed; read:" in out and "has 3 sensors, not 4" in out
+    assert "words.csv: failed; read:" in out and "empty.mcap: failed; read:" in out
+    told = json.loads((folder / "out/summary.json").read_text())["platforms"][0]
+    assert (told["recordings"], told["done"], told["failed"]) == (5, 2, 3)
+
+
+def start(folder):
+    """Start the command on two processes, which share its output with it."""
+    command = [sys.executable, "-m", "tam_calibration", "batch", "missions/**", "--array", "array.yaml"]
+    return subprocess.Popen(
+        [*command, "--out", "out", "--jobs", "2"], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    )
+
+
+def paths(out):
+    """Return the paths of all that is below a folder while others write there."""
+    return {os.path.join(place, name) for place, folders, files in os.walk(out) for name in (*folders, *files)}
+
+
+def kill_after(folder, steps):
+    """Kill the command when so many files and folders have appeared; return whether it was still at work."""
+    child, seen = start(folder), paths(folder / "out")
+    before = len(seen)
+    while len(seen) < before + steps and child.poll() is None:
+        seen |= paths(folder / "out")
+    child.send_signal(signal.SIGKILL)
+    child.communicate(timeout=PATIENCE_S)  # ends when its processes have ended too: they hold the same pipe
+    return child.returncode == -signal.SIGKILL
+
+
+def finish(folder):
+    """Run the command to its end."""
+    child = start(folder)
+    output, _ = child.communicate(timeout=PATIENCE_S)
+    assert child.returncode == 1, output  # the damaged bag
+
+
+def content(folder):
+    """Return the bytes of all files of the results."""
+    return {path.relative_to(folder): path.read_bytes() for path in (folder / "out").rglob("*") if path.is_file()}
+
+
+def done(folder):
+    """Return the files of the recordings that were done, with what a file that is written again does not keep."""
+    finished = [path.parent for path in folder.glob("out/recordings/*/*/result.json")]
+    kept = [each for each in finished if (result := read_result(each)) and result.status == "done"]
+    return {path: (path.stat().st_ino, path.stat().st_mtime_ns) for each in kept for path in each.iterdir()}
+
+
+def test_killed_at_ten_random_moments_it_gives_the_same(folder):
+    """With SIGKILL, resumed each time: the same bytes, nothing lost, nothing twice, no process left behind."""
+    rng = np.random.default_rng(2026)
+    finish(folder)
+    expected = content(folder)
+    (folder / "out").rename(folder / "uninterrupted")
+    kills, before = 0, {}
+    while kills < KILLS:
+        if not kill_after(folder, int(rng.integers(1, 12))):
+            assert content(folder) == expected
+            (folder / "out").rename(folder / f"finished_{kills}")
+            before = {}
+            continue
+        kills += 1
+        after = done(folder)
+        assert before.items() <= after.items()
+        before = after
+    finish(folder)
+    assert before.items() <= done(folder).items()
+    assert content(folder) == expected

@@ -1,0 +1,158 @@
+"""A batch does what is left to do, loses nothing, and sums up."""
+
+import fcntl
+import json
+from dataclasses import replace
+
+import pytest
+from matplotlib.figure import Figure
+
+from tam_calibration.files import write_recording
+from tam_calibration.fleet.batch import run_batch
+from tam_calibration.fleet.find import find_recordings
+from tam_calibration.fleet.task import Task, process
+from tam_calibration.problems import InputError, Refused
+
+
+@pytest.fixture(autouse=True)
+def plain_figures(monkeypatch):
+    """Leave the figures of the pages empty: they take most of the time."""
+    monkeypatch.setattr("tam_calibration.fleet.page.plot_missions", lambda missions, group: Figure())
+
+
+class Crew:
+    """Does tasks in this process, and remembers which; ``lost`` names one whose result is not written."""
+
+    def __init__(self, lost=None):
+        self.done, self.told, self.lost = [], [], lost
+
+    def __call__(self, tasks):
+        """Do tasks one after another."""
+        for task in tasks:
+            self.done.append(task.path.name)
+            if task.path.name != self.lost:
+                process(task)
+            yield task, "its process was killed" if task.path.name == self.lost else ""
+
+    def tell(self, done, total):
+        """Remember the progress."""
+        self.told.append((done, total))
+
+
+def batch(folder, options, crew):
+    """Run the batch of all missions and return its results."""
+    recordings = find_recordings(["missions/**"], folder / "out")
+    return run_batch(recordings, folder / "out", options, crew, crew.tell)
+
+
+def content(folder):
+    """Return every file of the results with its bytes."""
+    return {path: path.read_bytes() for path in (folder / "out").rglob("*") if path.is_file()}
+
+
+def test_what_is_done_is_not_done_again(folder, options, asked):
+    """A second batch does what has failed only, and leaves the same bytes."""
+    first = Crew()
+    results = batch(folder, options, first)
+    assert sorted(first.done) == ["damaged.mcap", "dive_0.csv", "dive_1.mcap", "dive_2", "dive_3"]
+    assert first.told == [(done, 5) for done in range(6)]
+    assert [result.status for result in results] == ["done", "done", "failed", "done", "done"]
+    before = content(folder)
+    second = Crew()
+    assert batch(folder, options, second) == results
+    assert second.done == ["damaged.mcap"] and second.told == [(4, 5), (5, 5)]
+    assert content(folder) == before
+
+
+def test_what_has_changed_or_is_new_is_done(folder, options, asked, mission):
+    """A recording with another content, and one more."""
+    batch(folder, options, Crew())
+    write_recording(folder / "missions/auv_1/dive_0.csv", mission(7))
+    write_recording(folder / "missions/auv_1/dive_8.csv", mission(8))
+    (folder / "missions/auv_2/damaged.mcap").unlink()
+    crew = Crew()
+    results = batch(folder, options, crew)
+    assert sorted(crew.done) == ["dive_0.csv", "dive_8.csv"]
+    assert [result.recording for result in results] == ["dive_1.mcap", "dive_0.csv", "dive_8.csv", "dive_2", "dive_3"]
+
+
+def test_other_options_do_all_again(folder, options, asked):
+    """Every recording, and what an older run left of it is gone."""
+    batch(folder, options, Crew())
+    stale = Task.of(folder / "missions/auv_2/dive_2", folder / "out", options).folder / "stale"
+    stale.write_text("of an older run")
+    crew = Crew()
+    batch(folder, replace(options, digest="other"), crew)
+    assert len(crew.done) == 5 and not stale.exists()
+
+
+def test_a_lost_recording_is_told_and_done_the_next_time(folder, options, asked):
+    """One whose process was killed leaves no result; the summary says so, and the others are there."""
+    result = next(each for each in batch(folder, options, Crew("dive_2")) if each.recording == "dive_2")
+    assert (result.status, result.trouble) == ("failed", "run: its process was killed")
+    assert "dive_2,auv_2" not in (folder / "out/summary.csv").read_text()
+    again = Crew()
+    batch(folder, options, again)
+    assert "dive_2" in again.done and "dive_1.mcap" not in again.done
+
+
+def test_a_result_that_is_not_there_is_told(folder, options, asked):
+    """Workers of a cluster that write elsewhere are found out."""
+    results = run_batch(
+        [folder / "missions/auv_1/dive_0.csv"],
+        folder / "out",
+        options,
+        lambda tasks: [(task, "") for task in tasks],
+        lambda done, total: None,
+    )
+    assert results[0].status == "failed" and "its result is not in" in results[0].problems["run"]
+
+
+def test_what_a_killed_batch_left_unfinished_is_removed(folder, options, asked):
+    """Folders of unfinished recordings and summaries; nothing else."""
+    batch(folder, options, Crew())
+    before = content(folder)
+    for name in ("recordings/auv_1/.dive_0.csv-0123.abc", ".summary.csv.xyz"):
+        (folder / "out" / name).mkdir()
+        (folder / "out" / name / "half").write_text("half")
+    batch(folder, options, Crew())
+    assert content(folder) == before
+
+
+def test_one_batch_writes_into_a_folder_at_a_time(folder, options, asked):
+    """A second one is refused and changes nothing."""
+    (folder / "out").mkdir()
+    with (folder / "out/.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(Refused, match="another batch is writing into"):
+            batch(folder, options, Crew())
+    assert list((folder / "out").iterdir()) == [folder / "out/.lock"]
+
+
+def test_a_folder_that_cannot_be_made_is_told(folder, options):
+    """A file stands in its place."""
+    (folder / "out").write_text("a file")
+    with pytest.raises(InputError, match=r"out cannot be written"):
+        run_batch([], folder / "out", options, Crew(), lambda done, total: None)
+
+
+def test_the_summaries_tell_the_same(folder, options, asked):
+    """One row a recording, drifts of 2 nT a day by platform, counts that add up; names are shown as text."""
+    (folder / "missions/auv_2/damaged.mcap").rename(folder / "missions/auv_2/<i>.mcap")
+    batch(folder, options, Crew())
+    told = json.loads((folder / "out/summary.json").read_text())
+    assert [each["platform"] for each in told["platforms"]] == ["auv_1", "auv_2"]
+    assert told["platforms"][1] | {"causes": {}} == {
+        "platform": "auv_2", "recordings": 3, "done": 2, "refused": 0, "failed": 1,
+        "no_gap": 0, "explained": 2, "open": 0, "causes": {},
+    }  # fmt: skip
+    assert told["platforms"][0]["causes"] == {"temperature_drift": 2}
+    biases = [drift for drift in told["drifts"] if drift["parameter"].startswith("bias")]
+    assert len(biases) == 2 * 4 * 3
+    for drift in biases:
+        assert abs(drift["drift_nT_per_day"] - 2) < 1e-3 and 0 < drift["drift_standard_error_nT_per_day"] < 0.2
+    rows = (folder / "out/summary.csv").read_text().splitlines()
+    assert len(rows) == 6 and len({row.count(",") for row in rows if "&" not in row and '"' not in row}) == 1
+    page = (folder / "out/summary.html").read_text()
+    assert "&lt;i&gt;.mcap" in page and "<i>.mcap" not in page
+    assert page.count("data:image/svg+xml") == 2 * 4 and "Drift of auv_2: 2 missions" in page
