@@ -9,7 +9,8 @@ from tam_calibration.report.survey_plots import plot_source_spectrum, plot_surve
 from tam_calibration.report.survey_rows import HEADER, MOST_ROWS, overall_rows, sample_rows, statements
 from tam_calibration.survey.result import Survey
 
-_MAP = "The source in plan and in profile, with ellipses that hold 95 %; the array, or its track, for scale."
+_MAP = "The source in plan and in profile, with ellipses that hold 95 %; the array, or its track, for scale. "
+_MAGNIFIED = "Below, magnified, the source of all samples together among those of single samples."
 _SPECTRUM = "Power of all readings over that of their noise, background taken off; dashed what chance reaches."
 _SAMPLES = f"Position ± standard error of samples by themselves; of more than {MOST_ROWS} some from first to last."
 
@@ -55,8 +56,9 @@ def _where(survey: Survey) -> list[Block]:
         blocks.append(Table(["", "x", "y", "z", "size"], rows, "The source of all samples together ± standard errors."))
     elif len(survey.time_s) == 1:
         blocks.append(Table(HEADER, sample_rows(survey), "The source ± standard errors."))
+    caption = _MAP if survey.overall is None else _MAP + _MAGNIFIED
     return [
         *blocks,
-        embed(plot_survey_map(survey), "Map of the source in plan and profile", _MAP),
+        embed(plot_survey_map(survey), "Map of the source in plan and profile", caption),
         Points(statements(survey)),
     ]

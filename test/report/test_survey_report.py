@@ -61,7 +61,8 @@ def test_page_of_an_alternating_source_has_a_spectrum(tmp_path):
 
 def test_map_shows_the_source_in_each_view(survey):
     """Plan and profiles hold the source of all; the ellipse of the plan has half axes of √5.99 standard deviations."""
-    panels = plot_survey_map(survey).axes
+    drawn = plot_survey_map(survey).axes
+    panels, magnified = drawn[:3], drawn[3:]
     assert [axes.get_title(loc="left").split(",")[0] for axes in panels] == ["plan", "profile", "profile"]
     for axes, pair in zip(panels, ((0, 1), (0, 2), (1, 2)), strict=True):
         low, high = np.sort([axes.get_xlim(), axes.get_ylim()], axis=1).T
@@ -69,6 +70,9 @@ def test_map_shows_the_source_in_each_view(survey):
         assert (high > survey.overall.position_m[list(pair)]).all()
     ellipse = panels[0].patches[-1]
     assert sorted([ellipse.width, ellipse.height]) == pytest.approx(2 * np.sqrt(5.991) * np.array([0.01, 0.02]))
+    ellipse = magnified[0].patches[-1]
+    assert sorted([ellipse.width, ellipse.height]) == pytest.approx(2 * np.sqrt(5.991) * np.array([10.0, 20.0]))
+    assert ellipse.get_center() == pytest.approx([0, 0])
 
 
 def test_spectrum_has_its_line():
