@@ -43,14 +43,14 @@ class Design:
     width: int
 
     @classmethod
-    def of(cls, terms: Sequence[Term]) -> "Design":
-        """Put terms side by side; those that hold the same array of features share it."""
+    def of(cls, terms: Sequence[Term], stride: int = 1) -> "Design":
+        """Put terms side by side, at samples of that distance; those that hold the same features share them."""
         starts = np.cumsum([0, *(len(term.coefficients) for term in terms)])
         own: dict[int, tuple[int, FloatArray]] = {}
         total = 0
         for term in terms:
             if id(term.features) not in own:
-                own[id(term.features)] = total, term.features
+                own[id(term.features)] = total, term.features[::stride]
                 total += term.features.shape[1]
         return cls(
             np.concatenate([features for _, features in own.values()], axis=1),
@@ -243,6 +243,15 @@ class Channels:
         coupling[:-1, :-1] = self.directions @ self.directions.T
         return coupling
 
+    def design(self, terms: Sequence[Term]) -> Design:
+        """Return terms side by side, at the samples that the normal equations take."""
+        return Design.of(terms, self.stride)
+
+    @cached_property
+    def calibration(self) -> Design:
+        """The design of the calibration itself, at the samples that the normal equations take."""
+        return calibration_design(self.situation, self.stride)
+
     @property
     def has_scalar(self) -> bool:
         """Whether the intensity is measured, and not taken for constant."""
@@ -286,27 +295,38 @@ class Channels:
         )
 
     def cross(self, left: Design, right: Design, part: slice | None = None) -> FloatArray:
-        """Return the information (P, Q) between the columns of two designs, from all samples or a slice of them."""
+        """Return the information (P, Q) between the columns of two designs, from all samples or a slice of them.
+
+        The designs are those of ``design`` and ``calibration``; the slice counts their samples.
+        """
         between = np.zeros((left.features.shape[1], right.features.shape[1]))
         common: FloatArray | float = 0.0
         for piece in self._pieces(part):
             first, second = left.features[piece], right.features[piece]
-            if not self.is_counted[piece].all():
-                first = first * self.is_counted[piece][:, None]
+            taken = self._taken
+            counted, direction, precision = taken[0][piece], taken[1][piece], taken[2][piece]
+            if not counted.all():
+                first = first * counted[:, None]
             between += first.T @ second
-            own = self._common(left, first, piece) * self.precision[piece][:, None]
-            common = common + own.T @ self._common(right, second, piece)
+            own = self._common(left, first, direction) * precision[:, None]
+            common = common + own.T @ self._common(right, second, direction)
         total = between[np.ix_(left.index, right.index)] * self.coupling[np.ix_(left.rows, right.rows)]
         total += self._by_atom(left, self._by_atom(right, np.asarray(common).T).T)
         if left.scatter is not None:
             total = left.scatter.T @ total
         return total if right.scatter is None else total @ right.scatter
 
-    def _common(self, design: Design, features: FloatArray, piece: slice) -> FloatArray:
+    @cached_property
+    def _taken(self) -> tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
+        """Whether a sample counts, direction, precision and score of the samples that the normal equations take."""
+        every = slice(None, None, self.stride)
+        return self.is_counted[every], self.direction[every], self.precision[every], self.row_score[every]
+
+    def _common(self, design: Design, features: FloatArray, direction: FloatArray) -> FloatArray:
         """Return what a design adds to the common mode: of each atom, or of each feature in each direction."""
         if design.is_shared:
-            return (features[:, :, None] * self.direction[piece][:, None, :]).reshape(len(features), -1)
-        by_atom: FloatArray = features[:, design.index] * (self.direction[piece] @ self.turn[:, design.rows])
+            return (features[:, :, None] * direction[:, None, :]).reshape(len(features), -1)
+        by_atom: FloatArray = features[:, design.index] * (direction @ self.turn[:, design.rows])
         return by_atom
 
     def _by_atom(self, design: Design, values: FloatArray) -> FloatArray:
@@ -321,7 +341,7 @@ class Channels:
         """Return the score (P,) of the columns of a design: their products with the residuals."""
         total = np.zeros((design.features.shape[1], self.turn.shape[1]))
         for piece in self._pieces(part):
-            total += design.features[piece].T @ self.row_score[piece]
+            total += design.features[piece].T @ self._taken[3][piece]
         of_atoms = total[design.index, design.rows]
         return of_atoms if design.scatter is None else of_atoms @ design.scatter
 
@@ -336,27 +356,29 @@ class Channels:
     def normal(self, design: Design, part: slice | None = None) -> Normal:
         """Return the normal equations of a design from all samples or a slice of them."""
         chosen = slice(None) if part is None else part
-        counted = self.is_counted[chosen]
+        every = slice(None, None, self.stride)
+        energy = (self.energy_per_sample * self.is_counted)[every][chosen]
         return Normal(
             self.cross(design, design, part),
             self.score(design, part),
-            float(self.energy_per_sample[chosen][counted].sum()),
-            float(self.channels_per_sample[chosen].sum()),
+            float(energy.sum()),
+            float(self.channels_per_sample[every][chosen].sum()),
         )
 
     def _pieces(self, part: slice | None) -> Iterator[slice]:
-        start, stop, step = (part or slice(None, None, self.stride)).indices(len(self.misfit_T))
+        start, stop, step = (part or slice(None)).indices(len(self._taken[0]))
         for first in range(start, stop, _PIECE * step):
             yield slice(first, min(first + _PIECE * step, stop), step)
 
 
-def calibration_design(situation: Situation) -> Design:
+def calibration_design(situation: Situation, stride: int = 1) -> Design:
     """Return the design of the calibration itself: each row of [D Λ | o], in units of the mean intensity.
 
     Linear in data that hold noise of their own; that noise is part of the residual to second order only.
     """
     unit = float(np.mean(situation.intensity_T))
-    features = np.column_stack([situation.field_T, np.full(situation.sample_count, unit)])
+    field = situation.field_T[::stride]
+    features = np.column_stack([field, np.full(len(field), unit)])
     count = situation.scalar_row
     rows = np.repeat(np.arange(count), 4)
     return Design(features, np.tile(np.arange(4), count), rows, np.arange(4 * count), 4 * count)

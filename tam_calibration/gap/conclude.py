@@ -7,7 +7,7 @@ import numpy as np
 
 from tam_calibration.effects.effect import Finding, FittedEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.channels import Channels, Design, calibration_design
+from tam_calibration.gap.channels import Channels, Design
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.probability import probabilities
@@ -115,8 +115,8 @@ def _fitted(model: Model, variance: float) -> list[FittedEffect]:
         return []
     channels = model.channels(model.signal())
     terms = [part.terms(channels) for part in model.parts]
-    designs = [Design.of(own) for own in terms]
-    projected = Base(channels, [calibration_design(channels.situation)]).project(Design.joined(designs))
+    designs = [channels.design(own) for own in terms]
+    projected = Base(channels, [channels.calibration]).project(Design.joined(designs))
     covariance = variance * projected.inverse()[0]
     ends = np.cumsum([design.width for design in designs])
     return [

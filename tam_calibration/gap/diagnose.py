@@ -5,6 +5,7 @@ from collections.abc import Collection
 from tam_calibration.array import Array
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.result import Gap
+from tam_calibration.gap.short import LEAST_REDUNDANCY, redundancy, too_short
 from tam_calibration.gap.steps import Progress, search
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
@@ -44,4 +45,6 @@ def diagnose(
             "use the array file of this recording"
         )
     recording.check_units()
+    if redundancy(recording) < LEAST_REDUNDANCY:
+        return too_short(recording)
     return conclude(search(recording, array, without, progress))

@@ -11,7 +11,7 @@ from tam_calibration.effects.effect import ALL, Coefficient, FittedEffect, Shape
 from tam_calibration.effects.removal import on_sensors
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.scale import free_scale
-from tam_calibration.gap.channels import Channels, Design, calibration_design
+from tam_calibration.gap.channels import Channels, Design
 from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.nominal import stepped
 from tam_calibration.gap.regression import Base, pseudo_inverse
@@ -103,7 +103,7 @@ class Joint:
 
     @cached_property
     def _nominal(self) -> Base:
-        return Base(self._channels, [calibration_design(self._channels.situation)])
+        return Base(self._channels, [self._channels.calibration])
 
     @cached_property
     def _terms(self) -> list[list[Term]]:
@@ -119,7 +119,7 @@ class Joint:
 
     @cached_property
     def _design(self) -> Design:
-        return Design.of([term for terms in self._all_terms for term in terms])
+        return self._channels.design([term for terms in self._all_terms for term in terms])
 
     @cached_property
     def _covariance(self) -> FloatArray:

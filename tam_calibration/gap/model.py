@@ -11,7 +11,7 @@ from tam_calibration.array import Array
 from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, LinearEffect, Shape, Term
 from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.errors import SensorErrors
-from tam_calibration.gap.channels import Channels, Design, calibration_design
+from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.nominal import start, stepped, without_jump
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.search import Hypothesis
@@ -44,7 +44,7 @@ class Part:
     def of(cls, form: Hypothesis) -> "Part":
         """Accept a hypothesis, with values to start from where it has them."""
         keys = tuple((term.sensor, term.axis, term.name) for term in form.terms)
-        return cls(form.effect, form.shape, keys, np.zeros(form.design.width) if form.values is None else form.values)
+        return cls(form.effect, form.shape, keys, np.zeros(form.width) if form.values is None else form.values)
 
     def terms(self, channels: Channels) -> list[Term]:
         """Return the terms in the situation of the channels."""
@@ -107,7 +107,7 @@ class Model:
 
     @classmethod
     def nominal(cls, recording: Recording, array: Array) -> "Model":
-        """Fit the calibration alone, or beside a jump that is too large for the calibration to be found in spite of it."""
+        """Fit the calibration alone, or beside a jump so large that the calibration is not found in spite of it."""
         stride = recording.sample_count // _ENOUGH_SAMPLES + 1
         noisy, errors, intensity = start(recording, array)
         plain = cls(recording, noisy, errors, intensity, stride=stride).settled()
@@ -189,8 +189,8 @@ class Model:
         channels = self.channels(self.signal() if self.parts else None)
         if not np.isfinite(channels.energy):
             raise Refused("the fit does not settle: the readings do not fit one calibration")
-        designs = [Design.of(part.terms(channels)) for part in self.parts]
-        return Base(channels, [calibration_design(channels.situation), *designs])
+        designs = [channels.design(part.terms(channels)) for part in self.parts]
+        return Base(channels, [channels.calibration, *designs])
 
     def accept(self, form: Hypothesis | Finding) -> "Model":
         """Return the model with one more effect, fitted together."""

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from tam_calibration.effects.effect import SCALAR, Finding, FittedEffect, LinearEffect, Shape, Situation, Term
-from tam_calibration.gap.channels import Design
 from tam_calibration.gap.regression import Base, Projected, twice_log_likelihood_ratio
 from tam_calibration.gap.selection import Selection, evidence, first_step, select
 from tam_calibration.units import FloatArray
@@ -54,9 +53,9 @@ class Hypothesis:
         return replace(self, terms=terms)
 
     @property
-    def design(self) -> Design:
-        """The selected terms side by side."""
-        return Design.of(self.terms)
+    def width(self) -> int:
+        """Number of coefficients P."""
+        return sum(len(term.coefficients) for term in self.terms)
 
 
 def places_of(form: Hypothesis | Finding) -> list[Place]:
@@ -102,7 +101,7 @@ def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypoth
         for term in terms
         for coefficient in term.coefficients
     ]
-    gain, rank = base.project(Design.of(terms)).gain()
+    gain, rank = base.project(base.channels.design(terms)).gain()
     selection = Selection(tuple(range(len(terms))), gain, rank, evidence(base.energy, gain, base.channels.count, rank))
     return Hypothesis(effect, fitted.shape, tuple(terms), selection, (), np.array(values))
 
@@ -131,7 +130,7 @@ def _offer(base: Base, effect: LinearEffect, shape: Shape, sensor: int | None = 
     ]
     if not terms:
         return None
-    projected = base.project(Design.of(terms))
+    projected = base.project(base.channels.design(terms))
     first = first_step(projected, terms, base.energy, base.channels.count - base.rank)
     return _Offer(shape, terms, projected, first) if np.isfinite(first) else None
 
@@ -157,7 +156,7 @@ def _refined(base: Base, form: Hypothesis, name: str, tried: list[float]) -> Hyp
         shape = {**form.shape, name: float(value)}
         terms = form.effect.terms(base.channels.situation, shape)
         kept = tuple(term for term in terms if (term.sensor, term.axis, term.name) in keys)
-        return shape, kept, base.project(Design.of(kept)).gain()[0]
+        return shape, kept, base.project(base.channels.design(kept)).gain()[0]
 
     found: Any = minimize_scalar(
         lambda value: -at(value)[2], bounds=bounds, method="bounded", options={"maxiter": _REFINEMENTS}
@@ -170,10 +169,3 @@ def _refined(base: Base, form: Hypothesis, name: str, tried: list[float]) -> Hyp
     more -= twice_log_likelihood_ratio(base.energy, form.selection.gain, count)
     selection = replace(form.selection, gain=gain, delta_bic=form.selection.delta_bic + more)
     return replace(form, shape=shape, terms=terms, selection=selection)
-
-
-def values_of(base: Base, form: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
-    """Return the coefficients (P,) of a form and their covariance for channels of unit variance."""
-    projected = base.project(form.design)
-    inverse, _ = projected.inverse()
-    return inverse @ projected.score, inverse

@@ -5,7 +5,7 @@ from math import factorial
 
 import numpy as np
 
-from tam_calibration.gap.channels import Design, calibration_design
+from tam_calibration.gap.channels import Design
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
 from tam_calibration.units import FloatArray
@@ -17,8 +17,8 @@ def shares_of(model: Model) -> FloatArray:
     if count < 2:
         return np.ones(count)
     channels = model.channels()
-    designs = [Design.of(part.terms(channels)) for part in model.parts]
-    projected = Base(channels, [calibration_design(channels.situation)]).project(Design.joined(designs))
+    designs = [channels.design(part.terms(channels)) for part in model.parts]
+    projected = Base(channels, [channels.calibration]).project(Design.joined(designs))
     ends = np.cumsum([design.width for design in designs])
     columns = [np.arange(end - design.width, end) for end, design in zip(ends, designs, strict=True)]
     explained: dict[tuple[int, ...], float] = {(): 0.0}

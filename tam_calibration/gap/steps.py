@@ -9,7 +9,6 @@ import numpy as np
 from tam_calibration.array import Array
 from tam_calibration.effects.effect import ALL, Effect, Finding, LinearEffect
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.gap.channels import Design
 from tam_calibration.gap.hypotheses import Evidence, evidence_of, examine, rivals, sharpened, usable
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.nominal import prepared
@@ -326,7 +325,7 @@ def _holds(nominal: Model, steps: list[Step], step: Step, rivals_of_all: Sequenc
         unknown = rivals_of_all if steps == [step] else rivals(base)
         return step.accepted.effect != _NOISE or _beats(base, step.accepted, unknown, _AGAINST_RIVAL)
     form = step.accepted.form.moved(base.channels.situation)
-    gain, rank = base.project(form.design).gain()
+    gain, rank = base.project(base.channels.design(form.terms)).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
     unknown = rivals_of_all if steps == [step] else rivals(base)
     alone = Evidence(step.accepted.effect, form, gain - rank * log(base.channels.count), gain)
@@ -368,5 +367,5 @@ def _gain_beside(base: Base, rival: Evidence, candidate: Evidence) -> float:
     terms = [term for term in rival.form.terms if term.sensor in sensors or ALL in sensors]
     if not terms:
         return 0.0
-    gain, rank = base.project(Design.of(terms)).gain()
+    gain, rank = base.project(base.channels.design(terms)).gain()
     return twice_log_likelihood_ratio(base.energy, gain, base.channels.count) - rank

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from tam_calibration.effects.effect import ALL, SCALAR
-from tam_calibration.gap.channels import Channels, Design
+from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Where
@@ -55,7 +55,7 @@ def noisy_places(channels: Channels) -> tuple[list[Place], float]:
         inside, outside = float(energy.sum()), total - float(energy.sum())
         many = freedom * len(energy)
         rest = count - many
-        if rest <= many / 100 or inside / many <= outside / rest:
+        if rest <= many / 100 or outside <= 0 or inside / many <= outside / rest:
             continue
         gain = count * np.log(total / count) - many * np.log(inside / many) - rest * np.log(outside / rest)
         if gain > best[1]:
@@ -170,7 +170,7 @@ def main_places(base: Base, rival: Evidence) -> list[Place]:
     assert isinstance(rival.form, Hypothesis)
     terms = rival.form.terms
     columns = columns_of(terms)
-    projected = base.project(Design.of(terms))
+    projected = base.project(base.channels.design(terms))
     whole = projected.gain()[0]
 
     def explained(kept: Iterable[int]) -> float:
