@@ -57,7 +57,7 @@ _EXPECTED = 0.5
 _CERTAIN = 3.0
 """Standard errors by which it must exceed the floor."""
 
-_FEW = 0.25
+_FEW = 0.6
 """Part of the readings that are different values, below which steps are read off these."""
 
 _EQUAL = 1e-6

@@ -78,6 +78,11 @@ class Design:
         """Whether so many rows share the features that it pays to take directions and rows apart."""
         return bool(4 * self.features.shape[1] < len(self.rows))
 
+    @property
+    def common_width(self) -> int:
+        """Number of columns that are summed for the common mode: features in four directions, or atoms."""
+        return 4 * self.features.shape[1] if self.is_shared else len(self.rows)
+
     @cached_property
     def scatter(self) -> FloatArray | None:
         """(J, P) sums of atoms to columns; None where they are the same."""
@@ -300,7 +305,7 @@ class Channels:
         The designs are those of ``design`` and ``calibration``; the slice counts their samples.
         """
         between = np.zeros((left.features.shape[1], right.features.shape[1]))
-        common: FloatArray | float = 0.0
+        common = np.zeros((left.common_width, right.common_width))
         for piece in self._pieces(part):
             first, second = left.features[piece], right.features[piece]
             taken = self._taken
@@ -309,9 +314,9 @@ class Channels:
                 first = first * counted[:, None]
             between += first.T @ second
             own = self._common(left, first, direction) * precision[:, None]
-            common = common + own.T @ self._common(right, second, direction)
+            common += own.T @ self._common(right, second, direction)
         total = between[np.ix_(left.index, right.index)] * self.coupling[np.ix_(left.rows, right.rows)]
-        total += self._by_atom(left, self._by_atom(right, np.asarray(common).T).T)
+        total += self._by_atom(left, self._by_atom(right, common.T).T)
         if left.scatter is not None:
             total = left.scatter.T @ total
         return total if right.scatter is None else total @ right.scatter

@@ -23,7 +23,7 @@ from tam_calibration.units import FloatArray
 SMALLEST_GAP = 0.1
 """In noise floors; what is smaller is no gap, however certain."""
 
-_PARTLY_CLOSED = 0.5
+_PARTLY_CLOSED = 0.6
 _AS_GOOD = 10.0
 """Difference of BIC within which two effects cannot be told apart."""
 
@@ -33,13 +33,14 @@ def conclude(found: Search) -> Gap:
     variance = noise_variance(found.model, found.remaining, LEAST_EVIDENCE)
     whole_nominal, whole = found.nominal.of_all_samples(), found.model.of_all_samples()
     size = measure(whole_nominal, whole, variance)
-    chances = probabilities(found)
     base = found.nominal.base()
     nominal = base.channels
-    causes = _causes(found, whole, size, chances, variance)
     verdict = _verdict(found, size, nominal, variance)
+    chances = probabilities(found, verdict)
+    causes = _causes(found, whole, size, chances, variance)
     if verdict in ("no_gap", "unexplained"):
-        causes = ()
+        causes, whole = (), whole_nominal
+        size = measure(whole_nominal, whole, variance)
     places = [_places(cause.fitted) for cause in causes]
     where = (
         Where((), (), None, None, {})
@@ -56,7 +57,7 @@ def conclude(found: Search) -> Gap:
         chances,
         "",
         _statement(verdict, size, where, causes),
-        _residue(found.nominal, found.model, nominal, variance),
+        _residue(whole_nominal, whole, whole_nominal.channels(), variance),
     )
 
 
@@ -165,15 +166,25 @@ def _considered(found: Search, causes: tuple[Cause, ...]) -> tuple[Considered, .
 
 
 def _statement(verdict: Verdict, size: Size, where: Where, causes: tuple[Cause, ...]) -> str:
-    names = " and ".join(dict.fromkeys(cause.fitted.effect.replace("_", " ") for cause in causes))
-    place = ", ".join(f"sensor {one}" if isinstance(one, int) else f"the {one} magnetometer" for one in where.sensors)
     if verdict == "no_gap":
         return "No gap: what the calibration leaves is noise."
-    told = f"A gap of {size.before:.2g} noise floors"
+    told = f"A gap of {size.before:.2g} times the noise floor in {_named(where)}"
     if verdict == "unexplained":
-        return f"{told} in {place or 'all sensors'} that no effect of the library explains."
+        return f"{told} that no effect of the library explains."
+    names = " and ".join(dict.fromkeys(cause.fitted.effect.replace("_", " ") for cause in causes))
     part = "explained" if verdict == "explained" else "partly explained"
-    return f"{told} in {place}, {part} by {names}: {100 * size.closed:.0f} % of it closes."
+    return f"{told}, {part} by {names}: {100 * size.closed:.0f} % of it closes."
+
+
+def _named(where: Where) -> str:
+    """Return the place in words."""
+    numbers = [str(one) for one in where.sensors if isinstance(one, int)]
+    parts = []
+    if numbers:
+        parts.append(f"sensor{'s' * (len(numbers) > 1)} {', '.join(numbers)}")
+    if "scalar" in where.sensors:
+        parts.append("the scalar magnetometer")
+    return " and ".join(parts) or "all sensors"
 
 
 def _residue(nominal: Model, model: Model, before: Channels, variance: float) -> Residue:

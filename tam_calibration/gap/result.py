@@ -161,7 +161,7 @@ class Gap:
     considered : tuple of Considered
         Every hypothesis.
     probabilities : mapping
-        Over "no_gap", each effect and "none_of_these"; sums to one.
+        Of "no_gap", each effect and "none_of_these". They add up to one; of several causes each has its own.
     next_recording : str
         What to record next.
     statement : str
