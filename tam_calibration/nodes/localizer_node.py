@@ -5,6 +5,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import scipy.spatial.transform  # noqa: F401  else it would be loaded while the first samples wait
 from geometry_msgs.msg import Point, PointStamped
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.time import Time
