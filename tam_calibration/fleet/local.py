@@ -30,16 +30,20 @@ def run_here(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, str]]:
 
 
 def _in_pool(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, BaseException | None]]:
-    # A forked process would inherit the threads of a progress display.
-    pool = ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_begin)
+    # Forked from a process that has imported everything once, not from this one with its threads.
+    context = get_context("forkserver")
+    context.set_forkserver_preload([process.__module__])
+    pool = ProcessPoolExecutor(jobs, context, initializer=_begin)
     try:
         futures = {pool.submit(process, task): task for task in tasks}
         for future in as_completed(futures):
             yield futures[future], future.exception()
     except BrokenProcessPool as problem:  # while tasks were handed in
         yield from ((task, problem) for task in tasks)
-    finally:
+    except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
 
 
 def _begin() -> None:
