@@ -5,7 +5,7 @@ from collections.abc import Collection
 from tam_calibration.array import Array
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.result import Gap
-from tam_calibration.gap.short import LEAST_REDUNDANCY, redundancy, too_short
+from tam_calibration.gap.short import needed_samples, too_short
 from tam_calibration.gap.steps import Progress, search
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
@@ -44,7 +44,7 @@ def diagnose(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
             "use the array file of this recording"
         )
-    recording.check_units()
-    if redundancy(recording) < LEAST_REDUNDANCY:
+    recording.check_plausible()
+    if recording.sample_count < needed_samples(recording.sensor_count):
         return too_short(recording)
     return conclude(search(recording, array, without, progress))

@@ -6,21 +6,24 @@ from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap.result import Considered, Gap, Residue, Size, Where
 from tam_calibration.recording import Recording
 
-LEAST_REDUNDANCY = 60
+_LEAST_REDUNDANCY = 60
 """Channels beyond the parameters of the calibration below which nothing is said."""
 
+_LEAST_SAMPLES = 20
+"""Without a fold of them still well above nine, which determine an ellipsoid."""
 
-def redundancy(recording: Recording) -> int:
-    """Return by how many the readings outnumber fields and calibration, at most."""
-    per_sample = 3 * recording.sensor_count - 2
-    return recording.sample_count * per_sample - (12 * recording.sensor_count - 3)
+
+def needed_samples(sensor_count: int) -> int:
+    """Return how many samples any verdict takes."""
+    channels = _LEAST_REDUNDANCY + 12 * sensor_count - 3
+    return max(_LEAST_SAMPLES, -(-channels // (3 * sensor_count - 2)))
 
 
 def too_short(recording: Recording) -> Gap:
     """Return that nothing can be said, and how many samples it takes."""
     count = recording.sensor_count
-    needed = int(np.ceil((LEAST_REDUNDANCY + 12 * count - 3) / (3 * count - 2)))
-    why = f"{recording.sample_count} samples of {count} sensor{'s' * (count > 1)} are too few for any verdict"
+    needed, some = needed_samples(count), recording.sample_count
+    why = f"{some} sample{'s' * (some > 1)} of {count} sensor{'s' * (count > 1)}"
     nothing = np.full((recording.sample_count, 3 * count + 1), np.nan)
     unknown = float("nan")
     return Gap(
@@ -31,7 +34,7 @@ def too_short(recording: Recording) -> Gap:
         tuple(Considered(name, "not_identifiable", "the recording is too short") for name in installed_effects()),
         {},
         f"Record {2 * needed} samples or more while turning the array through all attitudes.",
-        f"No verdict: {why}; it takes {needed} at least.",
+        f"No verdict: it takes {needed} samples at least, not {why}.",
         Residue(
             recording.time_s,
             np.full((recording.sample_count, 3), np.nan),
