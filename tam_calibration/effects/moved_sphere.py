@@ -69,6 +69,10 @@ def moved_sphere(recording: Recording) -> FittedEffect | None:
     return FittedEffect("bias_jump", shape, contributions)
 
 
+_FARTHEST = 1e3
+"""Readings of so many times the field are no sphere, and sums with their fourth powers hold nothing else."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Sums:
     """Sums over the samples before each, for each sensor: of [y, 1, |y|²] times itself, readings in units of the field.
@@ -82,7 +86,7 @@ class _Sums:
     @classmethod
     def of(cls, recording: Recording) -> "_Sums":
         unit = np.median(norm(recording.readings_T, axis=2), axis=0)
-        reading = recording.readings_T / unit[:, None]
+        reading = np.clip(recording.readings_T / unit[:, None], -_FARTHEST, _FARTHEST)
         size = np.sum(reading**2, axis=2, keepdims=True)
         own = np.concatenate([reading, np.ones_like(size), size], axis=2)
         total = np.zeros((recording.sample_count + 1, recording.sensor_count, 5, 5))
