@@ -208,7 +208,8 @@ def _residue(nominal: Model, model: Model, before: Channels, variance: float) ->
         replace(nominal.recording, readings_T=readings, scalar_T=scalar), array, nominal.errors, nominal.intensity_T
     )
 
-    typical = np.maximum(np.median(before.misfit.row_information, axis=0), np.finfo(float).tiny)
+    told = before.misfit.row_information
+    typical = np.array([np.median(row[row > 0]) if row.any() else np.inf for row in told.T])
 
     def shifts(channels: Channels) -> FloatArray:
         information = channels.misfit.row_information
