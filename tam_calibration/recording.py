@@ -108,6 +108,7 @@ class Recording:
         if self.sample_count == 0:
             raise InputError("the recording holds no sample")
         self._check_finite()
+        self._check_attitude()
         self._check_time()
 
     def _check_shapes(self) -> None:
@@ -132,6 +133,16 @@ class Recording:
                     f"{count} of {self.sample_count} samples hold {'' if is_channel else 'NaN or '}infinite values, "
                     f"first {where} in sample {index[0] + 1}: remove them"
                 )
+
+    def _check_attitude(self) -> None:
+        if self.attitude is None:
+            return
+        is_zero = ~self.attitude.any(axis=1)
+        if is_zero.any():
+            raise InputError(
+                f"{int(is_zero.sum())} of {self.sample_count} attitudes are four zeros, first in sample "
+                f"{int(np.argmax(is_zero)) + 1}, which is no attitude: leave empty what is not known"
+            )
 
     def _check_time(self) -> None:
         step = np.diff(self.time_s)
