@@ -10,6 +10,7 @@ from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.channels import Channels, Design
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.model import Model
+from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.probability import probabilities
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Cause, Considered, Gap, Residue, Size, Verdict, Where
@@ -55,7 +56,7 @@ def conclude(found: Search) -> Gap:
         causes,
         considered,
         chances,
-        "",
+        next_recording(found, verdict, causes, variance),
         _statement(verdict, size, where, causes),
         _residue(whole_nominal, whole, whole_nominal.channels(), variance),
     )

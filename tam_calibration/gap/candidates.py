@@ -1,0 +1,144 @@
+"""Recordings that could be made next: how the array is turned, how long, and what changes meanwhile."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from tam_calibration.effects.effect import Situation
+from tam_calibration.effects.orientation import to_world
+from tam_calibration.units import FloatArray
+
+SAMPLES = 600
+"""Of a simulated recording; what they tell is told of as many samples as the real one would have."""
+
+_FAST_S, _SLOWER = 5.0, 8.0
+"""Duration of a fast turn, and how much longer a slow one takes."""
+
+_LEAST_SAMPLES_PER_TURN = 16
+_HOLD_S = 5.0
+_RAMPS, _LEAST_RISE_K = 2, 5.0
+_SWITCHINGS, _LEAST_CURRENT_A = 12, 1.0
+
+Path = Literal["onwards", "back and forth", "swings", "poses"]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A recording that could be made.
+
+    Parameters
+    ----------
+    words : str
+        What to do, as an order.
+    path : str
+        How the array goes along the path of a tumble through all directions, or the poses of a turntable.
+    turn_s : float
+        Duration of a turn, or of a pose.
+    minutes : float
+        How long.
+    changes : tuple of str
+        Channels of ``Recording`` that are changed meanwhile.
+    """
+
+    words: str
+    path: Path
+    turn_s: float
+    minutes: float
+    changes: tuple[str, ...] = ()
+
+    def situation(self, now: Situation, channels: Collection[str], count: int = SAMPLES) -> Situation:
+        """Return what would happen to the array of a recording, with some of the channels, at so many samples.
+
+        Temperature and current stay as they are, unless they are changed on purpose.
+        """
+        from scipy.spatial.transform import Rotation
+
+        time = np.linspace(0, 60 * self.minutes, count, endpoint=False)
+        attitude = self._attitude(time)
+        field = Rotation.from_quat(attitude).inv().apply(_world_field(now))
+        phase = np.arange(count) / count
+        middle, rise = _level(now.temperature_C, _LEAST_RISE_K, 20.0)
+        ramps = np.abs((2 * _RAMPS * phase) % 2 - 1) - 0.5 if "temperature_C" in self.changes else np.zeros(count)
+        temperature = middle + rise * ramps
+        middle, rise = _level(now.current_A, _LEAST_CURRENT_A, _LEAST_CURRENT_A / 2)
+        switched = (_SWITCHINGS * phase).astype(int) % 2 - 0.5 if "current_A" in self.changes else np.zeros(count)
+        current = middle + rise * switched
+        return Situation(
+            now.time_s[0] + time,
+            field,
+            now.errors,
+            now.array,
+            temperature if "temperature_C" in channels else None,
+            current if "current_A" in channels else None,
+            attitude if "attitude" in channels else None,
+        )
+
+    def _attitude(self, time_s: FloatArray) -> FloatArray:
+        from tam_calibration.simulation.attitude import Tumble, Turntable
+
+        generator, whole = np.random.default_rng(0), 60 * self.minutes
+        if self.path == "poses":
+            poses: FloatArray = Turntable().attitudes(np.arange(whole / self.turn_s), generator)
+            held: FloatArray = poses[(time_s / self.turn_s).astype(int)]
+            return held
+        along = {
+            "onwards": time_s,
+            "back and forth": np.minimum(time_s, whole - time_s),
+            "swings": 0.2 * time_s
+            + 0.5 * self.turn_s * time_s / whole * np.sin(2 * np.pi * time_s / (3 * self.turn_s)),
+        }[self.path]
+        return Tumble(2 * np.pi / self.turn_s).attitudes(along, generator)
+
+
+def candidates(now: Situation, channels: Collection[str]) -> list[Candidate]:
+    """Return recordings that are worth a thought where effects need some channels."""
+    fast = max(_FAST_S, _LEAST_SAMPLES_PER_TURN * now.step_s)
+    slow = _SLOWER * fast
+    onwards = f"turn it slowly and steadily through all directions ({slow:.0f} s a turn)"
+    meanwhile = {}
+    if "temperature_C" in channels:
+        _, rise = _level(now.temperature_C, _LEAST_RISE_K, 0.0)
+        meanwhile["temperature_C"] = f"the temperature goes down and up {rise:.0f} K twice"
+    if "current_A" in channels:
+        _, rise = _level(now.current_A, _LEAST_CURRENT_A, 0.0)
+        meanwhile["current_A"] = f"the current is switched by {rise:.2g} A, {_SWITCHINGS} times"
+    if meanwhile:
+        turns = 30 if "temperature_C" in meanwhile else 10
+        words = f"{onwards} while {' and '.join(meanwhile.values())}"
+        return [Candidate(words, "onwards", slow, turns * slow / 60, tuple(meanwhile))]
+    return [
+        Candidate(onwards, "onwards", slow, 10 * slow / 60),
+        Candidate(
+            f"turn it fast through all directions ({fast:.0f} s a turn), then the same way back",
+            "back and forth",
+            fast,
+            20 * fast / 60,
+        ),
+        Candidate(
+            f"turn it through all directions in swings back and forth, small and large, of {3 * fast:.0f} s each",
+            "swings",
+            fast,
+            20 * fast / 60,
+        ),
+        Candidate(f"hold it still in 72 poses on all sides, {_HOLD_S:.0f} s each", "poses", _HOLD_S, 72 * _HOLD_S / 60),
+    ]
+
+
+def _world_field(now: Situation) -> FloatArray:
+    """Return the field (3,) of the world: as the attitudes tell, or that of middle latitudes."""
+    if now.attitude is None:
+        direction = np.array([0.0, 0.5, -np.sqrt(0.75)])
+    else:
+        direction = np.einsum("nij,nj->i", to_world(now), now.field_T)
+    field: FloatArray = float(np.mean(now.intensity_T)) * direction / np.linalg.norm(direction)
+    return field
+
+
+def _level(channel: FloatArray | None, least: float, otherwise: float) -> tuple[float, float]:
+    """Return the middle of a channel's range and its width, no less than so much."""
+    if channel is None:
+        return otherwise, least
+    low, high = float(channel.min()), float(channel.max())
+    return (low + high) / 2, max(high - low, least)

@@ -1,0 +1,167 @@
+"""What to record next: the recording that tells two hypotheses apart, or that would show what this one cannot."""
+
+from collections.abc import Collection, Iterable, Sequence
+
+from numpy.linalg import LinAlgError
+
+from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.library import effect_named
+from tam_calibration.gap.candidates import candidates
+from tam_calibration.gap.expected import Setting, visible_part
+from tam_calibration.gap.hypotheses import CHANNEL_NAMES, Evidence
+from tam_calibration.gap.result import Cause, Verdict
+from tam_calibration.gap.search import places_of
+from tam_calibration.gap.separation import (
+    DECIDES,
+    Doubt,
+    channels_of,
+    doubt_of,
+    duration,
+    long_enough,
+    rounded,
+    separate,
+    with_channels,
+    words_of,
+)
+from tam_calibration.gap.steps import LEAST_EVIDENCE, Search
+from tam_calibration.problems import InputError, Refused
+
+_MAY_BE = {"nonlinearity": "hysteresis", "bias_jump": "temperature_drift", "geomagnetic_drift": "temperature_drift"}
+"""What a cause may be in truth, where the recording cannot show it."""
+
+_LOOKS = {
+    "function_of_time": ("temperature_drift", "current_interference", "geomagnetic_drift"),
+    "function_of_neighbours": ("current_interference", "temperature_drift", "time_skew", "eddy_current"),
+    "function_of_rate": ("time_skew", "eddy_current", "hysteresis"),
+    "function_of_direction": ("ambient_gradient", "flexure", "scalar_heading_error", "hysteresis", "nonlinearity"),
+}
+"""What a gap that a function without physics explains may be, the most plausible first."""
+
+_TWICE = (
+    "make the same motion twice with a pause between: what comes again belongs to the motion, the rest to the time; "
+    "note what is switched, moved or warms up meanwhile"
+)
+
+_OTHERWISE = {
+    "function_of_time": _TWICE,
+    "function_of_neighbours": _TWICE,
+    "function_of_rate": "make the same motion at half and at twice the rate: what grows with the rate is a delay or a "
+    "current that the turning drives",
+    "function_of_direction": "make the same turns at another place and in the opposite sense: what stays goes with the "
+    "array, what changes with the site, what turns round is a memory",
+}
+"""What to record when no effect of the library that could be it is left untried."""
+
+
+def next_recording(found: Search, verdict: Verdict, causes: Sequence[Cause], variance: float) -> str:
+    """Say what to record next.
+
+    Parameters
+    ----------
+    found : Search
+        What was found in a recording.
+    verdict : str
+        Of it.
+    causes : sequence of Cause
+        The largest share first.
+    variance : float
+        Of the channels' white noise, in that of the array's.
+
+    Returns
+    -------
+    str
+        One or two sentences: motion, duration and channels of the recording that brings the most evidence per minute,
+        and how much that is by simulation.
+    """
+    if verdict == "no_gap":
+        return (
+            "No further recording is needed for this question; one more run of the same kind, kept out of the "
+            "calibration, would confirm that it holds."
+        )
+    try:
+        return _of_gap(found, verdict, causes, variance)
+    except (InputError, Refused, LinAlgError) as problem:
+        return (
+            f"Repeat this recording with slower and faster turns: what else would help cannot be simulated ({problem})."
+        )
+
+
+def _of_gap(found: Search, verdict: Verdict, causes: Sequence[Cause], variance: float) -> str:
+    setting = Setting(found.model, found.model.channels().situation, variance)
+    doubt = doubt_of(found, verdict, causes)
+    if doubt is not None:
+        return _told_apart(setting, doubt)
+    missing = {one.effect for one in found.considered if one.status in ("channel_missing", "not_identifiable")}
+    if verdict == "explained":
+        hidden = _hidden(found, causes, missing)
+        return (hidden and _shown(setting, *hidden)) or _CONFIRMED
+    unknown = _strongest(found.rivals if verdict == "unexplained" else found.remaining)
+    if unknown is None:
+        return "Repeat this recording: what comes again belongs to the array or the site, the rest to this run."
+    plausible = [name for name in _LOOKS[unknown.effect] if name in missing]
+    return _shown(setting, unknown, plausible) or f"To see what the rest follows, {_OTHERWISE[unknown.effect]}."
+
+
+_CONFIRMED = (
+    "No further recording is needed for this question; one more run of the same kind, kept out of the fit and "
+    "corrected with this cause, would confirm it."
+)
+
+
+def _told_apart(setting: Setting, doubt: Doubt) -> str:
+    separation = separate(setting, doubt)
+    if separation is not None:
+        return separation.sentence
+    names = [one.effect for one in (doubt.first, doubt.second)]
+    asked = ", and ".join(dict.fromkeys(effect_named(name).excitation for name in names))
+    return f"To tell {words_of(names[0])} from {words_of(names[1])}, record {asked}."
+
+
+def _strongest(unknown: Iterable[Evidence]) -> Evidence | None:
+    strong = [one for one in unknown if one.delta_bic > LEAST_EVIDENCE and one.effect in _LOOKS]
+    return max(strong, key=lambda one: one.delta_bic, default=None)
+
+
+def _hidden(found: Search, causes: Sequence[Cause], missing: Collection[str]) -> tuple[Evidence, list[str]] | None:
+    """Return a cause that may be another effect, which this recording cannot show, and which."""
+    drift = next((one.gain for one in found.rivals if one.effect == "function_of_time"), 0.0)
+    named = {cause.fitted.effect for cause in causes}
+    for accepted in (step.accepted for step in found.steps if step.accepted.effect in named):
+        other = _MAY_BE.get(accepted.effect, "")
+        if other not in missing or (accepted.effect == "bias_jump" and drift < accepted.gain - DECIDES):
+            continue
+        return accepted, [other]
+    return None
+
+
+def _shown(setting: Setting, unknown: Evidence, plausible: Sequence[str]) -> str | None:
+    """Return the recording in which the most plausible of some effects would show itself, if it makes the gap."""
+    sensors = {sensor for sensor, _ in places_of(unknown.form)}
+    for name in plausible:
+        effect = effect_named(name)
+        if not isinstance(effect, LinearEffect):
+            continue
+        needed = channels_of([effect])
+        offers = [
+            (visible_part(setting, effect, offer, sensors) * unknown.gain * offer.minutes / setting.minutes, offer)
+            for offer in candidates(setting.situation, needed)
+        ]
+        expected, best = max(offers, key=lambda offer: offer[0] / offer[1].minutes)
+        minutes = long_enough(expected, best.minutes)
+        expected *= minutes / best.minutes
+        if expected < DECIDES:
+            continue
+        return (
+            f"To see whether it is {words_of(name)}, {best.words}, {duration(minutes)}{with_channels(needed)}"
+            f"{_also(setting, plausible, needed)}. If it makes this gap, the evidence for it (twice the logarithm of "
+            f"the likelihood ratio), which this recording cannot give, would be about {rounded(expected)}; above "
+            f"{DECIDES:.0f} decides."
+        )
+    return None
+
+
+def _also(setting: Setting, plausible: Iterable[str], needed: Collection[str]) -> str:
+    """Return what else should be recorded because another plausible effect needs it."""
+    others = [channel for channel in channels_of(map(effect_named, plausible)) if channel not in needed]
+    missing = [CHANNEL_NAMES[channel] for channel in others if getattr(setting.model.recording, channel) is None]
+    return f" (and the {' and '.join(missing)}, which may be it as well)" if missing else ""

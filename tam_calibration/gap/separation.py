@@ -1,0 +1,169 @@
+"""The recording that tells two hypotheses apart."""
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from math import ceil
+
+from tam_calibration.effects.effect import ALL, Effect
+from tam_calibration.gap.candidates import Candidate, candidates
+from tam_calibration.gap.expected import Setting, expected_evidence
+from tam_calibration.gap.hypotheses import CHANNEL_NAMES, Evidence
+from tam_calibration.gap.model import Model, Part
+from tam_calibration.gap.regression import Base
+from tam_calibration.gap.result import Cause, Verdict
+from tam_calibration.gap.search import Hypothesis, places_of
+from tam_calibration.gap.steps import LEAST_EVIDENCE, Search
+
+DECIDES = 20.0
+"""Evidence, twice the logarithm of a likelihood ratio, that settles a question."""
+
+_ENOUGH = 2 * DECIDES
+_LONGEST_MIN = 60.0
+
+_NESTED = {("time_skew", "eddy_current"), ("nonlinearity", "hysteresis")}
+"""Pairs of which the second holds the first: data can show that it is more than that, never that it is not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """The recording that tells two hypotheses apart.
+
+    Parameters
+    ----------
+    first, second : Part
+        The hypotheses as they fit the recording at hand; where one holds the other, the first.
+    now : float
+        Evidence between them in the recording at hand, twice the logarithm of the likelihood ratio.
+    gained : float
+        What is expected of the recording: the smaller of that for the first, were it true, and for the second.
+    candidate : Candidate
+        What to do.
+    minutes : float
+        How long.
+    channels : tuple of str
+        Names of the fields of ``Recording`` that the hypotheses need.
+    """
+
+    first: Part
+    second: Part
+    now: float
+    gained: float
+    candidate: Candidate
+    minutes: float
+    channels: tuple[str, ...]
+
+    @property
+    def sentence(self) -> str:
+        """What to record."""
+        first, second = (words_of(part.effect.name) for part in (self.first, self.second))
+        if self.now + self.gained < DECIDES:
+            return (
+                f"What was found of {first} and {second} differs so little that no recording of an hour would tell "
+                "them apart: the simpler one will do."
+            )
+        return (
+            f"To tell {first} from {second}, {self.candidate.words}, {duration(self.minutes)}"
+            f"{with_channels(self.channels)}. The evidence that tells them apart (twice the logarithm of the "
+            f"likelihood ratio) is {self.now:.0f} in this recording and would be about "
+            f"{rounded(self.now + self.gained)} after it; above {DECIDES:.0f} decides."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """Two hypotheses that explain the data nearly alike, and the model without either."""
+
+    first: Evidence
+    second: Evidence
+    beside: Model
+
+
+def doubt_of(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> Doubt | None:
+    """Return the first cause that another effect comes near, or the two best effects where none is a cause."""
+    if verdict == "unexplained":
+        ranked = sorted(found.weighed, key=lambda one: -one.delta_bic)[:2]
+        if len(ranked) < 2 or ranked[1].delta_bic < max(LEAST_EVIDENCE, ranked[0].delta_bic - DECIDES):
+            return None
+        return Doubt(ranked[0], ranked[1], found.nominal)
+    named = {cause.fitted.effect for cause in causes}
+    linear = [step for step in found.steps if isinstance(step.accepted.form, Hypothesis)]
+    for cause in causes:
+        step = next(step for step in found.steps if step.accepted.effect == cause.fitted.effect)
+        close = [one for one in step.weighed if one.effect not in named and _is_close(step.accepted, one, cause)]
+        if close:
+            others = [part for own, part in zip(linear, found.model.parts, strict=True) if own is not step]
+            second = max(close, key=lambda one: one.delta_bic)
+            return Doubt(step.accepted, second, replace(found.model, parts=tuple(others)))
+    return None
+
+
+def _is_close(accepted: Evidence, other: Evidence, cause: Cause) -> bool:
+    """Whether another effect explains nearly as much at the same sensors."""
+    if other.effect in cause.indistinguishable_from:
+        return True
+    here, there = ({sensor for sensor, _ in places_of(one.form)} for one in (accepted, other))
+    if not here & there and ALL not in here | there:
+        return False
+    return other.delta_bic > max(LEAST_EVIDENCE, accepted.delta_bic - DECIDES)
+
+
+def separate(setting: Setting, doubt: Doubt) -> Separation | None:
+    """Return the recording that tells two hypotheses apart; None where one of them is not found by regression."""
+    pair = [doubt.first, doubt.second]
+    if (pair[0].effect, pair[1].effect) in _NESTED:
+        pair.reverse()
+    is_nested = (pair[1].effect, pair[0].effect) in _NESTED
+    forms = [one.form for one in pair if isinstance(one.form, Hypothesis)]
+    if len(forms) < 2:
+        return None
+    base = doubt.beside.base()
+    first, second = (_fitted(base, form) for form in forms)
+    needed = channels_of([first.effect, second.effect])
+    offers = [
+        (expected_evidence(setting, first, second, offer, is_nested), offer)
+        for offer in candidates(setting.situation, needed)
+    ]
+    now = abs(doubt.first.gain - doubt.second.gain)
+    offers.append((now, Candidate("make the same motion for as long again", "onwards", 0.0, setting.minutes)))
+    gained, best = max(offers, key=lambda offer: offer[0] / offer[1].minutes)
+    minutes = long_enough(gained, best.minutes)
+    return Separation(first, second, now, gained * minutes / best.minutes, best, minutes, needed)
+
+
+def _fitted(base: Base, form: Hypothesis) -> Part:
+    moved = form.moved(base.channels.situation)
+    projected = base.project(base.channels.design(moved.terms))
+    return replace(Part.of(moved), values=projected.inverse()[0] @ projected.score)
+
+
+def channels_of(effects: Iterable[Effect]) -> tuple[str, ...]:
+    """Return the fields of ``Recording`` that effects need."""
+    return tuple(dict.fromkeys(channel for effect in effects for channel in effect.channels))
+
+
+def with_channels(channels: Collection[str]) -> str:
+    """Return at which rate and with which channels to record, in words."""
+    names = " and ".join(CHANNEL_NAMES[channel] for channel in channels)
+    return f" at the same rate, with the {names} recorded" if names else " at the same rate"
+
+
+def words_of(effect: str) -> str:
+    """Return what people call an effect."""
+    return effect.replace("_", " ")
+
+
+def long_enough(gained: float, minutes: float) -> float:
+    """Return how many minutes it takes to be sure, where some bring so much evidence; an hour at most."""
+    if gained <= 0:
+        return minutes
+    return min(minutes * max(ceil(_ENOUGH / gained), 1), max(_LONGEST_MIN, minutes))
+
+
+def duration(minutes: float) -> str:
+    """Return how long to record, in words."""
+    return f"for {60 * minutes:.0f} s" if minutes < 1.5 else f"for {minutes:.0f} min"
+
+
+def rounded(evidence: float) -> str:
+    """Return an evidence with no more figures than a simulation tells."""
+    return f"{evidence:.0f}" if evidence < 100 else f"{float(f'{evidence:.2g}'):.0f}"
