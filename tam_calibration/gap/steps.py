@@ -27,7 +27,7 @@ _LATER_EVIDENCE = 40.0
 _NOISE = "noise_excess"
 
 _LEAST_FIRST_SHARE = 0.3
-_LEAST_SHARE = 0.15
+_LEAST_SHARE = 0.08
 """Part of the energy that anything explains that the first cause must explain, and each further one."""
 
 _CHANCE, _MOST_CHANCE = 3.0, 0.15
@@ -39,14 +39,17 @@ _AGAINST_RIVAL = 0.95
 _AMONG_SEVERAL = 0.35
 """The same before all causes are known."""
 
-CLEAN = 0.15
+CLEAN = 0.1
 """Part of the gap that causes may leave open and still explain it."""
 
 _HOPELESS = 0.5
 """Part of the gap that no causes may leave open."""
 
-_STARTS = 2
+_STARTS = 4
 """Effects from which a search starts, at most."""
+
+_START_PART = 0.25
+"""Part of the first's evidence that another start must have."""
 
 _REPEATED = {"bias_jump", "periodic_interference", "noise_excess", "outliers"}
 """Effects that may happen more than once, each time in another form."""
@@ -101,8 +104,10 @@ def search(
     nominal = Model.nominal(prepared(recording), array)
     looking = _Looking(nominal, frozenset(without), tell)
     best = looking.found(looking.gross)
-    for start in looking.other_starts(best):
-        best = max(best, looking.found(start), key=lambda one: one.evidence)
+    for number, start in enumerate(looking.other_starts(best)):
+        if number > 0 and best.is_clean:
+            break
+        best = max(best, looking.found(start), key=lambda one: (one.is_clean, one.evidence))
     weighed, unknown = looking.weigh(looking.first_base, 0)
     return Search(
         nominal,
@@ -184,7 +189,7 @@ class _Looking:
         count = base.channels.count
         spent = base.rank - self.first_base.rank + sum(finding.parameter_count for finding in model.findings)
         evidence = -count * log(base.energy / count) - spent * log(count)
-        is_clean = open_part(self.first_base, base, unknown) < CLEAN
+        is_clean = bool(kept or not steps) and open_part(self.first_base, base, unknown) < CLEAN
         return _Outcome(steps[0].accepted if steps else None, tuple(kept), model, unknown, evidence, is_clean)
 
     def _forward(self, first: Evidence | None) -> tuple[list[Step], Base]:
@@ -209,13 +214,17 @@ class _Looking:
         first = found.first
         if first is None or first.is_certain or self._nominal.gross is not None:
             return []
-        starts = []
-        if isinstance(first.form, Hypothesis) and len({term.sensor for term in first.form.terms}) > 1:
-            starts.append(_at_strongest_sensor(self.first_base, first.form))
-        if not found.is_clean:
-            ranked = sorted(self.weigh(self.first_base, 0)[0], key=lambda one: -one.delta_bic)
-            starts += [one for one in ranked[:_STARTS] if one.delta_bic > first.delta_bic / 2 and one is not first]
-        return [start for start in starts if start is not None]
+        ranked = sorted(self.weigh(self.first_base, 0)[0], key=lambda one: -one.delta_bic)
+        others = [one for one in ranked if one is not first and one.delta_bic > _START_PART * first.delta_bic]
+        starts = [] if found.is_clean else [self._alone(one) or one for one in others[:_STARTS]]
+        alone = self._alone(first)
+        return starts if alone is None else [alone, *starts]
+
+    def _alone(self, one: Evidence) -> Evidence | None:
+        """Return the evidence at the strongest sensor alone of what is spread over several."""
+        if isinstance(one.form, Hypothesis) and len({term.sensor for term in one.form.terms}) > 1:
+            return _at_strongest_sensor(self.first_base, one.form)
+        return None
 
 
 def _absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
