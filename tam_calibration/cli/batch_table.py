@@ -13,9 +13,9 @@ from tam_calibration.fleet.rows import COUNTS_HEADER, DRIFT_HEADER, count_rows, 
 def print_batch(console: Console, results: Sequence[Result]) -> None:
     """Print counts by platform, the drift of each kind of parameter that stands out most, and what is open."""
     console.print(_table("What was found", COUNTS_HEADER, count_rows(results)))
-    drifts = [drift_row(found) for found in largest(all_drifts(results))]
+    drifts = [drift_row(found)[:-1] for found in largest(all_drifts(results))]
     if drifts:
-        console.print(_table("Largest drift of each kind, ± standard errors", DRIFT_HEADER, drifts))
+        console.print(_table("Largest drift of each kind, ± standard errors", DRIFT_HEADER[:-1], drifts))
     for point in open_points(results):
         console.print(point)
 

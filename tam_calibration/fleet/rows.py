@@ -8,7 +8,7 @@ from tam_calibration.fleet.result import Result
 from tam_calibration.report.formatting import number, with_error
 
 COUNTS_HEADER = ("platform", *COLUMNS, "causes")
-DRIFT_HEADER = ("platform", "sensor", "parameter", "missions", "mean", "drift per day", "over its error", "scatter")
+DRIFT_HEADER = ("platform", "sensor", "parameter", "missions", "drift per day", "over its error", "scatter", "mean")
 
 _DECIMALS = 6
 
@@ -30,10 +30,10 @@ def drift_row(found: ParameterDrift) -> list[str]:
         str(found.sensor),
         found.name + unit,
         str(drift.missions),
-        with_error(drift.mean, drift.mean_standard_error, _DECIMALS),
         with_error(drift.per_day, drift.per_day_standard_error, _DECIMALS),
         number(drift.significance),
         number(drift.scatter),
+        with_error(drift.mean, drift.mean_standard_error, _DECIMALS),
     ]
 
 
