@@ -164,4 +164,4 @@ def _also(setting: Setting, plausible: Iterable[str], needed: Collection[str]) -
     """Return what else should be recorded because another plausible effect needs it."""
     others = [channel for channel in channels_of(map(effect_named, plausible)) if channel not in needed]
     missing = [CHANNEL_NAMES[channel] for channel in others if getattr(setting.model.recording, channel) is None]
-    return f" (and the {' and '.join(missing)}, which may be it as well)" if missing else ""
+    return f" (and the {' and '.join(missing)}, which may be the cause as well)" if missing else ""

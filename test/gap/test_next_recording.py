@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.effects.effect import Contribution, FittedEffect
+from tam_calibration.effects.effect import Contribution, Finding, FittedEffect
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.expected import Setting, signal_of
+from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.separation import DECIDES, doubt_of, separate
@@ -136,6 +137,20 @@ def test_a_gap_without_a_plausible_effect_asks_what_it_follows(doubtful, rival):
     strong = replace(found.rivals[0], effect=rival, delta_bic=500.0, gain=500.0)
     words = next_recording(replace(found, rivals=(strong,), weighed=(), considered=()), "unexplained", (), 1.0)
     assert words.startswith("To see what the rest follows")
+
+
+def test_what_is_not_found_by_regression_is_told_apart_by_what_makes_it_visible(doubtful):
+    """Saturation against spikes: turn to the end of the range, several times; no figure is made up."""
+    found, _ = doubtful
+    fitted = FittedEffect("saturation", {}, (Contribution(1, 0, "limit", {"upper limit": 5e-5}),))
+    clipped, spiky = (
+        Evidence(name, Finding(replace(fitted, effect=name), 50.0, 2), 40.0, 50.0)
+        for name in ("saturation", "outliers")
+    )
+    words = next_recording(replace(found, weighed=(clipped, spiky)), "unexplained", (), 1.0)
+    assert words.startswith(
+        "To tell saturation from outliers, record turns that bring the axis to the end of its range"
+    )
 
 
 def test_it_is_cheap(doubtful):
