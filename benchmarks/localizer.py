@@ -32,7 +32,7 @@ from tam_calibration.nodes import ros_session
 from tam_calibration.nodes.base import RELIABLE_STREAM
 from tam_calibration.nodes.children import Children
 from tam_calibration.nodes.cloud import make_cloud, read_cloud
-from tam_calibration.nodes.localizer_node import source_rows
+from tam_calibration.nodes.source_rows import source_rows
 from tam_calibration.pointcloud_layout import FIELD_GRADIENT_COLUMNS, SampleLayout
 from tam_calibration.units import FloatArray
 

@@ -8,7 +8,6 @@ from tam_calibration.array import Array
 from tam_calibration.localization.euler import DIPOLE_INDEX, locate
 from tam_calibration.localization.finite_baseline import locate_dipole
 from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.tracking import with_attitude_noise, without_regional
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
@@ -96,8 +95,10 @@ def locate_samples(
         return _locate(outputs, array, covariance, index)
     if attitude is None:
         raise InputError("without an attitude the regional field cannot be taken off")
-    widened = with_attitude_noise(covariance, regional.field_T, regional.attitude_noise)
-    return _unless_unknown(_locate(_without(outputs, regional.field_T, attitude), array, widened, index), attitude)
+    field_T = np.einsum("nji,j->ni", _matrices(attitude), regional.field_T)
+    source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
+    widened = _widened(covariance, field_T, regional.attitude_noise)
+    return _unless_unknown(_locate(source, array, widened, index), attitude)
 
 
 def turned(solutions: EulerSolutions, attitude: FloatArray) -> EulerSolutions:
@@ -133,12 +134,15 @@ def _unless_unknown(solutions: EulerSolutions, attitude: FloatArray) -> EulerSol
     return replace(solutions, status=status)
 
 
-def _without(outputs: FloatArray, regional_T: FloatArray, attitude: FloatArray) -> FloatArray:
-    known = np.isfinite(attitude).all(axis=1)
-    rest = np.full_like(outputs, np.nan)
-    rest[known] = outputs[known]
-    rest[known, :3] = without_regional(outputs[known, None, :3], attitude[known], regional_T)[:, 0]
-    return rest
+def _widened(covariance: FloatArray, field_T: FloatArray, attitude_noise: float) -> FloatArray:
+    """Add to a covariance (9, 9) what an error of the attitude leaves of a field (N, 3): it goes across the field."""
+    if attitude_noise == 0:
+        return covariance
+    along = field_T[:, :, None] * field_T[:, None, :]
+    size = np.einsum("ni,ni->n", field_T, field_T)[:, None, None]
+    widened = np.repeat(covariance[None], len(field_T), axis=0)
+    widened[:, :3, :3] += attitude_noise**2 * (size * np.eye(3) - along)
+    return widened
 
 
 def _matrices(attitude: FloatArray) -> FloatArray:

@@ -55,16 +55,11 @@ def straight_track(time_s: FloatArray, start_m: FloatArray, velocity_m_per_s: Fl
 
 
 def without_regional(fields_T: FloatArray, attitude: FloatArray, regional_T: FloatArray) -> FloatArray:
-    """Return fields (N, K, 3) in the array frame less a field (3,) that is uniform in the world, tesla.
-
-    To the last bit no sample depends on its neighbours, as it would with ``Rotation.apply``: the source may have a
-    millionth of the regional field.
-    """
+    """Return fields (N, K, 3) in the array frame less a field (3,) that is uniform in the world, tesla."""
     from scipy.spatial.transform import Rotation
 
-    regional = np.einsum("nji,j->ni", Rotation.from_quat(attitude).as_matrix(), regional_T)
-    without: FloatArray = fields_T - regional[:, None]
-    return without
+    regional: FloatArray = Rotation.from_quat(attitude).inv().apply(regional_T)
+    return fields_T - regional[:, None]
 
 
 def track_dipole(
@@ -107,16 +102,13 @@ def track_dipole(
     own = without_regional(fields_T, poses.attitude, regional)
     if covariance is None and array.vector_noise_T is not None:
         covariance = array.operator * np.repeat(array.vector_noise_T**2, 3) @ array.operator.T
-        covariance = with_attitude_noise(covariance, regional, poses.attitude_noise)
+        covariance = _with_attitude(covariance, regional, poses)
     samples = locate_dipole(own.reshape(len(own), -1) @ array.operator.T, array, covariance)
     return Track(fit, regional, samples, poses.place_in_world(samples.position_m))
 
 
-def with_attitude_noise(covariance: FloatArray, regional_T: FloatArray, attitude_noise: float) -> FloatArray:
-    """Add to a covariance (9, 9) what an error of the attitude leaves of the regional field, the mean of its axes.
-
-    ``attitude_noise`` is the standard deviation of the attitude about each axis, radians.
-    """
+def _with_attitude(covariance: FloatArray, regional_T: FloatArray, poses: Poses) -> FloatArray:
+    """Add to a covariance (9, 9) what an error of the attitude leaves of the regional field, the mean of its axes."""
     widened = covariance.copy()
-    widened[:3, :3] += np.eye(3) * (2 / 3) * (attitude_noise * norm(regional_T)) ** 2
+    widened[:3, :3] += np.eye(3) * (2 / 3) * (poses.attitude_noise * norm(regional_T)) ** 2
     return widened

@@ -23,6 +23,7 @@ from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STAL
 from tam_calibration.nodes.cloud import make_cloud, read_cloud
 from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 from tam_calibration.nodes.signals import Startup
+from tam_calibration.nodes.source_rows import source_rows
 from tam_calibration.nodes.spinning import spin_node
 from tam_calibration.pointcloud_layout import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS, SampleLayout
 from tam_calibration.problems import InputError
@@ -91,6 +92,10 @@ class Localizer(TamNode):
     def _needs_attitude(self) -> bool:
         return self._given != NONE or bool(self.value("fixed_frame"))
 
+    @property
+    def _is_heard(self) -> bool:
+        return bool(self._estimate.get_subscription_count() or self._source.get_subscription_count())
+
     def health(self) -> Health:
         """Return how many samples were located, and why the others were not."""
         level, message = self._judge()
@@ -105,11 +110,13 @@ class Localizer(TamNode):
             return WARN, f"a new calibration was not taken: {self._problem_of_calibration}"
         if time.monotonic() - self._heard_s > SILENCE_S:
             return STALE, "no field and gradient arrive: see the corrector"
+        if not self._is_heard:
+            return OK, "nobody listens to the source: it is not located"
         located = self._statuses[Status.LOCATED]
         refused = Counter({status: count for status, count in self._statuses.items() if status})
         counted = f"{located} of {located + refused.total()} samples located"
         if not refused:
-            return OK, counted if located else "nobody listens to the source"
+            return OK, counted
         worst, count = refused.most_common(1)[0]
         return OK if located else WARN, f"{counted}; of {count}: {worst.reason}"
 
@@ -167,10 +174,9 @@ class Localizer(TamNode):
             self._answer(one)
 
     def _answer(self, joined: Joined) -> None:
-        is_heard = self._estimate.get_subscription_count() or self._source.get_subscription_count()
         if self._given == FITTED and self._regional is None:
             solutions = self._learn(joined)
-        elif is_heard:
+        elif self._is_heard:
             solutions = self._locate(joined)
         else:
             return
@@ -225,19 +231,6 @@ class Localizer(TamNode):
             self._source.publish(PointStamped(header=header, point=Point(x=x, y=y, z=z)))
         if self._estimate.get_subscription_count():
             self._estimate.publish(make_cloud(header, SOURCE_COLUMNS, source_rows(solutions)[0].tolist()))
-
-
-def source_rows(solutions: EulerSolutions) -> FloatArray:
-    """Return the (N, 19) rows of `source_estimate`."""
-    row, column = np.triu_indices(3)
-    parts = (
-        solutions.position_m,
-        solutions.position_covariance_m2[:, row, column],
-        solutions.moment_Am2,
-        solutions.moment_covariance_A2m4[:, row, column],
-        solutions.status[:, None],
-    )
-    return np.concatenate(parts, axis=1)
 
 
 def _stamp_ns(header: Header) -> int:

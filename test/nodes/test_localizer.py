@@ -91,7 +91,7 @@ class Feed:
 
 def rows_of(solutions):
     """Return solutions as rows of `source_estimate`."""
-    from tam_calibration.nodes.localizer_node import source_rows
+    from tam_calibration.nodes.source_rows import source_rows
 
     return source_rows(solutions)
 
@@ -155,6 +155,15 @@ def test_missing_attitude_is_answered_and_told(bench, passing, outputs):
     assert (feed.rows()[5:, STATUS] == Status.NO_ATTITUDE).all()
     assert (feed.rows()[:5, STATUS] != Status.NO_ATTITUDE).all()
     bench.health("localizer", lambda _, figures: figures["refused.no_attitude"] == "25", "it is counted")
+
+
+def test_a_bag_that_starts_over_is_a_new_run(bench, passing, outputs, calibration_file):
+    """When stamps go back the regional field is fitted again, and still every sample is answered."""
+    feed = Feed(bench, regional_samples=20, calibration_file=calibration_file)
+    part = passing.take(slice(0, 40))
+    for rows in (feed.play(part, outputs[:40]), feed.play(part, outputs[:40])):
+        assert (rows[:20, STATUS] == Status.NO_REGIONAL).all()
+        assert (rows[20:, STATUS] != Status.NO_REGIONAL).all()
 
 
 def test_other_columns_are_told(bench, passing, outputs):
