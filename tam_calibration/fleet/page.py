@@ -55,11 +55,8 @@ def _drifts(results: Sequence[Result]) -> Iterator[Section]:
 
 def _drift(missions: Missions) -> Section:
     drawn = [
-        embed(
-            plot_missions(missions, group), f"{group.title} over the missions", f"Error bars: 1 standard error, {unit}"
-        )
+        embed(plot_missions(missions, group), f"{group.title} over the missions", f"{group.title} ± 1 standard error")
         for group in GROUPS
-        for unit in [group.unit or "no unit"]
     ]
     rows = [drift_row(found)[1:] for found in missions.drifts()]
     blocks: list[Block] = [Text(_DRIFTS), Gallery(drawn), Table(DRIFT_HEADER[1:], rows)]

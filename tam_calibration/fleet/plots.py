@@ -17,7 +17,8 @@ _HEIGHT_INCH = 1.5
 @matplotlib.rc_context(STYLE | {"date.converter": "concise"})
 def plot_missions(missions: Missions, group: Group) -> Figure:
     """Draw three parameters of each sensor less their means, with standard errors, over time."""
-    values, errors = missions.values[group], missions.standard_errors[group]
+    factor, unit = (1.0, group.unit) if group.unit else (1e6, "ppm")
+    values, errors = factor * missions.values[group], factor * missions.standard_errors[group]
     count = values.shape[1]
     figure = Figure(figsize=(WIDTH_INCH, _HEIGHT_INCH * count + 0.4), layout="constrained")
     panels = figure.subplots(count, sharex=True, squeeze=False)[:, 0]
@@ -29,12 +30,15 @@ def plot_missions(missions: Missions, group: Group) -> Figure:
                 style = {"fmt": ".", "markersize": 5, "elinewidth": 0.9, "color": color, "label": group.names[axis]}
                 axes.errorbar(times, value - np.nanmean(value), errors[:, sensor, axis], **style)
         _finish(axes, f"sensor {sensor + 1}")
-    figure.supylabel(f"{group.title} less its mean" + (f", {group.unit}" if group.unit else ""))
+    figure.supylabel(f"{group.title} less its mean, {unit}")
     return figure
 
 
 def _finish(axes: Axes, title: str) -> None:
     axes.axhline(0.0, color=QUIET_COLOR, linewidth=0.6)
-    axes.set_title(title, loc="left")
-    if axes.get_legend_handles_labels()[1]:
+    if not axes.containers:
+        axes.set_title(f"{title}: held fixed", loc="left")
+        axes.set_yticks([])
+    else:
+        axes.set_title(title, loc="left")
         axes.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.95), handletextpad=0.1)
