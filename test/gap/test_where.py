@@ -1,0 +1,125 @@
+"""A gap is found in the sensor, axis, time and band in which it was planted, whatever its cause."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.effects.effect import ALL, SCALAR
+from tam_calibration.gap.hypotheses import rivals
+from tam_calibration.gap.where import band_of, locate, main_places, noisy_places, sensors_and_axes, span_of
+
+LEAST_EVIDENCE = 12.0
+
+
+@pytest.mark.parametrize(
+    ("places", "sensors", "axes"),
+    [
+        ([], (), ()),
+        ([(1, 0)], (2,), ("x",)),
+        ([(2, 1), (0, 2), (2, 2)], (1, 3), ("y", "z")),
+        ([(3, None)], (4,), ("x", "y", "z")),
+        ([(SCALAR, None)], ("scalar",), ()),
+        ([(SCALAR, None), (1, 0)], (2, "scalar"), ("x",)),
+        ([(ALL, None)], (1, 2, 3, 4), ("x", "y", "z")),
+    ],
+)
+def test_places_have_the_names_that_people_use(run, places, sensors, axes):
+    """Sensors count from one, in order; the scalar has no axes."""
+    assert sensors_and_axes(places, run(30).recording) == (sensors, axes)
+
+
+def test_an_intensity_that_is_taken_for_constant_is_seen_by_all(run):
+    """Without a scalar magnetometer its place is that of all sensors."""
+    recording = run(30, has_scalar=False).recording
+    assert sensors_and_axes([(SCALAR, None)], recording)[0] == (1, 2, 3, 4)
+
+
+@pytest.mark.parametrize("row", [0, 4, 11])
+def test_a_noisy_axis_is_found(run, row):
+    """White noise that one axis has more."""
+    made = run(800)
+    noise = 2e-9 * np.random.default_rng(1).normal(size=800)
+    places, gain = noisy_places(made.with_row(row, noise).channels())
+    assert places == [divmod(row, 3)] and gain > 100
+
+
+def test_a_noisy_sensor_and_a_noisy_scalar_are_found(run):
+    """All three axes, or the scalar alone."""
+    made, generator = run(800), np.random.default_rng(1)
+    added = np.zeros((800, 13))
+    added[:, 6:9] = 2e-9 * generator.normal(size=(800, 3))
+    assert noisy_places(made.with_added(added).channels())[0] == [(2, None)]
+    scalar = made.with_row(12, 5e-9 * generator.normal(size=800))
+    assert noisy_places(scalar.channels())[0] == [(SCALAR, None)]
+
+
+def test_noise_common_to_all_has_no_place(run):
+    """A sheet that is wrong for all alike gains nothing beyond chance."""
+    assert noisy_places(run(800, sheet=1.3).channels())[1] < 15
+
+
+@pytest.mark.parametrize(("row", "place"), [(4, (1, 1)), (9, (3, 0)), (12, (SCALAR, None))])
+def test_a_drift_without_cause_is_found_in_its_row(run, row, place):
+    """The strongest function without physics stands where the drift was planted."""
+    made = run(700)
+    base = made.with_row(row, 6e-9 * np.sin(0.35 * made.recording.time_s)).model().base()
+    strongest = max(rivals(base), key=lambda one: one.delta_bic)
+    assert main_places(base, strongest) == [place]
+
+
+def test_where_without_causes_is_that_of_the_strongest_rival(run):
+    """Sensor and axis, and which kind of channel shows it; noise of a sensor where no rival says more."""
+    made = run(700)
+    model = made.with_row(4, 6e-9 * np.sin(0.35 * made.recording.time_s)).model()
+    base = model.base()
+    where = locate(base, [], rivals(base), 1.0, LEAST_EVIDENCE)
+    assert (where.sensors, where.axes) == ((2,), ("y",))
+    assert where.evidence["differential_chi_square"] > 1.2
+    noisy = made.with_row(7, 3e-9 * np.random.default_rng(2).normal(size=700)).model().base()
+    where = locate(noisy, [], rivals(noisy), 1.0, LEAST_EVIDENCE)
+    assert (where.sensors, where.axes) == ((3,), ("y",))
+
+
+def test_where_with_causes_is_theirs(run):
+    """The places of all causes together."""
+    base = run(300).model().base()
+    where = locate(base, [[(0, 1)], [(2, 0), (2, 1)]], [], 1.0, LEAST_EVIDENCE)
+    assert (where.sensors, where.axes) == ((1, 3), ("x", "y"))
+
+
+def test_the_span_holds_what_is_not_in_the_whole_run(run):
+    """A burst of ten seconds, and nothing where the excess is everywhere."""
+    made = run(1200)
+    time, generator = made.recording.time_s, np.random.default_rng(1)
+    burst = np.where((time > 20) & (time < 30), 1, 0) * 20e-9 * generator.normal(size=1200)
+    channels = made.with_row(4, burst).channels()
+    low, high = span_of(channels, channels.energy_per_sample - channels.channels_per_sample)
+    assert low == pytest.approx(20, abs=1.5) and high == pytest.approx(30, abs=1.5)
+    everywhere = made.with_row(4, 20e-9 * generator.normal(size=1200)).channels()
+    assert span_of(everywhere, everywhere.energy_per_sample - everywhere.channels_per_sample) is None
+    assert span_of(channels, -np.ones(1200)) is None
+
+
+def test_the_band_holds_a_line(run):
+    """A line of 3 Hz in a row, and none in white noise or a short run."""
+    made = run(1200)
+    channels = made.with_row(4, 10e-9 * np.sin(2 * np.pi * 3.0 * made.recording.time_s)).channels()
+    low, high = band_of(channels, 4, 1.0)
+    assert low == pytest.approx(3, abs=0.1) and high == pytest.approx(3, abs=0.1)
+    assert band_of(made.channels(), 4, 1.0) is None
+    assert band_of(run(40).channels(), 4, 1.0) is None
+
+
+def test_evidence_tells_the_two_kinds_of_channels_apart(run):
+    """A scalar that is off shows in the common mode only; without one there is none to tell of."""
+    made = run(600)
+    base = made.with_row(12, 5e-9 * np.sin(0.4 * made.recording.time_s)).model().base()
+    evidence = locate(base, [[(SCALAR, None)]], [], 1.0, LEAST_EVIDENCE).evidence
+    assert evidence["differential_chi_square"] == pytest.approx(1, abs=0.1)
+    assert evidence["common_mode_chi_square"] > 5
+    missing = replace(base.channels, precision=np.zeros(600))
+    evidence = locate(type(base)(missing, [missing.calibration]), [[(0, 0)]], [], 1.0, LEAST_EVIDENCE).evidence
+    assert np.isnan(evidence["common_mode_chi_square"])
+    assert_allclose(evidence["differential_chi_square"], np.mean(base.channels.differential**2))
