@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, FoundEffect, Misfit, Situation
+from tam_calibration.effects.effect import ALL, Contribution, Finding, FittedEffect, FoundEffect, Misfit, Situation
 from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
 from tam_calibration.effects.places import row_deviations
 from tam_calibration.effects.saturation import rows_of
@@ -24,6 +24,9 @@ _LINE = 0.4
 
 _DIRECTED = 0.35
 """Correlation of the excess at neighbouring directions, far in time, from which on it follows the direction."""
+
+_LARGEST_SHARED = 1.2
+"""Noise of all sensors alike, in what the data sheet states, up to which the sheet is merely wrong."""
 
 _CERTAIN = 3.0
 """Standard errors by which either must differ from that of white noise."""
@@ -58,7 +61,7 @@ class NoiseExcess(FoundEffect):
         moments = Moments.of(misfit)
         excess = best_excess(moments, misfit.situation)
         if excess is None:
-            return "no row is noisier than the others"
+            return self._shared(misfit)
         objection = _objection(misfit, excess)
         if objection is not None:
             return objection
@@ -69,6 +72,28 @@ class NoiseExcess(FoundEffect):
             gain=excess.gain,
             parameter_count=excess.parameter_count,
             variance=variance,
+        )
+
+    def _shared(self, misfit: Misfit) -> Finding | str:
+        """Return the noise of all sensors beyond what a data sheet may be wrong by, or that there is none."""
+        counted, noise_T = misfit.is_counted, misfit.situation.array.vector_noise_T
+        count = float(misfit.channel_count[counted].sum())
+        variance = float(misfit.energy[counted].sum()) / count
+        if variance <= _LARGEST_SHARED**2 or noise_T is None:
+            return "no row is noisier than the others"
+        deviations = row_deviations(misfit)[counted, :-1]
+        surplus, chance = variance - 1, _CERTAIN * variance / float(np.sqrt(len(deviations)))
+        if any(_alike(deviation) > max(_ALIKE * surplus, chance) for deviation in deviations.T):
+            return "the excess follows a course in time"
+        beyond = variance / _LARGEST_SHARED**2
+        size = float(np.sqrt(surplus * np.mean(noise_T**2)))
+        error = size * variance / surplus / float(np.sqrt(2 * count))
+        values, errors = {"standard deviation": size}, {"standard deviation": error}
+        return Finding(
+            FittedEffect(self.name, {}, (Contribution(ALL, None, "noise", values, errors),)),
+            gain=count * (beyond - 1 - float(np.log(beyond))),
+            parameter_count=1,
+            variance=np.append(surplus * np.repeat(noise_T**2, 3), 0.0),
         )
 
     def add(

@@ -17,7 +17,7 @@ from tam_calibration.gap.result import Cause, Considered, Gap, Residue, Size, Ve
 from tam_calibration.gap.search import Hypothesis, Place
 from tam_calibration.gap.shares import shares_of
 from tam_calibration.gap.size import measure, noise_variance
-from tam_calibration.gap.steps import CLEAN, LEAST_EVIDENCE, Search, open_part
+from tam_calibration.gap.steps import CLEAN, LEAST_EVIDENCE, Search, Step, open_part
 from tam_calibration.gap.where import locate, sensors_and_axes
 from tam_calibration.units import FloatArray
 
@@ -26,7 +26,14 @@ SMALLEST_GAP = 0.1
 
 _PARTLY_CLOSED = 0.6
 _AS_GOOD = 10.0
-"""Difference of BIC within which two effects cannot be told apart."""
+_NEARLY_ALL = 0.97
+"""Difference of BIC, and part of the evidence, within which two effects cannot be told apart."""
+
+_FREE_WITHOUT = ("temperature_drift", "current_interference")
+"""Effects that, while their channel is missing, may be any function of time."""
+
+_OF_FEW, _FEW = ("saturation", "outliers"), 3
+"""Effects that are alike in so few samples."""
 
 
 def conclude(found: Search) -> Gap:
@@ -101,14 +108,29 @@ def _causes(
                 float(weight),
                 step.accepted.delta_bic,
                 float(size.closed * weight),
-                tuple(
-                    rival.effect
-                    for rival in step.weighed
-                    if rival.effect != effect.effect and rival.delta_bic > step.accepted.delta_bic - _AS_GOOD
-                ),
+                _alike(step, effect, found),
             )
         )
     return tuple(sorted(causes, key=lambda cause: -cause.share))
+
+
+def _alike(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
+    """Return the effects that cannot be told from a cause: those that explain as much, or lack the channel to do so."""
+    cause = step.accepted
+    names = [
+        rival.effect
+        for rival in step.weighed
+        if rival.effect != effect.effect
+        and (rival.delta_bic > cause.delta_bic - _AS_GOOD or rival.gain > _NEARLY_ALL * cause.gain)
+    ]
+    if isinstance(cause.form, Hypothesis) and cause.form.effect.is_free_in_time:
+        names += [
+            one.effect for one in found.considered if one.status == "channel_missing" and one.effect in _FREE_WITHOUT
+        ]
+    is_few = isinstance(cause.form, Finding) and cause.form.flagged is not None and cause.form.flagged.sum() <= _FEW
+    if is_few and effect.effect in _OF_FEW:
+        names += [name for name in _OF_FEW if name != effect.effect]
+    return tuple(dict.fromkeys(names))
 
 
 def _fitted(model: Model, variance: float) -> list[FittedEffect]:

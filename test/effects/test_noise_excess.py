@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.effect import SCALAR, Contribution
+from tam_calibration.effects.effect import ALL, SCALAR, Contribution
 from tam_calibration.effects.noise_excess import NoiseExcess
 
 EXCESS = NoiseExcess()
@@ -22,6 +22,16 @@ def test_a_wrong_data_sheet_is_no_excess(bench, samples, sensors, sheet):
     for seed in range(5):
         made = bench(samples, sensors, seed=seed, sheet=sheet)
         assert isinstance(EXCESS.find(made.misfit()), str)
+
+
+def test_noise_of_all_sensors_beyond_a_wrong_data_sheet(bench):
+    """One and a half times the noise stated is told of all sensors, with its size within its error."""
+    made = bench(2000, 4, seed=1, sheet=1.5)
+    (part,) = EXCESS.find(made.misfit()).fitted.contributions
+    assert (part.sensor, part.axis) == (ALL, None)
+    stated = np.sqrt(np.mean(made.misfit().situation.array.vector_noise_T**2))
+    value, error = part.values["standard deviation"], part.standard_errors["standard deviation"]
+    assert abs(value - stated * np.sqrt(1.5**2 - 1)) < 3.5 * error
 
 
 @pytest.mark.parametrize(("sensor", "axis"), [(1, 2), (3, None), (SCALAR, None)])
