@@ -55,6 +55,8 @@ class Candidate:
         """
         from scipy.spatial.transform import Rotation
 
+        # Of a pose that is held one sample tells all; the way from pose to pose is nobody's to foresee.
+        count = count if self.path != "poses" else round(60 * self.minutes / self.turn_s)
         time = np.linspace(0, 60 * self.minutes, count, endpoint=False)
         attitude = self._attitude(time)
         field = Rotation.from_quat(attitude).inv().apply(_world_field(now))

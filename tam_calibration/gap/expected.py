@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tam_calibration.effects.effect import ALL, SCALAR, LinearEffect, Shape, Situation, Term
-from tam_calibration.gap.candidates import SAMPLES, Candidate
+from tam_calibration.gap.candidates import Candidate
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.regression import Base
@@ -50,9 +50,9 @@ class Setting:
         """Duration of the recording at hand."""
         return float(np.ptp(self.situation.time_s)) / 60
 
-    def samples_per_simulated(self, candidate: Candidate) -> float:
-        """Return how many samples of the real recording stand behind one of the simulated."""
-        return 60 * candidate.minutes / self.situation.step_s / SAMPLES
+    def samples_per_simulated(self, candidate: Candidate, count: int) -> float:
+        """Return how many samples of the real recording stand behind one of so many simulated."""
+        return 60 * candidate.minutes / self.situation.step_s / count
 
 
 def expected_evidence(setting: Setting, first: Part, second: Part, candidate: Candidate, is_nested: bool) -> float:
@@ -61,7 +61,7 @@ def expected_evidence(setting: Setting, first: Part, second: Part, candidate: Ca
     left = _left(setting, situation, first, second)
     if not is_nested:
         left = min(left, _left(setting, situation, second, first))
-    return left * setting.samples_per_simulated(candidate) / setting.variance
+    return left * setting.samples_per_simulated(candidate, situation.sample_count) / setting.variance
 
 
 def _left(setting: Setting, situation: Situation, truth: Part, other: Part) -> float:

@@ -100,7 +100,7 @@ def doubt_of(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> Doubt 
 def _is_close(accepted: Evidence, other: Evidence, cause: Cause) -> bool:
     """Whether another effect explains nearly as much at the same sensors."""
     if other.effect in cause.indistinguishable_from:
-        return True
+        return abs(accepted.gain - other.gain) < DECIDES
     here, there = ({sensor for sensor, _ in places_of(one.form)} for one in (accepted, other))
     if not here & there and ALL not in here | there:
         return False
