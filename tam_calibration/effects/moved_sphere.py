@@ -96,18 +96,19 @@ class _Sums:
     def left(self, cuts: NDArray[np.intp]) -> FloatArray:
         """Return the sums of squares (C,) left by two spheres, one between each pair of cuts (C, 2), one outside."""
         inside = self.total[cuts[:, 1]] - self.total[cuts[:, 0]]
-        squares: FloatArray = np.sum(_fit(inside)[1] + _fit(self.total[-1] - inside)[1], axis=1)
+        squares: FloatArray = np.sum(self._fit(inside)[1] + self._fit(self.total[-1] - inside)[1], axis=1)
         return squares
 
     def jump(self, cuts: NDArray[np.intp]) -> FloatArray:
         """Return how far the sphere between two cuts lies from the other, (K, 3)."""
         inside = self.total[cuts[1]] - self.total[cuts[0]]
-        return (_fit(inside)[0] - _fit(self.total[-1] - inside)[0])[:, :3] / 2
+        return (self._fit(inside)[0] - self._fit(self.total[-1] - inside)[0])[:, :3] / 2
 
-
-def _fit(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return coefficients (..., 4) and sum of squares left (...) of spheres through the samples of sums (..., 5, 5)."""
-    information = sums[..., :4, :4] + _TINY * (1 + sums[..., 3, 3])[..., None, None] * np.eye(4)
-    score = sums[..., :4, 4]
-    step = np.linalg.solve(information, score[..., None])[..., 0]
-    return step, sums[..., 4, 4] - np.sum(score * step, axis=-1)
+    def _fit(self, sums: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return coefficients (..., 4) and sum of squares left (...) of spheres through samples of sums (..., 5, 5)."""
+        # As large as the rounding of differences of all sums.
+        ridge = _TINY * (1 + np.trace(self.total[-1, ..., :4, :4], axis1=-2, axis2=-1))
+        information = sums[..., :4, :4] + ridge[:, None, None] * np.eye(4)
+        score = sums[..., :4, 4]
+        step = np.linalg.solve(information, score[..., None])[..., 0]
+        return step, sums[..., 4, 4] - np.sum(score * step, axis=-1)
