@@ -89,7 +89,7 @@ def doubt_of(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> Doubt 
     linear = [step for step in found.steps if isinstance(step.accepted.form, Hypothesis)]
     for cause in causes:
         step = next(step for step in found.steps if step.accepted.effect == cause.fitted.effect)
-        close = [one for one in step.weighed if one.effect not in named and _is_close(step.accepted, one, cause)]
+        close = [one for one in step.weighed if one.effect not in named and _is_close(step.accepted, one)]
         if close:
             others = [part for own, part in zip(linear, found.model.parts, strict=True) if own is not step]
             second = max(close, key=lambda one: one.delta_bic)
@@ -97,10 +97,10 @@ def doubt_of(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> Doubt 
     return None
 
 
-def _is_close(accepted: Evidence, other: Evidence, cause: Cause) -> bool:
+def _is_close(accepted: Evidence, other: Evidence) -> bool:
     """Whether another effect explains nearly as much at the same sensors."""
-    if other.effect in cause.indistinguishable_from:
-        return abs(accepted.gain - other.gain) < DECIDES
+    if accepted.is_certain:
+        return False
     here, there = ({sensor for sensor, _ in places_of(one.form)} for one in (accepted, other))
     if not here & there and ALL not in here | there:
         return False
@@ -123,7 +123,9 @@ def separate(setting: Setting, doubt: Doubt) -> Separation | None:
         (expected_evidence(setting, first, second, offer, is_nested), offer)
         for offer in candidates(setting.situation, needed)
     ]
-    now = abs(doubt.first.gain - doubt.second.gain)
+    # Noise alone gives each as much as it has directions.
+    beyond = [one.gain - one.form.selection.rank for one in pair if isinstance(one.form, Hypothesis)]
+    now = abs(beyond[0] - beyond[1])
     offers.append((now, Candidate("make the same motion for as long again", "onwards", 0.0, setting.minutes)))
     gained, best = max(offers, key=lambda offer: offer[0] / offer[1].minutes)
     minutes = long_enough(gained, best.minutes)
