@@ -1,0 +1,166 @@
+"""What a diagnosis makes of recordings that are short, poor, broken or not of the array."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tam_calibration.array import Array
+from tam_calibration.effects.library import installed_effects
+from tam_calibration.gap import diagnose
+from tam_calibration.problems import InputError
+
+
+@pytest.mark.parametrize(
+    ("samples", "sensors", "needed"), [(1, 4, 20), (5, 4, 20), (19, 4, 20), (20, 2, 21), (40, 1, 69), (5, 30, 20)]
+)
+@pytest.mark.parametrize("has_scalar", [True, False])
+def test_too_few_samples_have_no_verdict(run, samples, sensors, needed, has_scalar):
+    """It is said how many there must be, of every effect, and no figure is made up."""
+    made = run(samples, sensors, has_scalar)
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "not_identifiable" and gap.causes == ()
+    assert f"it takes {needed} samples at least" in gap.statement
+    assert {one.effect for one in gap.considered} == set(installed_effects())
+    assert {one.status for one in gap.considered} == {"not_identifiable"}
+    assert np.isnan(gap.size.before) and gap.next_recording
+    assert gap.residue.before.shape == (samples, 3 * sensors + 1)
+
+
+@pytest.mark.parametrize("has_scalar", [True, False])
+@pytest.mark.parametrize("samples", [20, 40, 59, 61])
+def test_a_short_clean_recording_has_no_gap(run, samples, has_scalar):
+    """As soon as there is a verdict it is right, with fewer samples than blocks of the folds too."""
+    made = run(samples, has_scalar=has_scalar)
+    assert diagnose(made.recording, made.array).verdict == "no_gap"
+
+
+def test_another_array_is_refused(run):
+    """The number of sensors must be that of the array."""
+    with pytest.raises(InputError, match="the recording has 4 sensors, the array 2: use the array file"):
+        diagnose(run(30).recording, Array(np.zeros((2, 3))))
+
+
+@pytest.mark.parametrize(
+    ("factor", "hint"), [(1e6, "is this µT given as T"), (1e9, "nT given as T"), (1e4, "gauss given as T")]
+)
+def test_another_unit_is_refused(run, factor, hint):
+    """The sentence guesses the unit."""
+    recording = run(30).recording
+    with pytest.raises(InputError, match=hint):
+        diagnose(replace(recording, readings_T=factor * recording.readings_T), run(30).array)
+
+
+@pytest.mark.parametrize(("sensor", "axes", "where"), [(2, [1], "sensor 3 axis y"), (1, [0, 1, 2], "sensor 2 axis x")])
+def test_a_stuck_axis_is_refused(run, sensor, axes, where):
+    """An axis that reads one value would be a scale factor of zero: it is named."""
+    made = run(200)
+    readings = made.recording.readings_T.copy()
+    readings[:, sensor, axes] = 30e-6
+    with pytest.raises(InputError, match=f"{where} reads the same value in all 200 samples"):
+        diagnose(replace(made.recording, readings_T=readings), made.array)
+
+
+def test_constant_readings_are_refused(run):
+    """All axes that read one value each."""
+    made = run(100)
+    readings = np.repeat(made.recording.readings_T[:1], 100, axis=0)
+    with pytest.raises(InputError, match="not connected, or was not turned"):
+        diagnose(replace(made.recording, readings_T=readings), made.array)
+
+
+@pytest.mark.parametrize("kind", ["all", "most", "all but one", "second half", "every third"])
+def test_holes_of_the_scalar_are_no_gap(run, kind):
+    """Where there is no reference the sensors are compared with each other; nothing is warned of."""
+    made = run(400)
+    hole = {
+        "all": np.ones(400, dtype=bool),
+        "most": np.arange(400) % 20 != 0,
+        "all but one": np.arange(400) != 7,
+        "second half": np.arange(400) > 200,
+        "every third": np.arange(400) % 3 == 0,
+    }[kind]
+    recording = replace(made.recording, scalar_T=np.where(hole, np.nan, made.recording.scalar_T))
+    gap = diagnose(recording, made.array)
+    assert gap.verdict == "no_gap"
+    missing = {one.effect for one in gap.considered if one.status == "channel_missing"}
+    assert ("scalar_heading_error" in missing) == (kind == "all")
+
+
+@pytest.mark.parametrize("channel", ["temperature_C", "current_A", "attitude"])
+@pytest.mark.parametrize("left", [1, 200])
+def test_holes_of_a_channel_are_no_gap(run, channel, left):
+    """A channel with one value, or every second; those that are gone are named."""
+    made = run(400)
+    values = getattr(made.recording, channel).copy()
+    values[np.arange(400) % (400 // left) != 0] = np.nan
+    assert diagnose(replace(made.recording, **{channel: values}), made.array).verdict == "no_gap"
+    gap = diagnose(replace(made.recording, **{channel: None}), made.array)
+    assert "channel_missing" in {one.status for one in gap.considered}
+
+
+def test_holes_in_time_are_no_gap(run):
+    """A pause of half a minute, samples lost by chance, and steps of time that are never the same."""
+    made, generator = run(500), np.random.default_rng(1)
+    pause = np.r_[0:150, 350:500]
+    lost = np.sort(generator.choice(500, 300, replace=False))
+    for kept in (pause, lost):
+        assert diagnose(made.recording.take(kept), made.array).verdict == "no_gap"
+
+
+def test_a_noise_that_is_not_stated_is_estimated(run):
+    """Of the sensors, the scalar, or both."""
+    made = run(400)
+    positions, vector, scalar = made.array.positions_m, made.array.vector_noise_T, made.array.scalar_noise_T
+    for array in (Array(positions), Array(positions, vector), Array(positions, None, scalar)):
+        gap = diagnose(made.recording, array)
+        assert gap.verdict == "no_gap"
+        assert gap.size.floor_T == pytest.approx(1e-9, rel=0.1)
+
+
+def test_thirty_sensors_are_no_gap(run):
+    """And a drift of one of them is found."""
+    made = run(100, 30)
+    without = set(installed_effects()) - {"temperature_drift"}
+    assert diagnose(made.recording, made.array, without=without).verdict == "no_gap"
+    made = made.with_row(40, 8e-9 * (made.recording.temperature_C - 20))
+    (cause,) = diagnose(made.recording, made.array, without=without).causes
+    assert (cause.fitted.effect, cause.sensors, cause.axes) == ("temperature_drift", (14,), ("y",))
+
+
+@pytest.mark.parametrize("poses", [4, 24])
+def test_poses_are_no_gap(run, poses):
+    """An array that rests in few attitudes for long, as on a turntable."""
+    made = run(480, noise_T=1e-30)
+    index = np.linspace(0, 479, poses).astype(int).repeat(480 // poses)
+    readings = made.recording.readings_T[index] + 1e-9 * np.random.default_rng(1).normal(size=(480, 4, 3))
+    recording = replace(made.recording, readings_T=readings, attitude=made.recording.attitude[index])
+    array = replace(made.array, vector_noise_T=np.full(4, 1e-9))
+    assert diagnose(recording, array).verdict == "no_gap"
+
+
+@pytest.mark.xfail(strict=True, reason="with one or two attitudes the calibration is open, and effects fill it")
+def test_an_array_at_rest_has_no_cause(run):
+    """Noise about one attitude."""
+    made = run(480, noise_T=1e-30)
+    index = np.zeros(480, dtype=int)
+    array = replace(made.array, vector_noise_T=np.full(4, 1e-9))
+    for seed in range(2):
+        readings = made.recording.readings_T[index] + 1e-9 * np.random.default_rng(seed).normal(size=(480, 4, 3))
+        recording = replace(made.recording, readings_T=readings, attitude=made.recording.attitude[index])
+        assert diagnose(recording, array).verdict in ("no_gap", "not_identifiable")
+
+
+def test_one_absurd_reading_is_no_other_cause(run):
+    """A sample of one tesla in all sensors breaks nothing."""
+    made = run(400)
+    readings = made.recording.readings_T.copy()
+    readings[100] = 1.0
+    gap = diagnose(replace(made.recording, readings_T=readings), made.array)
+    assert {cause.fitted.effect for cause in gap.causes} <= {"outliers"}
+
+
+def test_an_attitude_of_zeros_is_refused(run):
+    """Messages without attitude hold four zeros."""
+    with pytest.raises(InputError, match="30 of 30 attitudes are four zeros, first in sample 1"):
+        replace(run(30).recording, attitude=np.zeros((30, 4)))
