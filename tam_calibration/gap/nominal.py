@@ -20,22 +20,6 @@ from tam_calibration.units import FloatArray
 _LEAST_RADIUS = 0.1
 
 
-def prepared(recording: Recording) -> Recording:
-    """Return the recording with holes in temperature, current and attitude filled from their neighbours."""
-    filled = {}
-    for name in ("temperature_C", "current_A", "attitude"):
-        values = getattr(recording, name)
-        if values is None:
-            continue
-        known = np.isfinite(values).reshape(len(values), -1).all(axis=1)
-        if name == "attitude":
-            nearest = np.round(np.interp(np.arange(len(known)), np.flatnonzero(known), np.arange(known.sum())))
-            filled[name] = values[known][nearest.astype(int)]
-        else:
-            filled[name] = np.interp(recording.time_s, recording.time_s[known], values[known])
-    return replace(recording, **filled)
-
-
 def start(recording: Recording, array: Array) -> tuple[Array, SensorErrors, float]:
     """Return the array with its noise, the errors of a first fit and the intensity that stands for a scalar channel.
 

@@ -9,9 +9,9 @@ import numpy as np
 from tam_calibration.array import Array
 from tam_calibration.effects.effect import ALL, Effect, Finding, LinearEffect
 from tam_calibration.effects.library import installed_effects
+from tam_calibration.effects.removal import filled
 from tam_calibration.gap.hypotheses import Evidence, evidence_of, examine, rivals, sharpened, usable
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.nominal import prepared
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.result import Considered
 from tam_calibration.gap.search import Hypothesis, given_form, places_of, restricted
@@ -101,7 +101,7 @@ def search(
     """
     tell = progress or (lambda what, part: None)
     tell("nominal calibration", 0.0)
-    nominal = Model.nominal(prepared(recording), array)
+    nominal = Model.nominal(filled(recording), array)
     looking = _Looking(nominal, frozenset(without), tell)
     best = looking.found(looking.gross)
     for number, start in enumerate(looking.other_starts(best)):
