@@ -15,7 +15,6 @@ _BANDS = ((1, 2), (3, 4), (5, 8), (9, 16), (17, 32))
 """Orders of the cosines in time that stand or fall together."""
 
 _SAMPLES_PER_COSINE = 8
-_MOST_COSINES_AT_ONCE = 32
 
 
 class FunctionOfTime(LinearEffect):
