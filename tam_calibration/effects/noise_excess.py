@@ -19,6 +19,9 @@ from tam_calibration.units import FloatArray
 _ALIKE = 0.75
 """Mean correlation of the excess with the next three samples from which on it is no noise but a course in time."""
 
+_ALIKE_EVERYWHERE = 0.2
+"""The same where all sensors have it, which may as well be anything that the site does."""
+
 _LINE = 0.4
 """Part of the excess within a fortieth of the band from which on it is a line."""
 
@@ -81,9 +84,9 @@ class NoiseExcess(FoundEffect):
         variance = float(misfit.energy[counted].sum()) / count
         if variance <= _LARGEST_SHARED**2 or noise_T is None:
             return "no row is noisier than the others"
-        deviations = row_deviations(misfit)[counted, :-1]
+        deviations = row_deviations(misfit)[counted]
         surplus, chance = variance - 1, _CERTAIN * variance / float(np.sqrt(len(deviations)))
-        if any(_alike(deviation) > max(_ALIKE * surplus, chance) for deviation in deviations.T):
+        if any(_alike(deviation) > max(_ALIKE_EVERYWHERE * surplus, chance) for deviation in deviations.T):
             return "the excess follows a course in time"
         beyond = variance / _LARGEST_SHARED**2
         size = float(np.sqrt(surplus * np.mean(noise_T**2)))

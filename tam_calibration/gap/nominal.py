@@ -30,7 +30,9 @@ def start(recording: Recording, array: Array) -> tuple[Array, SensorErrors, floa
     for part in _parts(recording.sample_count):
         for robust in (False, True):
             try:
-                fitted = maximum_likelihood(recording.take(part), array, robust=robust)
+                # A fit that has no solution may well divide by zero on its way to say so.
+                with np.errstate(all="ignore"):
+                    fitted = maximum_likelihood(recording.take(part), array, robust=robust)
             except (InputError, Refused):
                 continue
             if array.vector_noise_T is None:
