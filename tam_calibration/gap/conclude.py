@@ -14,17 +14,21 @@ from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.probability import probabilities
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Cause, Considered, Gap, Residue, Size, Verdict, Where
-from tam_calibration.gap.search import Hypothesis, Place
+from tam_calibration.gap.search import Hypothesis, Place, places_of
 from tam_calibration.gap.shares import shares_of
 from tam_calibration.gap.size import measure, noise_variance
 from tam_calibration.gap.steps import CLEAN, LEAST_EVIDENCE, Search, Step, open_part
-from tam_calibration.gap.where import locate, sensors_and_axes
+from tam_calibration.gap.where import locate, main_places, sensors_and_axes
 from tam_calibration.units import FloatArray
 
 SMALLEST_GAP = 0.1
 """In noise floors; what is smaller is no gap, however certain."""
 
 _PARTLY_CLOSED = 0.6
+
+_SURE_GAP, _LEFT_OF_SURE = 0.7, 0.25
+"""Noise floors from which a gap is sure, and the part of it that a true cause leaves at most."""
+
 _AS_GOOD = 10.0
 _NEARLY_ALL = 0.97
 """Difference of BIC, and part of the evidence, within which two effects cannot be told apart."""
@@ -76,9 +80,23 @@ def _verdict(found: Search, size: Size, nominal: Channels, variance: float) -> V
     left = open_part(found.nominal.base(), found.model.base(), found.remaining)
     if not found.steps:
         return "no_gap" if strongest < LEAST_EVIDENCE and variance < 1.44 else "unexplained"
+    if size.before > _SURE_GAP and size.closed < 1 - _LEFT_OF_SURE**2 and _stands_alone(found):
+        return "unexplained"
     if size.closed >= 1 - CLEAN or left < CLEAN:
         return "explained"
     return "partly_explained" if size.closed >= _PARTLY_CLOSED else "unexplained"
+
+
+def _stands_alone(found: Search) -> bool:
+    """Whether there is one cause, and what it leaves is in its own sensors: it is a stand-in for something else."""
+    if len(found.steps) != 1:
+        return False
+    base = found.model.base()
+    own = {sensor for sensor, _ in places_of(found.steps[0].accepted.form)}
+    strongest = max(found.remaining, key=lambda one: one.delta_bic, default=None)
+    if strongest is None or strongest.delta_bic < LEAST_EVIDENCE:
+        return False
+    return {sensor for sensor, _ in main_places(base, strongest)} <= own
 
 
 def _causes(

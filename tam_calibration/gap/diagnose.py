@@ -5,7 +5,7 @@ from collections.abc import Collection
 from tam_calibration.array import Array
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.result import Gap
-from tam_calibration.gap.short import needed_samples, too_short
+from tam_calibration.gap.short import at_rest, is_at_rest, needed_samples, too_short
 from tam_calibration.gap.steps import Progress, search
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
@@ -47,4 +47,6 @@ def diagnose(
     recording.check_plausible()
     if recording.sample_count < needed_samples(recording.sensor_count):
         return too_short(recording)
+    if is_at_rest(recording):
+        return at_rest(recording)
     return conclude(search(recording, array, without, progress))

@@ -24,6 +24,9 @@ _MOST_STEPS = 8
 _GROSS = 0.01
 """Of the field: a misfit above is no small disturbance."""
 
+_LEAST_JUMP = 0.01
+"""Part of the largest jump of an axis below which another is the error of a sphere's centre."""
+
 _ENOUGH_SAMPLES = 8000
 """Of a long recording a search takes no more; the fit that it ends with takes all."""
 
@@ -116,6 +119,9 @@ class Model:
         jump = moved_sphere(recording)
         if jump is None:
             return plain
+        largest = max(abs(value) for one in jump.contributions for value in one.values.values())
+        jumping = tuple(one for one in jump.contributions if max(map(abs, one.values.values())) > _LEAST_JUMP * largest)
+        jump = replace(jump, contributions=jumping)
         noisy, errors, intensity = start(without_jump(recording, jump), array)
         return cls(recording, noisy, errors, intensity, gross=jump, stride=stride)
 

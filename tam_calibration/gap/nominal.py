@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.linalg import norm
 
 from tam_calibration.array import Array
 from tam_calibration.effects.bias_jump import BiasJump
@@ -18,13 +19,19 @@ from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 _LEAST_RADIUS = 0.1
+_SURE_HAND = 1e-3
 
 
 def start(recording: Recording, array: Array) -> tuple[Array, SensorErrors, float]:
     """Return the array with its noise, the errors of a first fit and the intensity that stands for a scalar channel.
 
-    Where no calibration fits the whole recording, that of a part of it is taken; where none fits any part, the spheres
-    on which most readings lie.
+    Where no calibration fits the whole recording, that of a part of it is taken; where none fits any part, the
+    spheres on which most readings lie.
+
+    Raises
+    ------
+    InputError
+        When a sensor is left-handed.
     """
     noisy, _ = complete_noise(array, recording)
     for part in _parts(recording.sample_count):
@@ -38,7 +45,18 @@ def start(recording: Recording, array: Array) -> tuple[Array, SensorErrors, floa
             if array.vector_noise_T is None:
                 noisy = replace(noisy, vector_noise_T=fitted.array.vector_noise_T)
             return noisy, fitted.errors, fitted.intensity_T
+    _check_hands(recording)
     return noisy, *_spheres(recording)
+
+
+def _check_hands(recording: Recording) -> None:
+    """Check that all sensors turn the same way round as the first."""
+    centered = recording.readings_T - recording.readings_T.mean(axis=0)
+    scatter = np.einsum("nki,nj->kij", centered, centered[:, 0])
+    determinant = np.linalg.det(scatter / norm(scatter, axis=(1, 2), keepdims=True))
+    for sensor, value in enumerate(determinant):
+        if value < -_SURE_HAND:
+            raise InputError(f"sensor {sensor + 1} has left-handed or dependent axes: check their order and signs")
 
 
 def _spheres(recording: Recording) -> tuple[SensorErrors, float]:

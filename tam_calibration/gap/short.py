@@ -1,4 +1,4 @@
-"""What is said of a recording that is too short for any verdict."""
+"""What is said of a recording that is too short, or too still, for any verdict."""
 
 import numpy as np
 
@@ -8,6 +8,9 @@ from tam_calibration.recording import Recording
 
 _LEAST_REDUNDANCY = 60
 """Channels beyond the parameters of the calibration below which nothing is said."""
+
+_LEAST_SPREAD_T = 0.3e-6
+"""Standard deviation of the readings across their main direction; a turn of one degree makes more."""
 
 _LEAST_SAMPLES = 20
 """Without a fold of them still well above nine, which determine an ellipsoid."""
@@ -19,11 +22,35 @@ def needed_samples(sensor_count: int) -> int:
     return max(_LEAST_SAMPLES, -(-channels // (3 * sensor_count - 2)))
 
 
+def is_at_rest(recording: Recording) -> bool:
+    """Whether the readings of the first sensor stand still or lie on a line: then the calibration is open."""
+    first = recording.readings_T[:, 0] - recording.readings_T[:, 0].mean(axis=0)
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(first.T @ first / len(first)), 0))
+    return bool(spread[1] < _LEAST_SPREAD_T)
+
+
+def at_rest(recording: Recording) -> Gap:
+    """Return that nothing can be said, and that the array must be turned."""
+    return _nothing(
+        recording,
+        "the array was not turned",
+        "No verdict: the array was hardly turned, so that calibration and effects cannot be told apart.",
+    )
+
+
 def too_short(recording: Recording) -> Gap:
     """Return that nothing can be said, and how many samples it takes."""
     count = recording.sensor_count
     needed, some = needed_samples(count), recording.sample_count
     why = f"{some} sample{'s' * (some > 1)} of {count} sensor{'s' * (count > 1)}"
+    return _nothing(
+        recording, "the recording is too short", f"No verdict: it takes {needed} samples at least, not {why}."
+    )
+
+
+def _nothing(recording: Recording, why: str, statement: str) -> Gap:
+    count = recording.sensor_count
+    needed = needed_samples(count)
     nothing = np.full((recording.sample_count, 3 * count + 1), np.nan)
     unknown = float("nan")
     return Gap(
@@ -31,10 +58,10 @@ def too_short(recording: Recording) -> Gap:
         Size(unknown, unknown, unknown, unknown, unknown, unknown, unknown, unknown, (unknown, unknown)),
         Where((), (), None, None, {}),
         (),
-        tuple(Considered(name, "not_identifiable", "the recording is too short") for name in installed_effects()),
+        tuple(Considered(name, "not_identifiable", why) for name in installed_effects()),
         {},
         f"Record {2 * needed} samples or more while turning the array through all attitudes.",
-        f"No verdict: it takes {needed} samples at least, not {why}.",
+        statement,
         Residue(
             recording.time_s,
             np.full((recording.sample_count, 3), np.nan),

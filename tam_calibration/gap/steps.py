@@ -307,7 +307,7 @@ def _choose(
         if _energy(candidate, energy, count) < least * max(most, explained):
             continue
         tolerance = _AGAINST_RIVAL if isinstance(candidate.form, Finding) else _AMONG_SEVERAL
-        if _beats(base, candidate, unknown, tolerance):
+        if candidate.is_certain or _beats(base, candidate, unknown, tolerance):
             return candidate
     return None
 

@@ -110,7 +110,6 @@ def test_a_gross_jump_is_fitted(run):
     assert_allclose(list(values.values()), 0, atol=1e-9)
 
 
-@pytest.mark.xfail(strict=True, reason="a gross jump is accepted with all rows, and what is zero is not dropped")
 def test_a_gross_jump_is_told_of_its_sensor_alone(run):
     """Rows that did not jump are not told."""
     made = run(900)

@@ -129,7 +129,6 @@ def test_a_single_effect_is_named_in_its_sensor(run, name):
     assert gap.probabilities[name] > 0.5 and sum(gap.probabilities.values()) == pytest.approx(1)
 
 
-@pytest.mark.xfail(strict=True, reason="a limit far inside the range tilts the calibration, and a curve explains more")
 def test_a_deep_saturation_is_named(run):
     """An axis that is cut off at nine tenths of the field."""
     made = clipped(run(SAMPLES), 45e-6)
