@@ -26,7 +26,7 @@ SMALLEST_GAP = 0.1
 
 _PARTLY_CLOSED = 0.6
 
-_SURE_GAP, _LEFT_OF_SURE = 0.7, 0.25
+_SURE_GAP, _LEFT_OF_SURE = 0.7, 0.22
 """Noise floors from which a gap is sure, and the part of it that a true cause leaves at most."""
 
 _AS_GOOD = 10.0

@@ -24,7 +24,8 @@ LEAST_EVIDENCE = 12.0
 _LATER_EVIDENCE = 40.0
 """ΔBIC from which a first cause counts, and a further one."""
 
-_NOISE = "noise_excess"
+_NOISE, _NOISE_WORTH = "noise_excess", 0.3
+"""Noise explains any excess: its evidence is worth less than that of what says how it comes."""
 
 _LEAST_FIRST_SHARE = 0.3
 _LEAST_SHARE = 0.08
@@ -295,8 +296,10 @@ def _choose(
     count, energy = base.channels.count, base.energy
     most = max((_energy(one, energy, count) for one in (*weighed, *unknown)), default=0.0)
     done = {step.accepted.effect for step in steps}
-    # Noise is what remains when nothing else explains it.
-    for candidate in sorted(weighed, key=lambda one: (-one.is_certain, one.effect == _NOISE, -one.delta_bic)):
+    # Noise is what remains when nothing else explains about as much.
+    for candidate in sorted(
+        weighed, key=lambda one: (-one.is_certain, -one.delta_bic * (_NOISE_WORTH if one.effect == _NOISE else 1.0))
+    ):
         if candidate.delta_bic < (_LATER_EVIDENCE if steps else LEAST_EVIDENCE):
             continue
         if isinstance(candidate.form, Finding) and not _gives_up_more(candidate.form, base):
