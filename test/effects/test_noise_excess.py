@@ -29,7 +29,7 @@ def test_noise_of_all_sensors_beyond_a_wrong_data_sheet(bench):
     made = bench(2000, 4, seed=1, sheet=1.5)
     (part,) = EXCESS.find(made.misfit()).fitted.contributions
     assert (part.sensor, part.axis) == (ALL, None)
-    stated = np.sqrt(np.mean(made.misfit().situation.array.vector_noise_T**2))
+    stated = np.sqrt(np.mean(made.misfit().situation.array.vector_noise_T ** 2))
     value, error = part.values["standard deviation"], part.standard_errors["standard deviation"]
     assert abs(value - stated * np.sqrt(1.5**2 - 1)) < 3.5 * error
 

@@ -215,5 +215,6 @@ def test_typing_errors_are_named(read, change, sentence):
 
 def test_an_unknown_name_lists_the_shipped_scenarios():
     """A scenario that is neither a file nor shipped is answered with the names that are."""
-    with pytest.raises(InputError, match=r"no file wu_table_2, and no scenario .* auv, tumble_100_hz, warming_up, wu_table_1"):
+    shipped = r"no file wu_table_2, and no scenario .* auv, tumble_100_hz, warming_up, wu_table_1"
+    with pytest.raises(InputError, match=shipped):
         read_scenario("wu_table_2")
