@@ -116,7 +116,7 @@ def test_recordings_that_do_not_fit_the_array_fail_each_with_its_sentence(folder
     write_recording(folder / "missions/auv_1/three.csv", replace(recording, readings_T=recording.readings_T[:, :3]))
     (folder / "missions/auv_1/words.csv").write_text("time_s,b1x_nT\n1,two\n")
     (folder / "missions/auv_1/empty.mcap").write_bytes(b"")
-    out = run("missions/auv_1/*", code=1).stdout.replace("\n", " ")
+    out = " ".join(run("missions/auv_1/*", code=1).stdout.split())
     assert "three.csv: failed; read:" in out and "has 3 sensors, not 4" in out
     assert "words.csv: failed; read:" in out and "empty.mcap: failed; read:" in out
     told = json.loads((folder / "out/summary.json").read_text())["platforms"][0]
