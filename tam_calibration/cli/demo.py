@@ -82,8 +82,10 @@ def _run_nodes(console: "Console", output_dir: Path, turned: "Simulation", check
     logs = output_dir / "logs"
     with Children(node_commands(calibration=calibration_file), logs) as children, _watched(console, children) as client:
         samples = turned.recording.sample_count
-        # What is played before a node listens is lost to it.
-        client.wait_until(lambda: all(map(client.figures, NODES)), "the start of the nodes", TIMEOUT_S)
+        # What is played before a node listens to the collector is lost to it.
+        client.wait_until(
+            lambda: client.count("collector", "listeners") == len(NODES) - 1, "the start of the nodes", TIMEOUT_S
+        )
         _play(client, output_dir / "turned.mcap", logs)
         client.wait_until(lambda: client.count("calibrator", "samples") == samples, f"{samples} samples", TIMEOUT_S)
         console.print(f"[bold]calibrator/calibrate[/]  {client.call('calibrator/calibrate', TIMEOUT_S)}")

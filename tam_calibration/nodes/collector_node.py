@@ -60,15 +60,18 @@ class Collector(TamNode):
 
     def health(self) -> Health:
         """Return what hinders, or what to do next for the coverage."""
+        listeners = {"listeners": self._samples.get_subscription_count()}
         if self._synchroniser is None:
             topics = ", ".join(map(sensor_topic, range(1, self._layout.sensor_count + 1)))
-            return Health(STALE, f"no message yet on {topics}: start the sensors' drivers or play a bag")
+            return Health(STALE, f"no message yet on {topics}: start the sensors' drivers or play a bag", listeners)
         silent = self._silent()
         if len(silent) == len(self._sensors):
             self._deliver(self._synchroniser.flush())
         coverage = self._coverage.summary()
         level, message = self._judge(self._synchroniser, silent) or (OK, coverage.advice)
-        return Health(level, message, _describe(coverage) | _count(self._synchroniser) | {"lost": self._lost})
+        return Health(
+            level, message, _describe(coverage) | _count(self._synchroniser) | {"lost": self._lost} | listeners
+        )
 
     def _judge(self, synchroniser: Synchroniser, silent: Sequence[str]) -> tuple[bytes, str] | None:
         """Return level and sentence of what hinders most, or None."""
