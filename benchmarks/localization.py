@@ -83,7 +83,8 @@ def dipole_at_the_coil(generator: np.random.Generator, runs: int) -> Iterable[Fi
 def coil(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
     """Yield the errors of Euler and dipole solutions and of the fitted loop for the coil, the fit with noise.
 
-    The error of a direction of the coil is the root mean square over the headings, as the paper tells it.
+    Of Euler 3 % of the range is asked, which the largest error in any heading does not meet; the root mean square over
+    the headings, as the paper tells it, was asked for after that had failed. Both are told.
     """
     found: dict[str, list[FloatArray]] = {"Euler, constrained": [], "true baselines": []}
     fitted, pulls = [], []
@@ -101,7 +102,7 @@ def coil(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
         asked = (0.0, 0.03) if name.startswith("Euler") else ANYTHING
         worst = np.sqrt(np.mean(np.square(errors), axis=1)).max() / RANGE_M
         yield Figure(case, name, "RMSE of r over range, the worst direction of the coil", float(worst), asked=asked)
-        yield Figure(case, name, "largest error of r over range in any heading", largest(errors))
+        yield Figure(case, name, "largest error of r over range in any heading", largest(errors), asked=asked)
         yield Figure(case, name, "RMSE of r [m]", rms(errors))
     yield Figure(case, "loop fit", "largest error of position [m]", float(max(fitted)), asked=(0, 1e-3))
     yield Figure(case, "loop fit", "RMSE of position [m]", rms(fitted))

@@ -79,7 +79,7 @@ def test_experiment_with_the_coil_alone(run, monkeypatch):
     monkeypatch.setattr(wu2025_coil_sweeps, "_DRAWS", 3)
     result = run("wu2025", "--experiment", "coil", "--report", "page.html")
     assert result.exit_code == 0, result.stderr
-    assert result.stdout.splitlines()[-1] == "wu2025: 24 numbers, 8 reproduced, 16 not reproduced, 0 paper in error"
+    assert result.stdout.splitlines()[-1] == "wu2025: 24 numbers, 4 reproduced, 20 not reproduced, 0 paper in error"
     assert "reached by baseline length: " in result.stdout
     first, rows = read("reproduce_wu2025_coil.csv")
     assert first == "# tam reproduce wu2025 --experiment coil" and len(rows) == 24

@@ -16,10 +16,15 @@ def experiment():
 
 
 def test_every_figure_has_the_status_on_record(experiment):
-    """Of loop and ideal dipole none is reproduced; with two errors more all eight come to a quarter."""
+    """None is reproduced but, with two errors assumed, those after calibration; before it y stays 22 % off."""
     table = rows(experiment)
     assert [row for row in table if not row.is_as_recorded] == []
-    assert [row.status for row in table].count("reproduced") == 8
+    reproduced = [row.name for row in table if row.status == "reproduced"]
+    assert reproduced == [
+        f"Section 4.2, RMSE of the coil's position, {axis}, after, with other baselines and headings" for axis in AXES
+    ]
+    far = [row.name for row in table if "with other" in row.name and abs(row.ratio - 1) > 0.2]
+    assert far == ["Section 4.2, RMSE of the coil's position, y, before, with other baselines and headings"]
     assert all(row.reason for row in table)
 
 
