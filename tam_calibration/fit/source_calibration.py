@@ -1,18 +1,18 @@
 """What a uniform field leaves open, from the field of a known source: baselines, common frame, places of the axes.
 
-The reading of axis a of sensor k in pose n is row a of its matrix D Λ times X Rₙᵀ B(cₙ + Rₙ (s p_k + d_ka)). B is the
-field of the source in the world, p_k the stated position of the sensor, s the scale of the baselines, d_ka the place of
-the element of the axis beside the sensor, and X the turn from the array frame into that of the calibration so far. What
-the places have in common with longer baselines counts as scale: Σ p_k · d_ka is zero.
+What the places of the axes have in common with longer baselines counts as scale: Σ p_k · d_ka is zero, p_k the stated
+position of sensor k and d_ka the place of its axis a. See ``source_readings``.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.array import Array
 from tam_calibration.errors import SensorErrors
+from tam_calibration.fit.source_readings import SourceReadings
 from tam_calibration.localization.dipole import Dipole
 from tam_calibration.localization.loop import Loop
 from tam_calibration.localization.poses import Poses
@@ -119,33 +119,78 @@ def calibrate_by_source(
         When the poses do not determine the parameters.
     """
     readings, noise = _check(amplitudes_T, noise_T, poses, array)
-    model, allowed = _Model(source, poses, errors, array), _allowed(array)
-    parameters, rotation = np.zeros(len(allowed)), np.eye(3)
-    parameters[0], is_moved = 1.0, False
-    for _ in range(_STEPS):
-        predicted, derivative = model.predict(parameters[0], rotation, parameters[4:].reshape(-1, 3, 3))
-        signs = np.sign(np.sum(readings * predicted, axis=(1, 2)))[:, None, None]
-        residual = ((signs * readings - predicted) / noise).ravel()
-        design = (derivative / noise[..., None]).reshape(len(residual), -1) @ allowed
-        scale = norm(design, axis=0)
-        left, size, right = np.linalg.svd(design / np.where(scale > 0, scale, 1.0), full_matrices=False)
-        if len(residual) < design.shape[1] or size[-1] * _LARGEST_CONDITION < size[0]:
-            raise Refused(_OTHER_SOURCE if is_moved else _UNDETERMINED)
-        step = allowed @ (right.T @ ((left.T @ residual) / size) / scale)
-        parameters = parameters + step
-        rotation, is_moved = _matrix(step[1:4]) @ rotation, True
-        if norm(design @ (allowed.T @ step)) < _SMALLEST_STEP * norm(readings / noise):
-            break
-    else:
-        raise Refused(_OTHER_SOURCE)
-    root = allowed @ (right.T / size / scale[:, None])
+    model, allowed = SourceReadings(source, poses, errors, array), _allowed(array)
+    point = _Point(1.0, np.eye(3), np.zeros((array.sensor_count, 3, 3)))
+    for taken in range(_STEPS):
+        linear = _linearize(model, point, readings, noise, allowed)
+        if not linear.is_determined:
+            raise Refused(_OTHER_SOURCE if taken else _UNDETERMINED)
+        point = point.moved(allowed @ linear.step)
+        if norm(linear.design @ linear.step) < _SMALLEST_STEP * norm(readings / noise):
+            return _result(point, linear, allowed)
+    raise Refused(_OTHER_SOURCE)
+
+
+class _Point(NamedTuple):
+    """Scale of the baselines, turn (3, 3) of the common frame and places (K, 3, 3) of the axes."""
+
+    scale: float
+    rotation: FloatArray
+    offsets_m: FloatArray
+
+    def moved(self, step: FloatArray) -> "_Point":
+        """Return the point after a step (4 + 9 K,)."""
+        offsets = self.offsets_m + step[4:].reshape(-1, 3, 3)
+        return _Point(self.scale + float(step[0]), _matrix(step[1:4]) @ self.rotation, offsets)
+
+
+class _Linearization(NamedTuple):
+    """Residuals (M,) over the noise, and their design (M, P) decomposed: left diag(size) right diag(scale)."""
+
+    residual: FloatArray
+    design: FloatArray
+    left: FloatArray
+    size: FloatArray
+    right: FloatArray
+    scale: FloatArray
+
+    @property
+    def is_determined(self) -> bool:
+        return len(self.residual) >= len(self.scale) and self.size[-1] * _LARGEST_CONDITION >= self.size[0]
+
+    @property
+    def root(self) -> FloatArray:
+        """(P, P) root of the covariance."""
+        root: FloatArray = self.right.T / self.size / self.scale[:, None]
+        return root
+
+    @property
+    def step(self) -> FloatArray:
+        """(P,) step of Gauss-Newton."""
+        return self.root @ (self.left.T @ self.residual)
+
+
+def _linearize(
+    model: SourceReadings, point: _Point, readings: FloatArray, noise: FloatArray, allowed: FloatArray
+) -> _Linearization:
+    predicted, derivative = model.predict(*point)
+    signs = np.sign(np.sum(readings * predicted, axis=(1, 2)))[:, None, None]
+    residual = ((signs * readings - predicted) / noise).ravel()
+    design = (derivative / noise[..., None]).reshape(len(residual), -1) @ allowed
+    scale = norm(design, axis=0)
+    left, size, right = np.linalg.svd(design / np.where(scale > 0, scale, 1.0), full_matrices=False)
+    return _Linearization(residual, design, left, size, right, scale)
+
+
+def _result(point: _Point, linear: _Linearization, allowed: FloatArray) -> SourceCalibration:
+    root = allowed @ linear.root
     return SourceCalibration(
-        float(parameters[0]),
-        _vector(rotation),
-        parameters[4:].reshape(-1, 3, 3),
+        point.scale,
+        _vector(point.rotation),
+        point.offsets_m,
         root @ root.T,
-        float(residual @ residual),
-        residual.size - allowed.shape[1],
+        float(linear.residual @ linear.residual),
+        linear.residual.size - allowed.shape[1],
     )
 
 
@@ -159,35 +204,6 @@ def _allowed(array: Array) -> FloatArray:
     orthogonal, _ = np.linalg.qr(np.column_stack([scaling, np.eye(len(scaling))]))
     basis[4:, 4:] = orthogonal[:, : len(scaling)]
     return np.delete(basis, 4, axis=1)
-
-
-@dataclass(frozen=True, eq=False)
-class _Model:
-    """What the sensors read of the source."""
-
-    source: Dipole | Loop
-    poses: Poses
-    errors: SensorErrors
-    array: Array
-
-    def predict(self, scale: float, rotation: FloatArray, offsets_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the readings (N, K, 3) and their derivatives (N, K, 3, 4 + 9 K)."""
-        turn, positions = self.poses.matrix, self.array.positions_m
-        elements = scale * positions[:, None] + offsets_m
-        world = self.poses.position_m[:, None, None] + np.einsum("nij,kaj->nkai", turn, elements)
-        field = np.einsum("nji,nkaj->nkai", turn, self.source.field_T(world))
-        gradient = np.einsum("nji,nkajl,nlm->nkaim", turn, self.source.gradient_T_per_m(world), turn, optimize=True)
-        rows = self.errors.matrix
-        turned = field @ rotation.T
-        by_place = np.einsum("kai,ij,nkajm->nkam", rows, rotation, gradient, optimize=True)
-        derivative = np.zeros((*field.shape[:3], 4 + 9 * len(positions)))
-        derivative[..., 0] = np.einsum("nkam,km->nka", by_place, positions)
-        # A further turn by ω adds ω × b, of which the row takes b × row · ω.
-        derivative[..., 1:4] = np.cross(turned, rows)
-        own = derivative[..., 4:].reshape(*field.shape[:3], len(positions), 3, 3)
-        for sensor, axis in np.ndindex(*field.shape[1:3]):
-            own[:, sensor, axis, sensor, axis] = by_place[:, sensor, axis]
-        return np.einsum("kai,nkai->nka", rows, turned), derivative
 
 
 def _check(
