@@ -18,6 +18,7 @@ LAYERS = (
     ("fit", "simulation"),
     ("correction",),
     ("calibration",),
+    ("calibration_parts",),
     ("residuals",),
     ("effects", "localization"),
     (

@@ -71,14 +71,7 @@ def calibrate(
     Refused
         When the recording is not one calibration.
     """
-    if method not in METHODS:
-        raise InputError(f"there is no method {method!r}: choose one of {', '.join(METHODS)}")
-    fit = METHODS[method]
-    if ambient_gradient:
-        if method not in WITH_AMBIENT_GRADIENT:
-            able = " or ".join(WITH_AMBIENT_GRADIENT)
-            raise InputError(f"{method} takes the field for uniform: {able} can fit an ambient gradient")
-        fit = partial(maximum_likelihood, robust=method == "robust", ambient_gradient=True)
+    fit = _fit_of(method, ambient_gradient)
     if recording.sensor_count != array.sensor_count:
         raise InputError(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
@@ -96,6 +89,17 @@ def calibrate(
     require_accurate(calibration)
     warnings = find_warnings(uniform, calibration)
     return replace(calibration, warnings=warnings, held_out=_held_out(recording, array, fit))
+
+
+def _fit_of(method: str, ambient_gradient: bool) -> Fit:
+    if method not in METHODS:
+        raise InputError(f"there is no method {method!r}: choose one of {', '.join(METHODS)}")
+    if not ambient_gradient:
+        return METHODS[method]
+    if method not in WITH_AMBIENT_GRADIENT:
+        able = " or ".join(WITH_AMBIENT_GRADIENT)
+        raise InputError(f"{method} takes the field for uniform: {able} can fit an ambient gradient")
+    return partial(maximum_likelihood, robust=method == "robust", ambient_gradient=True)
 
 
 def _held_out(recording: SampleSource, array: Array, fit: Fit) -> Residuals | None:

@@ -56,10 +56,21 @@ def locate_steady(
         )
     if not calibration.array.has_gradient:
         raise InputError("the array's geometry determines no gradient, from which sources are located")
-    if velocity_m_per_s is not None:
-        if index != DIPOLE_INDEX:
-            raise InputError(f"along a track a dipole is located: its structural index is 3, not {index:g}")
-        return _along_track(recording, calibration, regional_T, attitude_noise, velocity_m_per_s)
+    if velocity_m_per_s is None:
+        return _sample_by_sample(recording, calibration, index, regional_T, attitude_noise)
+    if index != DIPOLE_INDEX:
+        raise InputError(f"along a track a dipole is located: its structural index is 3, not {index:g}")
+    return _along_track(recording, calibration, regional_T, attitude_noise, velocity_m_per_s)
+
+
+def _sample_by_sample(
+    recording: Recording,
+    calibration: Calibration,
+    index: float,
+    regional_T: FloatArray | None,
+    attitude_noise: float,
+) -> Survey:
+    assert recording.attitude is not None
     outputs = calibration.correct(recording).outputs
     regional = regional_of(outputs, recording.attitude) if regional_T is None else regional_T
     solutions = locate_samples(
