@@ -80,7 +80,7 @@ def passing(true_errors, cross):
 @pytest.fixture(scope="session")
 def gap():
     """Return the gap of 400 samples of a cross whose sensor 2 drifts with a temperature that rises by 10 °C."""
-    from tam_calibration.effects.effect import Contribution, FittedEffect
+    from tam_calibration.effects.fitted import Contribution, FittedEffect
     from tam_calibration.gap.result import Cause, Considered, Gap, Residue, Size, Where
 
     rng = np.random.default_rng(8)

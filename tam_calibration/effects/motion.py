@@ -6,7 +6,7 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
-from tam_calibration.effects.effect import Situation
+from tam_calibration.effects.situation import Situation
 from tam_calibration.units import FloatArray
 
 _NEIGHBOURS = 6

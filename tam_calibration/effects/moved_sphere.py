@@ -11,7 +11,7 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
-from tam_calibration.effects.effect import Contribution, FittedEffect
+from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 

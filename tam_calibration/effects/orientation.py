@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tam_calibration.effects.effect import Situation
+from tam_calibration.effects.situation import Situation
 from tam_calibration.units import FloatArray
 
 

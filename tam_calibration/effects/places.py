@@ -5,7 +5,8 @@ from itertools import combinations
 
 import numpy as np
 
-from tam_calibration.effects.effect import ALL, SCALAR, Misfit
+from tam_calibration.effects.fitted import ALL, SCALAR
+from tam_calibration.effects.misfit import Misfit
 from tam_calibration.units import FloatArray
 
 _RIDGE = 1e-9

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.effect import Misfit
+from tam_calibration.effects.misfit import Misfit
 from tam_calibration.effects.places import row_deviations
 from tam_calibration.effects.saturation import find_limits
 from tam_calibration.units import FloatArray

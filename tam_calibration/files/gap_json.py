@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tam_calibration.calibration import Provenance
-from tam_calibration.effects.effect import ALL, SCALAR, Contribution, FittedEffect
+from tam_calibration.effects.fitted import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.files.json_text import to_json
 from tam_calibration.files.whole import write_whole
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where

@@ -7,7 +7,7 @@ import numpy as np
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration, EffectSize
-from tam_calibration.effects.effect import FittedEffect
+from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.removal import added_to, filled, on_sensors
 from tam_calibration.errors import SensorErrors

@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from tam_calibration.effects.effect import Situation
 from tam_calibration.effects.orientation import to_world
+from tam_calibration.effects.situation import Situation
 from tam_calibration.units import FloatArray
 
 SAMPLES = 600

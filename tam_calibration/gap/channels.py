@@ -7,118 +7,23 @@ channel, the scalar minus the length of the field that the sensors agree on; whi
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.linalg import inv, norm
+from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.array import Array
-from tam_calibration.effects.effect import Misfit, Situation, Term
+from tam_calibration.effects.misfit import Misfit
+from tam_calibration.effects.situation import Situation
+from tam_calibration.effects.term import Term
 from tam_calibration.errors import SensorErrors
+from tam_calibration.gap.design import Design, calibration_design
+from tam_calibration.gap.normal import Normal
+from tam_calibration.gap.whitening import Whitening
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 _PIECE = 8192
-
-
-@dataclass(frozen=True, eq=False)
-class Design:
-    """What may be added to the rows: terms side by side, one column for each coefficient.
-
-    Parameters
-    ----------
-    features : (N, F) array
-        Tesla per unit of a coefficient.
-    index, rows, columns : (J,) array of int
-        Feature, row and column of each atom; atoms of several rows may share a feature.
-    width : int
-        Number of columns P.
-    """
-
-    features: FloatArray
-    index: NDArray[np.intp]
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
-    width: int
-
-    @classmethod
-    def of(cls, terms: Sequence[Term], stride: int = 1) -> "Design":
-        """Put terms side by side, at samples of that distance; those that hold the same features share them."""
-        starts = np.cumsum([0, *(len(term.coefficients) for term in terms)])
-        own: dict[int, tuple[int, FloatArray]] = {}
-        total = 0
-        for term in terms:
-            if id(term.features) not in own:
-                own[id(term.features)] = total, term.features[::stride]
-                total += term.features.shape[1]
-        return cls(
-            np.concatenate([features for _, features in own.values()], axis=1),
-            np.concatenate([own[id(term.features)][0] + np.arange(len(term.rows)) for term in terms]),
-            np.concatenate([term.rows for term in terms]),
-            np.concatenate([term.columns + start for term, start in zip(terms, starts[:-1], strict=True)]),
-            int(starts[-1]),
-        )
-
-    @classmethod
-    def joined(cls, designs: "Sequence[Design]") -> "Design":
-        """Put designs side by side."""
-        columns = np.cumsum([0, *(design.width for design in designs)])
-        features = np.cumsum([0, *(design.features.shape[1] for design in designs)])
-        return cls(
-            np.concatenate([design.features for design in designs], axis=1),
-            np.concatenate([design.index + start for design, start in zip(designs, features[:-1], strict=True)]),
-            np.concatenate([design.rows for design in designs]),
-            np.concatenate([design.columns + start for design, start in zip(designs, columns[:-1], strict=True)]),
-            int(columns[-1]),
-        )
-
-    @property
-    def is_shared(self) -> bool:
-        """Whether so many rows share the features that it pays to take directions and rows apart."""
-        return bool(4 * self.features.shape[1] < len(self.rows))
-
-    @property
-    def common_width(self) -> int:
-        """Number of columns that are summed for the common mode: features in four directions, or atoms."""
-        return 4 * self.features.shape[1] if self.is_shared else len(self.rows)
-
-    @cached_property
-    def scatter(self) -> FloatArray | None:
-        """(J, P) sums of atoms to columns; None where they are the same."""
-        if np.array_equal(self.columns, np.arange(self.width)):
-            return None
-        scatter = np.zeros((len(self.columns), self.width))
-        scatter[np.arange(len(self.columns)), self.columns] = 1
-        return scatter
-
-
-@dataclass(frozen=True, eq=False)
-class Normal:
-    """Normal equations: information matrix (P, P), score (P,), energy of the channels and their number."""
-
-    information: FloatArray
-    score: FloatArray
-    energy: float
-    count: float
-
-    def __add__(self, other: "Normal") -> "Normal":
-        """Return the normal equations of both sets of samples."""
-        return Normal(
-            self.information + other.information,
-            self.score + other.score,
-            self.energy + other.energy,
-            self.count + other.count,
-        )
-
-    def __sub__(self, other: "Normal") -> "Normal":
-        """Return the normal equations without a part of the samples."""
-        return Normal(
-            self.information - other.information,
-            self.score - other.score,
-            self.energy - other.energy,
-            self.count - other.count,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,26 +98,14 @@ class Channels:
         stride : int
             See the class.
         """
-        assert array.vector_noise_T is not None
-        count = recording.sensor_count
-        added = np.zeros(3 * count + 1) if added_T is None else added_T
-        matrix = errors.matrix.reshape(-1, 3)
-        beyond = np.zeros(3 * count + 1) if row_variance is None else row_variance
-        weight = 1 / np.sqrt(np.repeat(array.vector_noise_T**2, 3) + beyond[:-1])
-        covariance = inv(matrix.T @ (weight[:, None] ** 2 * matrix))
-        unmix = covariance @ (weight[:, None] ** 2 * matrix).T
-        basis, _ = np.linalg.qr(weight[:, None] * matrix, mode="complete")
-        directions = weight[:, None] * basis[:, 3:]
-        rows = recording.readings_T.reshape(-1, 3 * count) - errors.bias_T.ravel() - added[..., :-1]
-        field = rows @ unmix.T
+        whitening = Whitening.of(array, errors, row_variance)
+        added = np.zeros(3 * recording.sensor_count + 1) if added_T is None else added_T
+        rows = recording.readings_T.reshape(recording.sample_count, -1) - errors.bias_T.ravel() - added[..., :-1]
+        field = rows @ whitening.unmix.T
         length = norm(field, axis=1)
         direction = field / length[:, None]
         scalar = np.full(len(rows), intensity_T) if recording.scalar_T is None else recording.scalar_T - added[..., -1]
-        variance = (array.scalar_noise_T or 0.0) ** 2 + beyond[-1]
-        variance = variance + np.einsum("ni,ij,nj->n", direction, covariance, direction)
         known = np.isfinite(scalar)
-        turn = np.zeros((4, 3 * count + 1))
-        turn[:3, :-1], turn[3, -1] = -unmix, 1
         situation = Situation(
             recording.time_s,
             field,
@@ -225,12 +118,12 @@ class Channels:
         return cls(
             recording,
             situation,
-            directions,
-            rows @ directions,
+            whitening.directions,
+            rows @ whitening.directions,
             np.column_stack([direction, np.ones(len(rows))]),
-            turn,
+            whitening.turn,
             np.where(known, scalar - length, 0.0),
-            np.where(known, 1 / variance, 0.0),
+            np.where(known, 1 / whitening.common_variance(direction), 0.0),
             np.ones(len(rows), dtype=bool) if is_counted is None else is_counted,
             stride,
         )
@@ -374,22 +267,3 @@ class Channels:
         start, stop, step = (part or slice(None)).indices(len(self._taken[0]))
         for first in range(start, stop, _PIECE * step):
             yield slice(first, min(first + _PIECE * step, stop), step)
-
-
-def calibration_design(situation: Situation, stride: int = 1) -> Design:
-    """Return the design of the calibration itself: each row of [D Λ | o], in units of the mean intensity.
-
-    Linear in data that hold noise of their own; that noise is part of the residual to second order only.
-    """
-    unit = float(np.mean(situation.intensity_T))
-    field = situation.field_T[::stride]
-    features = np.column_stack([field, np.full(len(field), unit)])
-    count = situation.scalar_row
-    rows = np.repeat(np.arange(count), 4)
-    return Design(features, np.tile(np.arange(4), count), rows, np.arange(4 * count), 4 * count)
-
-
-def update(errors: SensorErrors, step: FloatArray, unit_T: float) -> tuple[FloatArray, FloatArray]:
-    """Return matrices and biases after a step (12 K,) of ``calibration_design``."""
-    change: Any = step.reshape(errors.sensor_count, 3, 4)
-    return errors.matrix + change[..., :3], errors.bias_T + change[..., 3] * unit_T

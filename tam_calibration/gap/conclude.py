@@ -7,7 +7,8 @@ import numpy as np
 
 from tam_calibration.effects.effect import Finding, FittedEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.channels import Channels, Design
+from tam_calibration.gap.channels import Channels
+from tam_calibration.gap.design import Design
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import next_recording

@@ -7,11 +7,13 @@ from functools import cached_property
 import numpy as np
 
 from tam_calibration.calibration import Calibration, EffectSize
-from tam_calibration.effects.effect import ALL, Coefficient, FittedEffect, Shape, Term
+from tam_calibration.effects.fitted import ALL, FittedEffect, Shape
 from tam_calibration.effects.removal import on_sensors
+from tam_calibration.effects.term import Coefficient, Term
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.scale import free_scale
-from tam_calibration.gap.channels import Channels, Design
+from tam_calibration.gap.channels import Channels
+from tam_calibration.gap.design import Design
 from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.nominal import stepped
 from tam_calibration.gap.regression import Base, pseudo_inverse

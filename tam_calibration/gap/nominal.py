@@ -8,12 +8,13 @@ from numpy.linalg import norm
 
 from tam_calibration.array import Array
 from tam_calibration.effects.bias_jump import BiasJump
-from tam_calibration.effects.effect import FittedEffect, Situation
+from tam_calibration.effects.fitted import FittedEffect
+from tam_calibration.effects.situation import Situation
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.fit.scale import sphere_of_most
-from tam_calibration.gap.channels import update
+from tam_calibration.gap.design import update
 from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray

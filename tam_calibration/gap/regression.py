@@ -6,7 +6,8 @@ from math import log
 
 import numpy as np
 
-from tam_calibration.gap.channels import Channels, Design
+from tam_calibration.gap.channels import Channels
+from tam_calibration.gap.design import Design
 from tam_calibration.units import FloatArray
 
 _OPEN = 1e-8

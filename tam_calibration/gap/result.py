@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from tam_calibration.effects.effect import FittedEffect
+from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.units import FloatArray
 
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained", "not_identifiable"]

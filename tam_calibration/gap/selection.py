@@ -6,7 +6,7 @@ from math import log
 
 import numpy as np
 
-from tam_calibration.effects.effect import Term
+from tam_calibration.effects.term import Term
 from tam_calibration.gap.regression import Projected, twice_log_likelihood_ratio
 from tam_calibration.units import FloatArray
 

@@ -5,7 +5,7 @@ from math import factorial
 
 import numpy as np
 
-from tam_calibration.gap.channels import Design
+from tam_calibration.gap.design import Design
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
 from tam_calibration.units import FloatArray

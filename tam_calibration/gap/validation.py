@@ -5,7 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from tam_calibration.gap.channels import Channels, Design, Normal
+from tam_calibration.gap.channels import Channels
+from tam_calibration.gap.design import Design
+from tam_calibration.gap.normal import Normal
 from tam_calibration.gap.regression import pseudo_inverse
 from tam_calibration.units import FloatArray
 

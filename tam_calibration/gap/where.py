@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from tam_calibration.effects.effect import ALL, SCALAR
+from tam_calibration.effects.fitted import ALL, SCALAR
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.regression import Base

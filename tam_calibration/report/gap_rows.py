@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from tam_calibration.effects.effect import FittedEffect
+from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.files.gap_json import numbers_of
 from tam_calibration.gap.result import Cause, Considered, Size, Where
 from tam_calibration.report.formatting import fixed, join, number, with_error

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.ambient_gradient import gradient_field, turned
-from tam_calibration.effects.effect import Situation
+from tam_calibration.effects.situation import Situation
 from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import Recording
 from tam_calibration.simulation.effects import add_effects

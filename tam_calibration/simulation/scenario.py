@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.array import Array
-from tam_calibration.effects.effect import FittedEffect
+from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.errors import SensorErrors
 from tam_calibration.localization.dipole import Dipole
 from tam_calibration.problems import InputError

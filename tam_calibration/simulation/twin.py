@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.calibration import Calibration
-from tam_calibration.effects.effect import Situation
 from tam_calibration.effects.removal import agreed_field, filled, removable
+from tam_calibration.effects.situation import Situation
 from tam_calibration.recording import Recording
 from tam_calibration.simulation.effects import add_effects
 from tam_calibration.units import FloatArray

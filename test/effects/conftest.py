@@ -9,7 +9,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.array import Array
-from tam_calibration.effects.effect import Contribution, FittedEffect, Misfit, Situation
+from tam_calibration.effects.fitted import Contribution, FittedEffect
+from tam_calibration.effects.misfit import Misfit
+from tam_calibration.effects.situation import Situation
 from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import Recording
 

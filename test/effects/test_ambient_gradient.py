@@ -18,7 +18,7 @@ from tam_calibration.effects.ambient_gradient import (
     turned,
     without_gradient,
 )
-from tam_calibration.effects.effect import ALL, Contribution, FittedEffect
+from tam_calibration.effects.fitted import ALL, Contribution, FittedEffect
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording

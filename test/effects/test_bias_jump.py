@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.bias_jump import BiasJump
-from tam_calibration.effects.effect import SCALAR
+from tam_calibration.effects.fitted import SCALAR
 
 EFFECT = BiasJump()
 STEP = {"time_s": 31.42}

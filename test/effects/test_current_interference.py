@@ -6,7 +6,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.current_interference import CurrentInterference
-from tam_calibration.effects.effect import SCALAR, Contribution, FittedEffect
+from tam_calibration.effects.fitted import SCALAR, Contribution, FittedEffect
 
 SHAPE = {"reference_A": 0.5, "time_constant_s": 0.3}
 EFFECT = CurrentInterference()

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.effects.effect import Contribution, FittedEffect
+from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.flexure import Flexure
 
 EFFECT = Flexure()

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.effect import SCALAR
+from tam_calibration.effects.fitted import SCALAR
 from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
 
 SHAPE = {"start_s": 1.7e9, "span_s": 60.0}

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.effect import Contribution, FittedEffect
+from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.hysteresis import Hysteresis, play, rounded_loop
 from tam_calibration.effects.memory import Memory
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.effect import ALL, SCALAR, Contribution
+from tam_calibration.effects.fitted import ALL, SCALAR, Contribution
 from tam_calibration.effects.outliers import Outliers
 from tam_calibration.effects.saturation import Saturation
 

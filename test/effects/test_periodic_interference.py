@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.effect import SCALAR
+from tam_calibration.effects.fitted import SCALAR
 from tam_calibration.effects.periodic_interference import PeriodicInterference
 
 EFFECT = PeriodicInterference()

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.effects.effect import SCALAR
+from tam_calibration.effects.fitted import SCALAR
 from tam_calibration.effects.scalar_heading_error import ScalarHeadingError, harmonics
 
 EFFECT = ScalarHeadingError()

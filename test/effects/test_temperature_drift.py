@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.effect import Contribution, FittedEffect
+from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.memory import Memory
 from tam_calibration.effects.temperature_drift import TemperatureDrift
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.effect import SCALAR, Contribution, FittedEffect
+from tam_calibration.effects.fitted import SCALAR, Contribution, FittedEffect
 from tam_calibration.effects.time_skew import TimeSkew
 
 EFFECT = TimeSkew()

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.effect import ALL, SCALAR, Contribution, FittedEffect
+from tam_calibration.effects.fitted import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
 from tam_calibration.files.yaml_document import check, dump_mapping, parse_mapping
 from tam_calibration.problems import InputError

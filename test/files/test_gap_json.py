@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from tam_calibration.calibration import Provenance
-from tam_calibration.effects.effect import ALL, SCALAR, Contribution, FittedEffect
+from tam_calibration.effects.fitted import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.files.gap_json import gap_to_mapping, parameters_of, write_gap
 
 

@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
-from tam_calibration.effects.effect import Contribution, Finding, FittedEffect
+from tam_calibration.effects.effect import Finding
+from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.temperature_drift import TemperatureDrift
 from tam_calibration.errors import SensorErrors
 from tam_calibration.gap import diagnose

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.effects.effect import Contribution, Finding, FittedEffect
+from tam_calibration.effects.effect import Finding
+from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.conclude import conclude

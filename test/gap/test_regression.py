@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.effects.nonlinearity import Nonlinearity
 from tam_calibration.effects.temperature_drift import TemperatureDrift
-from tam_calibration.gap.channels import Design
+from tam_calibration.gap.design import Design
 from tam_calibration.gap.regression import Base, Projected, pseudo_inverse, twice_log_likelihood_ratio
 from tam_calibration.gap.selection import columns_of
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tam_calibration.effects.bias_jump import BiasJump
-from tam_calibration.effects.effect import SCALAR, Contribution, FittedEffect
+from tam_calibration.effects.fitted import SCALAR, Contribution, FittedEffect
 from tam_calibration.effects.flexure import Flexure
 from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
 from tam_calibration.effects.nonlinearity import Nonlinearity

@@ -5,7 +5,8 @@ from math import log
 import numpy as np
 import pytest
 
-from tam_calibration.effects.effect import ALL, SCALAR, Coefficient, Term
+from tam_calibration.effects.fitted import ALL, SCALAR
+from tam_calibration.effects.term import Coefficient, Term
 from tam_calibration.gap.regression import Projected
 from tam_calibration.gap.selection import bundles_of, columns_of, evidence, first_step, select
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.array import Array
-from tam_calibration.effects.effect import Contribution, FittedEffect
+from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
 from tam_calibration.effects.temperature_drift import TemperatureDrift
 from tam_calibration.gap.hypotheses import rivals

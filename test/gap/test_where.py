@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.effect import ALL, SCALAR
+from tam_calibration.effects.fitted import ALL, SCALAR
 from tam_calibration.gap.hypotheses import rivals
 from tam_calibration.gap.where import band_of, locate, main_places, noisy_places, sensors_and_axes, span_of
 

@@ -1,0 +1,96 @@
+"""What happens to the array, as far as it is known: what effects work on."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.linalg import norm
+from numpy.typing import NDArray
+
+from tam_calibration.array import Array
+from tam_calibration.effects.memory import Memory
+from tam_calibration.errors import SensorErrors
+from tam_calibration.units import FloatArray
+
+_HOLE = 3.0
+"""A step of time that is so many times the median is a hole in the record."""
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """What happens to the array, as far as it is known.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Time stamps, strictly increasing.
+    field_T : (N, 3) array
+        Field at the centre in the array frame: the truth in a simulation, what the sensors agree on in a diagnosis.
+    errors : SensorErrors
+        Of the sensors, in the same frame.
+    array : Array
+        Positions of the sensors.
+    temperature_C, current_A : (N,) array, optional
+        Channels, finite.
+    attitude : (N, 4) array, optional
+        Quaternions x, y, z, w from the array frame to the world, finite.
+    memory : Memory, optional
+        Of what was before, where these samples continue others.
+    """
+
+    time_s: FloatArray
+    field_T: FloatArray
+    errors: SensorErrors
+    array: Array
+    temperature_C: FloatArray | None = None
+    current_A: FloatArray | None = None
+    attitude: FloatArray | None = None
+    memory: Memory | None = None
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples N."""
+        return len(self.time_s)
+
+    @property
+    def sensor_count(self) -> int:
+        """Number of sensors K."""
+        return self.errors.sensor_count
+
+    @property
+    def scalar_row(self) -> int:
+        """The row of the scalar magnetometer, 3 K."""
+        return 3 * self.sensor_count
+
+    @cached_property
+    def sensed_T(self) -> FloatArray:
+        """(N, 3K) readings without bias: each axis' own share of the field."""
+        sensed: FloatArray = self.field_T @ self.errors.matrix.reshape(-1, 3).T
+        return sensed
+
+    @cached_property
+    def intensity_T(self) -> FloatArray:
+        """(N,) length of the field."""
+        intensity: FloatArray = norm(self.field_T, axis=1)
+        return intensity
+
+    @cached_property
+    def step_s(self) -> float:
+        """Median step of time; 1 for a single sample."""
+        return float(np.median(np.diff(self.time_s))) if self.sample_count > 1 else 1.0
+
+    @cached_property
+    def stretches(self) -> tuple[slice, ...]:
+        """The samples between holes of the record."""
+        cuts = np.flatnonzero(np.diff(self.time_s) > _HOLE * self.step_s) + 1
+        bounds = [0, *cuts.tolist(), self.sample_count]
+        return tuple(slice(start, stop) for start, stop in pairwise(bounds))
+
+    def take(self, index: slice | NDArray[Any]) -> "Situation":
+        """Return the situation at the samples that a slice, mask or index selects."""
+        channels = (self.temperature_C, self.current_A, self.attitude)
+        temperature, current, attitude = (None if channel is None else channel[index] for channel in channels)
+        field, time = self.field_T[index], self.time_s[index]
+        return Situation(time, field, self.errors, self.array, temperature, current, attitude)

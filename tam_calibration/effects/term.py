@@ -1,0 +1,66 @@
+"""What an effect could add to the rows: functions of the situation, each times an unknown coefficient."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.effects.fitted import SCALAR
+from tam_calibration.effects.situation import Situation
+from tam_calibration.units import FloatArray
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """Name and SI unit of a coefficient of an effect, as people read it: "offset x", "T/K"."""
+
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """Coefficients that stand or fall together, and what each adds to the rows.
+
+    Atom j adds ``features[:, j]`` to row ``rows[j]`` per unit of coefficient ``columns[j]``.
+
+    Parameters
+    ----------
+    sensor : int
+        Index of the sensor, or ``SCALAR`` or ``ALL``.
+    axis : int, optional
+        Index of the axis, where a single one is affected.
+    name : str
+        What it is, "offset"; unique among the terms of the same sensor and axis.
+    coefficients : tuple of Coefficient
+        P of them.
+    features : (N, J) array
+        In tesla per unit of the coefficient.
+    rows, columns : (J,) array of int
+        Row and coefficient of each atom.
+    """
+
+    sensor: int
+    axis: int | None
+    name: str
+    coefficients: tuple[Coefficient, ...]
+    features: FloatArray
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+
+    @classmethod
+    def of_row(
+        cls, situation: Situation, row: int, name: str, coefficients: Sequence[Coefficient], features: FloatArray
+    ) -> "Term":
+        """Make the term of one row whose coefficients have a feature each, (N, P)."""
+        sensor, axis = (SCALAR, None) if row == situation.scalar_row else divmod(row, 3)
+        columns = np.arange(len(coefficients))
+        return cls(sensor, axis, name, tuple(coefficients), features, np.full(len(columns), row), columns)
+
+    def signal(self, values: FloatArray, row_count: int) -> FloatArray:
+        """Return what coefficients (P,) add to the rows, (N, row_count), tesla."""
+        added = np.zeros((len(self.features), row_count))
+        for atom, (row, column) in enumerate(zip(self.rows, self.columns, strict=True)):
+            added[:, row] += values[column] * self.features[:, atom]
+        return added

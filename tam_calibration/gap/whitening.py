@@ -1,0 +1,60 @@
+"""How the rows of a sample become white channels: the same for all samples of an array at given errors."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.linalg import inv
+
+from tam_calibration.array import Array
+from tam_calibration.errors import SensorErrors
+from tam_calibration.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """The field that the sensors agree on, and the directions between them in which it does not show.
+
+    Parameters
+    ----------
+    unmix : (3, 3K) array
+        Weighted least-squares estimate of the field from the rows without bias.
+    covariance : (3, 3) array
+        Of that estimate, T².
+    directions : (3K, 3K - 3) array
+        How a shift of each row moves the differential channels, 1/T.
+    scalar_variance : float
+        Of the scalar magnetometer's noise, T².
+    """
+
+    unmix: FloatArray
+    covariance: FloatArray
+    directions: FloatArray
+    scalar_variance: float
+
+    @classmethod
+    def of(cls, array: Array, errors: SensorErrors, row_variance: FloatArray | None = None) -> "Whitening":
+        """Return the whitening of an array with noise, and with white noise (3K + 1,) beyond it, T²."""
+        assert array.vector_noise_T is not None
+        matrix = errors.matrix.reshape(-1, 3)
+        beyond = np.zeros(len(matrix) + 1) if row_variance is None else row_variance
+        weight = 1 / np.sqrt(np.repeat(array.vector_noise_T**2, 3) + beyond[:-1])
+        covariance = inv(matrix.T @ (weight[:, None] ** 2 * matrix))
+        basis, _ = np.linalg.qr(weight[:, None] * matrix, mode="complete")
+        return cls(
+            covariance @ (weight[:, None] ** 2 * matrix).T,
+            covariance,
+            weight[:, None] * basis[:, 3:],
+            float((array.scalar_noise_T or 0.0) ** 2 + beyond[-1]),
+        )
+
+    @property
+    def turn(self) -> FloatArray:
+        """(4, 3K + 1) by which direction and 1 become how a shift of each row moves the scalar minus the length."""
+        turn = np.zeros((4, self.unmix.shape[1] + 1))
+        turn[:3, :-1], turn[3, -1] = -self.unmix, 1
+        return turn
+
+    def common_variance(self, direction: FloatArray) -> FloatArray:
+        """Return the variance (N,) of the scalar minus the length of a field in a direction (N, 3), T²."""
+        variance: FloatArray = self.scalar_variance + np.einsum("ni,ij,nj->n", direction, self.covariance, direction)
+        return variance
