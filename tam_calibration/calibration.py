@@ -8,7 +8,7 @@ from numpy.linalg import inv
 
 from tam_calibration.array import Array
 from tam_calibration.calibration_parts import AmbientGradient, EffectSize, KnownSource, Provenance
-from tam_calibration.effects.effect import FittedEffect
+from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.effects.removal import added_to, of_sensors, removable
 from tam_calibration.errors import SensorErrors
 from tam_calibration.problems import InputError
