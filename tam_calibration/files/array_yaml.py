@@ -7,9 +7,8 @@ import numpy as np
 
 from tam_calibration.array import Array
 from tam_calibration.files.exact import nanotesla_to_write
-from tam_calibration.files.location import in_file, read_text
 from tam_calibration.files.whole import write_whole
-from tam_calibration.files.yaml_document import Document, check, dump_mapping, parse_mapping
+from tam_calibration.files.yaml_document import Document, check, dump_mapping, mapping_in
 from tam_calibration.problems import InputError
 from tam_calibration.units import from_nanotesla
 
@@ -79,10 +78,8 @@ def read_array(path: Path) -> Array:
     InputError
         When it cannot be read, a key is not known, or the values make no array.
     """
-    path = Path(path)
-    text = read_text(path)
-    with in_file(path):
-        return array_from_mapping(parse_mapping(text))
+    with mapping_in(Path(path)) as content:
+        return array_from_mapping(content)
 
 
 def array_from_mapping(content: dict[str, Any]) -> Array:

@@ -8,10 +8,10 @@ import numpy as np
 from pydantic import Field
 
 from tam_calibration.files.calibration_schema import Vector
-from tam_calibration.files.location import in_file, read_text
-from tam_calibration.files.yaml_document import Document, check, parse_mapping
+from tam_calibration.files.yaml_document import Document, check, mapping_in
 from tam_calibration.localization.dipole import Dipole
 from tam_calibration.localization.loop import Loop, area_of
+from tam_calibration.localization.source import Source
 from tam_calibration.problems import InputError
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -31,7 +31,7 @@ class StatedSource:
         Of the array that was turned before it.
     """
 
-    source: Dipole | Loop
+    source: Source
     frequency_hz: float
     recording: Path
 
@@ -65,7 +65,7 @@ class _SourceFile(Document):
     radius_m: _Positive | None = None
     frequency_Hz: _Positive
 
-    def to_source(self) -> Dipole | Loop:
+    def to_source(self) -> Source:
         """Return the source."""
         length = float(np.linalg.norm(self.axis))
         if length == 0:
@@ -90,8 +90,6 @@ def read_known_source(path: Path) -> StatedSource:
     InputError
         When it cannot be read, a key is not known, or the values make no source.
     """
-    path = Path(path)
-    text = read_text(path)
-    with in_file(path):
-        stored = check(parse_mapping(text), _SourceFile)
-        return StatedSource(stored.to_source(), stored.frequency_Hz, path.parent / stored.recording)
+    with mapping_in(Path(path)) as content:
+        stored = check(content, _SourceFile)
+        return StatedSource(stored.to_source(), stored.frequency_Hz, Path(path).parent / stored.recording)

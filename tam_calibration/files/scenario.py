@@ -9,10 +9,9 @@ import numpy as np
 from tam_calibration.errors import SensorErrors
 from tam_calibration.files.effects_schema import effect_to_mapping
 from tam_calibration.files.exact import degrees_to_write, nanotesla_to_write
-from tam_calibration.files.location import in_file, read_text
 from tam_calibration.files.scenario_schema import scenario_of
 from tam_calibration.files.whole import write_whole
-from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
+from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.problems import InputError
 from tam_calibration.simulation import Scenario, Simulation
 from tam_calibration.units import to_nanotesla
@@ -40,9 +39,8 @@ def read_scenario(name_or_path: str | Path) -> Scenario:
         raise InputError(
             f"there is no file {path}, and no scenario of that name comes with it: {', '.join(shipped)} do"
         )
-    text = read_text(path)
-    with in_file(path):
-        return scenario_of(parse_mapping(text), path.parent)
+    with mapping_in(path) as content:
+        return scenario_of(content, path.parent)
 
 
 def write_truth(path: Path, simulation: Simulation) -> None:

@@ -1,11 +1,14 @@
 """YAML text for people and programs: checked against a schema when read, laid out for reading when written."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from tam_calibration.files.location import in_file, read_text
 from tam_calibration.problems import InputError
 
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -38,6 +41,20 @@ def parse_mapping(text: str) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise InputError("the file must hold keys and values such as 'baseline_m: 0.5'")
     return {str(key): value for key, value in content.items()}
+
+
+@contextmanager
+def mapping_in(path: Path) -> Iterator[dict[str, Any]]:
+    """Give the mapping that a file holds; what is wrong with it, here or in the block, is told with the file's name.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, is not YAML, or holds no mapping.
+    """
+    text = read_text(path)
+    with in_file(path):
+        yield parse_mapping(text)
 
 
 def check(content: Mapping[str, Any], schema: type[Schema]) -> Schema:

@@ -27,18 +27,8 @@ _ROUNDING = 1e-9
 def fast_rotation(recording: SampleSource, array: Array) -> Calibration:
     """Fit the errors of the sensors by Li 2018b, where the turns determine them.
 
-    Parameters
-    ----------
-    recording : SampleSource
-        Samples in a uniform field, turned about three axes; those without a scalar reading are left out where others
-        have one.
-    array : Array
-        Geometry and noise.
-
-    Returns
-    -------
-    Calibration
-        With the covariance of a jackknife over groups of samples.
+    Parameters and result are those of ``lossless``; the array must be turned about three axes, and the covariance is
+    that of a jackknife over groups of samples.
 
     Raises
     ------

@@ -13,9 +13,8 @@ from numpy.linalg import norm
 from tam_calibration.array import Array
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.source_readings import SourceReadings
-from tam_calibration.localization.dipole import Dipole
-from tam_calibration.localization.loop import Loop
 from tam_calibration.localization.poses import Poses
+from tam_calibration.localization.source import Source
 from tam_calibration.problems import InputError, Refused
 from tam_calibration.units import FloatArray
 
@@ -83,7 +82,7 @@ class SourceCalibration:
 def calibrate_by_source(
     amplitudes_T: FloatArray,
     noise_T: float | FloatArray,
-    source: Dipole | Loop,
+    source: Source,
     poses: Poses,
     errors: SensorErrors,
     array: Array,
@@ -97,7 +96,7 @@ def calibrate_by_source(
         together is open.
     noise_T : float or (N, K, 3) array
         Standard deviation of the amplitudes, tesla.
-    source : Dipole or Loop
+    source : Source
         Known, in the world.
     poses : Poses
         Of the array in the world.

@@ -8,8 +8,7 @@ from tam_calibration.calibration import Calibration, KnownSource
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source
 from tam_calibration.fit.source_recording import amplitudes_of
-from tam_calibration.localization.dipole import Dipole
-from tam_calibration.localization.loop import Loop
+from tam_calibration.localization.source import Source
 from tam_calibration.problems import Refused
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
@@ -23,7 +22,7 @@ LARGEST_CHI_SQUARE = 10.0
 """Above this many times what noise leaves, the source is not the one that is stated."""
 
 
-def complete(calibration: Calibration, recording: Recording, source: Dipole | Loop, frequency_hz: float) -> Calibration:
+def complete(calibration: Calibration, recording: Recording, source: Source, frequency_hz: float) -> Calibration:
     """Return a calibration with true baselines, common frame and places of the axes.
 
     Parameters
@@ -32,7 +31,7 @@ def complete(calibration: Calibration, recording: Recording, source: Dipole | Lo
         From a uniform field.
     recording : Recording
         Of the source: the array's centre at the origin of the world, its attitude recorded, at rest in each pose.
-    source : Dipole or Loop
+    source : Source
         In the world.
     frequency_hz : float
         Of the source.

@@ -11,9 +11,8 @@ import numpy as np
 
 from tam_calibration.array import Array
 from tam_calibration.errors import SensorErrors
-from tam_calibration.localization.dipole import Dipole
-from tam_calibration.localization.loop import Loop
 from tam_calibration.localization.poses import Poses
+from tam_calibration.localization.source import Source
 from tam_calibration.units import FloatArray
 
 
@@ -23,7 +22,7 @@ class SourceReadings:
 
     Parameters
     ----------
-    source : Dipole or Loop
+    source : Source
         In the world.
     poses : Poses
         Of the array in the world, N.
@@ -33,7 +32,7 @@ class SourceReadings:
         As stated.
     """
 
-    source: Dipole | Loop
+    source: Source
     poses: Poses
     errors: SensorErrors
     array: Array

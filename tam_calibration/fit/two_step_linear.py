@@ -18,17 +18,8 @@ from tam_calibration.recording import SampleSource
 def two_step_linear(recording: SampleSource, array: Array) -> Calibration:
     """Fit the errors of the sensors by Yin 2014.
 
-    Parameters
-    ----------
-    recording : SampleSource
-        Samples in a uniform field of an intensity that is taken as constant, the mean square of the scalar readings.
-    array : Array
-        Geometry and noise.
-
-    Returns
-    -------
-    Calibration
-        With the covariance of a jackknife over groups of samples.
+    Parameters and result are those of ``lossless``, but the intensity is taken as constant, the mean square of the
+    scalar readings, and the covariance is that of a jackknife over groups of samples.
 
     Raises
     ------

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.constants import mu_0
 
+from tam_calibration.localization.source import Source
 from tam_calibration.units import FloatArray
 
 STRENGTH = mu_0 / (4 * np.pi)
@@ -13,31 +14,16 @@ STRENGTH = mu_0 / (4 * np.pi)
 
 
 @dataclass(frozen=True, eq=False)
-class Dipole:
-    """A magnetic dipole at rest.
+class Dipole(Source):
+    """A magnetic dipole at rest; place and moment are those of ``Source``."""
 
-    Parameters
-    ----------
-    position_m : (3,) array
-        Where it is, metres, in the frame of the points at which its field is asked for.
-    moment_Am2 : (3,) array
-        Magnetic moment in the same frame, A m².
-    """
-
-    position_m: FloatArray
-    moment_Am2: FloatArray
-
-    def field_T(self, points_m: FloatArray) -> FloatArray:
-        """Return the field (…, 3) at points (…, 3), tesla: μ₀/4π (3 (m·n) n - m)/r³."""
-        return dipole_field(points_m - self.position_m, self.moment_Am2)[0]
-
-    def gradient_T_per_m(self, points_m: FloatArray) -> FloatArray:
-        """Return the symmetric, trace-free gradient tensor (…, 3, 3) at points (…, 3), T/m."""
-        return dipole_field(points_m - self.position_m, self.moment_Am2)[1]
+    def from_offset(self, offset_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what ``dipole_field`` does for its moment."""
+        return dipole_field(offset_m, self.moment_Am2)
 
 
 def dipole_field(offset_m: FloatArray, moment_Am2: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return field, gradient and the derivative of the field by the moment.
+    """Return the field μ₀/4π (3 (m·n) n - m)/r³, its gradient, and its derivative by the moment.
 
     Parameters
     ----------

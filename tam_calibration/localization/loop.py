@@ -12,25 +12,22 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.constants import mu_0
 
+from tam_calibration.localization.source import Source
 from tam_calibration.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Loop:
-    """A circular loop of current at rest.
+class Loop(Source):
+    """A circular loop of current at rest; its moment is along its axis, current times turns times area.
 
     Parameters
     ----------
-    position_m : (3,) array
-        Its centre, metres, in the frame of the points at which its field is asked for.
-    moment_Am2 : (3,) array
-        Magnetic moment in the same frame, A m²: along the axis, current times turns times area.
+    position_m, moment_Am2 : (3,) array
+        As of every ``Source``, metres and A m².
     radius_m : float
         Of the circle, metres.
     """
 
-    position_m: FloatArray
-    moment_Am2: FloatArray
     radius_m: float
 
     @property
@@ -38,13 +35,9 @@ class Loop:
         """Current times turns, ampere."""
         return float(norm(self.moment_Am2) / area_of(self.radius_m))
 
-    def field_T(self, points_m: FloatArray) -> FloatArray:
-        """Return the field (…, 3) at points (…, 3), tesla."""
-        return loop_field(points_m - self.position_m, self.moment_Am2, self.radius_m)[0]
-
-    def gradient_T_per_m(self, points_m: FloatArray) -> FloatArray:
-        """Return the symmetric, trace-free gradient tensor (…, 3, 3) at points (…, 3), T/m."""
-        return loop_field(points_m - self.position_m, self.moment_Am2, self.radius_m)[1]
+    def from_offset(self, offset_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what ``loop_field`` does for its moment and radius."""
+        return loop_field(offset_m, self.moment_Am2, self.radius_m)
 
 
 def area_of(radius_m: float) -> float:
