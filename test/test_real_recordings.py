@@ -12,7 +12,10 @@ from tam_calibration.problems import Refused
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 RECORDINGS = SHARED / "recordings"
 
-pytestmark = pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the real recordings are not part of the package")
+pytestmark = pytest.mark.skipif(
+    not RECORDINGS.is_dir(),
+    reason=f"the recordings of phones and of a tracked sensor, which are not part of the package, are not at {RECORDINGS}",
+)
 
 
 def table():

@@ -23,7 +23,7 @@ def installed_effects() -> dict[str, Effect]:
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
         try:
             effect = point.load()()
-        except Exception as problem:
+        except Exception as problem:  # the code of another package may raise anything when it is imported
             raise InputError(
                 f"the effect {point.name} of {point.value} cannot be loaded ({problem}): repair or remove its package"
             ) from problem

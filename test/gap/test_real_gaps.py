@@ -9,7 +9,10 @@ from tam_calibration.gap import diagnose
 
 RECORDINGS = Path(__file__).parents[3] / "shared" / "data" / "recordings"
 
-pytestmark = pytest.mark.skipif(not RECORDINGS.is_dir(), reason=f"the real recordings are not at {RECORDINGS}")
+pytestmark = pytest.mark.skipif(
+    not RECORDINGS.is_dir(),
+    reason=f"the recordings of phones and of a tracked sensor, which are not part of the package, are not at {RECORDINGS}",
+)
 
 
 def gap_of(name):
