@@ -61,12 +61,8 @@ def loop_field(
 
     Returns
     -------
-    field : (…, 3) array
-        Tesla.
-    gradient : (…, 3, 3) array
-        T/m.
-    by_moment : (…, 3, 3) array
-        Rows of the field, columns of the moment, T/(A m²).
+    field, gradient, by_moment : (…, 3), (…, 3, 3), (…, 3, 3) array
+        As of ``dipole_field``: T, T/m, T/(A m²).
     """
     moment = np.asarray(moment_Am2)
     strength = norm(moment, axis=-1)[..., None, None]
