@@ -11,7 +11,7 @@ RECORDINGS = Path(__file__).parents[3] / "shared" / "data" / "recordings"
 
 pytestmark = pytest.mark.skipif(
     not RECORDINGS.is_dir(),
-    reason=f"the recordings of phones and of a tracked sensor, which are not part of the package, are not at {RECORDINGS}",
+    reason=f"the recordings of phones and a tracked sensor are not part of the package, and not at {RECORDINGS}",
 )
 
 
