@@ -79,7 +79,7 @@ class Synchroniser:
         capacity: int = 65_536,
     ) -> None:
         self.delivered = self.restarts = 0
-        self._tolerance_ns, self._patience_ns, self._hold_patience_ns = tolerance_ns, patience_ns, hold_patience_ns
+        self._patience_ns, self._hold_patience_ns = patience_ns, hold_patience_ns
         self._capacity = capacity
         self._sensors = [
             JoinedStream(sensor_stream(index + 1), tolerance_ns, True) for index in range(layout.sensor_count)

@@ -1,6 +1,6 @@
 """Reading and writing of arrays, recordings, calibrations and corrected data."""
 
-from tam_calibration.files.array_yaml import array_from_mapping, array_to_mapping, read_array, write_array
+from tam_calibration.files.array_yaml import array_to_mapping, read_array, write_array
 from tam_calibration.files.calibration_yaml import (
     FORMULA,
     calibration_from_yaml,
@@ -22,7 +22,6 @@ from tam_calibration.files.whole import write_whole
 
 __all__ = [
     "FORMULA",
-    "array_from_mapping",
     "array_to_mapping",
     "calibration_from_yaml",
     "calibration_to_mapping",

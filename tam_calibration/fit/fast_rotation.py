@@ -10,7 +10,6 @@ from numpy.linalg import inv
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import field_products, into_frame_of_first, procrustes
 from tam_calibration.fit.identifiability import require_determined
@@ -44,35 +43,6 @@ def fast_rotation(recording: SampleSource, array: Array) -> Calibration:
     to_platform = field_products(moments.joint, unmix, center)[:, :sensors, sensors]
     matrix = into_frame_of_first(inv(unmix[:, :sensors]) @ procrustes(to_platform))
     return finish("fast_rotation", recording, array, moments.data, matrix, center[:, :sensors])
-
-
-def align(recording: Recording, errors: SensorErrors) -> SensorErrors:
-    """Return the errors with the misalignment found anew from three samples or more.
-
-    Parameters
-    ----------
-    recording : Recording
-        Samples in a uniform field, one turn about any axis.
-    errors : SensorErrors
-        Scale factors, non-orthogonality and bias of the sensors as they are known; none for sensors that read along
-        orthogonal axes without bias.
-
-    Raises
-    ------
-    InputError
-        When there are fewer than three samples, or their fields lie along one line.
-    """
-    if recording.sample_count < 3:
-        raise InputError(f"{recording.sample_count} samples cannot align the sensors: three attitudes are needed")
-    zero = np.zeros_like(errors.misalignment)
-    fields = SensorErrors(errors.scale_factor, errors.non_orthogonality, errors.bias_T, zero).restore(
-        recording.readings_T
-    )
-    cross = np.einsum("nki,nj->kij", fields, fields[:, 0])
-    strength = np.linalg.svd(cross[0], compute_uv=False)
-    if strength[1] < 1e-6 * strength[0]:
-        raise InputError("the fields of the samples lie along one line: turn the array between the samples")
-    return SensorErrors.from_matrix(errors.measurement @ procrustes(cross), errors.bias_T)
 
 
 def count_determined(recording: Recording, array: Array) -> tuple[int, int]:

@@ -67,7 +67,6 @@ def track_dipole(
     array: Array,
     poses: Poses,
     regional_T: FloatArray | None = None,
-    covariance: FloatArray | None = None,
 ) -> Track:
     """Find a dipole at rest from the samples of a platform that passes it.
 
@@ -82,8 +81,6 @@ def track_dipole(
         all sensors alike, which is then no signal.
     regional_T : (3,) array, optional
         The uniform field of the world, tesla; it is fitted where it is not given.
-    covariance : (9, 9) array, optional
-        Of centre field and gradient, for the solutions of the single samples; by default that of the array's noise.
 
     Returns
     -------
@@ -100,15 +97,17 @@ def track_dipole(
     fit = fit_dipole(fields_T, array, poses, uniform_field_T=regional_T, fit_uniform_field=regional_T is None)
     regional = np.asarray(fit.uniform_field_T if regional_T is None else regional_T, dtype=float)
     own = without_regional(fields_T, poses.attitude, regional)
-    if covariance is None and array.vector_noise_T is not None:
-        covariance = array.operator * np.repeat(array.vector_noise_T**2, 3) @ array.operator.T
-        covariance = _with_attitude(covariance, regional, poses)
-    samples = locate_dipole(own.reshape(len(own), -1) @ array.operator.T, array, covariance)
+    samples = locate_dipole(own.reshape(len(own), -1) @ array.operator.T, array, _covariance(array, regional, poses))
     return Track(fit, regional, samples, poses.place_in_world(samples.position_m))
 
 
-def _with_attitude(covariance: FloatArray, regional_T: FloatArray, poses: Poses) -> FloatArray:
-    """Add to a covariance (9, 9) what an error of the attitude leaves of the regional field, the mean of its axes."""
-    widened = covariance.copy()
-    widened[:3, :3] += np.eye(3) * (2 / 3) * (poses.attitude_noise * norm(regional_T)) ** 2
-    return widened
+def _covariance(array: Array, regional_T: FloatArray, poses: Poses) -> FloatArray | None:
+    """Return the covariance (9, 9) of field and gradient.
+
+    It is of the sensors' noise and of what an error of the attitude leaves of the regional field, the mean of its axes.
+    """
+    if array.vector_noise_T is None:
+        return None
+    covariance: FloatArray = array.operator * np.repeat(array.vector_noise_T**2, 3) @ array.operator.T
+    covariance[:3, :3] += np.eye(3) * (2 / 3) * (poses.attitude_noise * norm(regional_T)) ** 2
+    return covariance

@@ -4,7 +4,6 @@ from pathlib import Path
 
 from tam_calibration.calibration import Calibration
 from tam_calibration.files import write_whole
-from tam_calibration.fit.coverage import Coverage
 from tam_calibration.recording import Recording
 from tam_calibration.report.evidence import gather
 from tam_calibration.report.formatting import count
@@ -12,9 +11,7 @@ from tam_calibration.report.page import render
 from tam_calibration.report.sections import SECTIONS
 
 
-def write_calibration_report(
-    path: Path, calibration: Calibration, recording: Recording, coverage: Coverage | None = None
-) -> None:
+def write_calibration_report(path: Path, calibration: Calibration, recording: Recording) -> None:
     """Write a self-contained HTML page about a calibration and the recording that it came from.
 
     Parameters
@@ -25,15 +22,13 @@ def write_calibration_report(
         The estimate.
     recording : Recording
         The raw recording that it was made from.
-    coverage : Coverage, optional
-        Directions of the field; measured from the recording when None.
 
     Raises
     ------
     InputError
         When the recording is not of the calibration's array, or the file cannot be written.
     """
-    evidence = gather(calibration, recording, coverage)
+    evidence = gather(calibration, recording)
     sections = [section for build in SECTIONS if (section := build(evidence)) is not None]
     page = render("Calibration report", _subtitle(calibration), sections)
     with write_whole(path) as part:

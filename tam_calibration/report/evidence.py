@@ -39,8 +39,8 @@ class Evidence:
         return "the scalar reference" if self.calibration.has_scalar_reference else "the fitted constant intensity"
 
 
-def gather(calibration: Calibration, recording: Recording, coverage: Coverage | None = None) -> Evidence:
-    """Work out residuals, and the coverage where it is not given.
+def gather(calibration: Calibration, recording: Recording) -> Evidence:
+    """Work out residuals and coverage.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def gather(calibration: Calibration, recording: Recording, coverage: Coverage | 
     return Evidence(
         calibration,
         recording,
-        coverage or measure_coverage(field_T),
+        measure_coverage(field_T),
         residual_series(SensorErrors.none(errors.sensor_count), array, recording, intensity_T),
         residual_series(errors, array, calibration.without_effects(recording), intensity_T),
     )

@@ -1,11 +1,8 @@
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
-from tam_calibration.errors import SensorErrors
-from tam_calibration.fit.fast_rotation import align, count_determined, fast_rotation
+from tam_calibration.fit.fast_rotation import count_determined, fast_rotation
 from tam_calibration.problems import InputError
 from tam_calibration.reproduce import li2018b
 
@@ -35,33 +32,3 @@ def test_three_turns_calibrate():
     case = li2018b.turns_about("zxy")
     calibration = fast_rotation(case.recording, case.array)
     assert calibration.in_sample.tensor_rmse_T_per_m < 1.1 * calibration.floor.tensor_rmse_T_per_m
-
-
-def test_three_samples_align_sensors_that_are_orthogonal():
-    """Without noise three samples of one turn about any axis give the rotations between sensors exactly."""
-    case = li2018b.turns_about("z")
-    rotation = case.errors.rotation @ case.errors.rotation[0].T
-    orthogonal = SensorErrors.from_matrix(rotation, np.zeros((4, 3)))
-    recording = replace(case.recording, readings_T=orthogonal.distort(case.field_T)).take(slice(None, None, 12))
-    assert recording.sample_count == 3
-    found = align(recording, SensorErrors.none(4))
-    assert_allclose(found.to_vector(), orthogonal.to_vector(), rtol=0, atol=1e-12)
-
-
-def test_alignment_keeps_what_is_known_of_each_sensor():
-    """Scale factors, non-orthogonality and bias come out as they went in."""
-    case = li2018b.turns_about("z")
-    recording = replace(case.recording, readings_T=case.errors.distort(case.field_T))
-    found = align(recording, case.errors)
-    assert_allclose(found.to_vector()[:, :9], case.errors.to_vector()[:, :9], rtol=0, atol=1e-12)
-    assert_allclose(found.rotation, case.errors.rotation @ case.errors.rotation[0].T, atol=1e-12)
-
-
-def test_alignment_says_what_it_needs():
-    """Two samples, and samples that were not turned, are refused."""
-    case = li2018b.turns_about("z")
-    with pytest.raises(InputError, match="2 samples cannot align"):
-        align(case.recording.take(slice(0, 2)), case.errors)
-    still = replace(case.recording, readings_T=np.repeat(case.recording.readings_T[:1], 108 // 3, axis=0))
-    with pytest.raises(InputError, match="along one line"):
-        align(still, case.errors)
