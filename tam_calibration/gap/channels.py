@@ -7,6 +7,7 @@ channel, the scalar minus the length of the field that the sensors agree on; whi
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.linalg import norm
@@ -200,40 +201,51 @@ class Channels:
         between = np.zeros((left.features.shape[1], right.features.shape[1]))
         common = np.zeros((left.common_width, right.common_width))
         for piece in self._pieces(part):
-            first, second = left.features[piece], right.features[piece]
-            taken = self._taken
-            counted, direction, precision = taken[0][piece], taken[1][piece], taken[2][piece]
-            if not counted.all():
-                first = first * counted[:, None]
-            between += first.T @ second
-            own = self._common(left, first, direction) * precision[:, None]
-            common += own.T @ self._common(right, second, direction)
+            first, second = self._seen(left, piece), self._seen(right, piece)
+            between += first[0].T @ second[0]
+            common += first[1].T @ second[1]
         total = between[np.ix_(left.index, right.index)] * self.coupling[np.ix_(left.rows, right.rows)]
-        total += self._by_atom(left, self._by_atom(right, common.T).T)
         if left.scatter is not None:
             total = left.scatter.T @ total
-        return total if right.scatter is None else total @ right.scatter
+        if right.scatter is not None:
+            total = total @ right.scatter
+        return total + left.by_column(right.by_column(common.T, self.turn).T, self.turn)
+
+    def _seen(self, design: Design, piece: slice) -> tuple[FloatArray, FloatArray]:
+        """Return the features of a design in samples that count, and what it adds to the whitened common mode.
+
+        What a short recording shows of a design is kept as long as the design.
+        """
+        if len(self._taken[0]) > _PIECE:
+            return self._seen_at(design, piece)
+        if design not in self._known:
+            self._known[design] = self._seen_at(design, slice(None))
+        features, common = self._known[design]
+        return features[piece], common[piece]
+
+    def _seen_at(self, design: Design, piece: slice) -> tuple[FloatArray, FloatArray]:
+        counted, direction, slope = (own[piece] for own in self._taken[:3])
+        features = design.features[piece]
+        if not counted.all():
+            features = features * counted[:, None]
+        if design.is_shared:
+            return features, (features[:, :, None] * direction[:, None, :]).reshape(len(features), -1)
+        by_atom = features[:, design.index] * slope[:, design.rows]
+        return features, by_atom if design.scatter is None else by_atom @ design.scatter
+
+    @cached_property
+    def _known(self) -> "WeakKeyDictionary[Design, tuple[FloatArray, FloatArray]]":
+        return WeakKeyDictionary()
 
     @cached_property
     def _taken(self) -> tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
-        """Whether a sample counts, direction, precision and score of the samples that the normal equations take."""
+        """Of the samples that the normal equations take: whether they count, the whitened direction, slope and score.
+
+        Direction (n, 4) and slope (n, 3K + 1) are of the common mode; ``direction @ turn`` is the slope.
+        """
         every = slice(None, None, self.stride)
-        return self.is_counted[every], self.direction[every], self.precision[every], self.row_score[every]
-
-    def _common(self, design: Design, features: FloatArray, direction: FloatArray) -> FloatArray:
-        """Return what a design adds to the common mode: of each atom, or of each feature in each direction."""
-        if design.is_shared:
-            return (features[:, :, None] * direction[:, None, :]).reshape(len(features), -1)
-        by_atom: FloatArray = features[:, design.index] * (direction @ self.turn[:, design.rows])
-        return by_atom
-
-    def _by_atom(self, design: Design, values: FloatArray) -> FloatArray:
-        """Return values (C, Q) of what ``_common`` returns as values (J, Q) of the atoms."""
-        if not design.is_shared:
-            return values
-        by_feature = values.reshape(design.features.shape[1], 4, -1)[design.index]
-        by_atom: FloatArray = np.einsum("jxq,xj->jq", by_feature, self.turn[:, design.rows])
-        return by_atom
+        direction = np.sqrt(self.precision[every, None]) * self.direction[every]
+        return self.is_counted[every], direction, direction @ self.turn, self.row_score[every]
 
     def score(self, design: Design, part: slice | None = None) -> FloatArray:
         """Return the score (P,) of the columns of a design: their products with the residuals."""

@@ -71,8 +71,16 @@ class Design:
 
     @property
     def common_width(self) -> int:
-        """Number of columns that are summed for the common mode: features in four directions, or atoms."""
-        return 4 * self.features.shape[1] if self.is_shared else len(self.rows)
+        """Number of columns that are summed for the common mode: features in four directions, or the design's own."""
+        return 4 * self.features.shape[1] if self.is_shared else self.width
+
+    def by_column(self, values: FloatArray, turn: FloatArray) -> FloatArray:
+        """Return values (common_width, Q) as values (P, Q) of the columns, where rows turn directions (4, 3K + 1)."""
+        if not self.is_shared:
+            return values
+        by_row: FloatArray = turn.T @ values.reshape(self.features.shape[1], 4, -1)
+        by_atom = by_row[self.index, self.rows]
+        return by_atom if self.scatter is None else self.scatter.T @ by_atom
 
     @cached_property
     def scatter(self) -> FloatArray | None:

@@ -3,11 +3,12 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import log
+from typing import Any
 
 import numpy as np
 
 from tam_calibration.effects.term import Term
-from tam_calibration.gap.regression import Projected, twice_log_likelihood_ratio
+from tam_calibration.gap.regression import Numbers, Projected, twice_log_likelihood_ratio
 from tam_calibration.units import FloatArray
 
 _RIDGE = 1e-9
@@ -56,10 +57,8 @@ def first_step(projected: Projected, terms: Sequence[Term], energy: float, count
     """Return the evidence of the best single step of a selection."""
     columns = columns_of(terms)
     gains, ranks = projected.gains([_join(columns, bundle) for bundle in bundles_of(terms)])
-    return max(
-        (evidence(energy, gain, count, int(rank)) for gain, rank in zip(gains, ranks, strict=True) if rank),
-        default=-np.inf,
-    )
+    values = evidence(energy, gains, count, ranks)
+    return float(np.max(values, where=ranks > 0, initial=-np.inf))
 
 
 def select(projected: Projected, terms: Sequence[Term], energy: float, count: float) -> Selection:
@@ -85,8 +84,7 @@ def select(projected: Projected, terms: Sequence[Term], energy: float, count: fl
         if not offers:
             break
         gains, ranks = left.gains([_join(columns, offer) for offer in offers])
-        both = zip(gains, ranks, strict=True)
-        values = np.array([evidence(energy, gained + gain, count, spent + rank) for gain, rank in both])
+        values = evidence(energy, gained + gains, count, spent + ranks)
         values[ranks == 0] = -np.inf
         first = int(np.argmax(values))
         value = float(values[first]) - (steps + 1) * choice
@@ -101,9 +99,10 @@ def select(projected: Projected, terms: Sequence[Term], energy: float, count: fl
     return _trimmed(projected, columns, sorted(chosen), energy, count, steps * choice)
 
 
-def evidence(energy: float, gain: float, count: float, rank: int) -> float:
-    """Return n ln(S / (S - gain)) - p ln n: the free-scale BIC without the terms less that with them."""
-    return twice_log_likelihood_ratio(energy, gain, count) - rank * log(count)
+def evidence(energy: float, gain: Numbers, count: float, rank: Any) -> Numbers:
+    """Return n ln(S / (S - gain)) - p ln n: the free-scale BIC without the terms less that with them, for each gain."""
+    price: Numbers = rank * log(count)
+    return twice_log_likelihood_ratio(energy, gain, count) - price
 
 
 def _join(columns: list[np.ndarray], terms: Iterable[int]) -> np.ndarray:
@@ -124,11 +123,8 @@ def _trimmed(
             return best
         widths = np.array([len(columns[index]) for index in chosen])
         lost = _lost(inverse, values, widths)
-        rivals = [
-            evidence(energy, gain - one, count, rank - min(rank, width)) - choice
-            for one, width in zip(lost, widths, strict=True)
-        ]
-        if max(rivals) <= best.delta_bic:
+        rivals = evidence(energy, gain - lost, count, rank - np.minimum(rank, widths)) - choice
+        if rivals.max() <= best.delta_bic:
             return best
         del chosen[int(np.argmax(rivals))]
     return Selection((), 0.0, 0, 0.0)

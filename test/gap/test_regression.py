@@ -91,7 +91,7 @@ def test_an_extended_base_is_the_base_of_both(made, dense):
     calibration, drift = channels.calibration, Design.of(drift_terms(channels))
     curves = Design.of(Nonlinearity().terms(channels.situation, {"full_scale_T": 5e-5})[:3])
     base = Base(channels, [calibration])
-    extended = base.extended(drift)
+    extended = Base(channels, [calibration, drift])
     assert extended.rank == base.rank + drift.width and extended.calibration_rank == base.rank
     assert extended.energy == pytest.approx(base.energy - base.project(drift).gain()[0], rel=1e-6)
     assert extended.energy == pytest.approx(dense(made).left(calibration, drift), rel=1e-6)
