@@ -55,8 +55,10 @@ def field_offsets(columns: Sequence[str]) -> list[tuple[str, int]]:
 
 
 def center_covariance(standard_errors: FloatArray) -> FloatArray:
-    """Return the row-major (9,) covariance of the centre vector, T², of the (9,) standard errors of the outputs."""
-    return np.diag(standard_errors[:3] ** 2).ravel()
+    """Return row-major (…, 9) covariances of the centre vector, T², of the (…, 9) standard errors of the outputs."""
+    covariance = np.zeros(standard_errors.shape)
+    covariance[..., ::4] = standard_errors[..., :3] ** 2
+    return covariance
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """The serialised messages of ROS 2 (CDR) whose stamp and numbers are read and filled in without building objects."""
 
+import struct
 from collections.abc import Iterator
 from typing import Any, Literal
 
@@ -20,6 +21,9 @@ _KINDS: dict[ByteOrder, int] = {"<": 0x0100, ">": 0x0000}
 
 _HEAD = np.dtype([("seconds", "i4"), ("nanoseconds", "u4"), ("length", "u4")])
 """Stamp, and length of the frame's name."""
+
+_HEADS = {_KINDS[order].to_bytes(2, "little"): (order, struct.Struct(f"{order}iII")) for order in _KINDS}
+"""Byte order and head by the first two bytes of a message."""
 
 _DAMAGED = "a message is damaged: it is too short, or not in the serialisation CDR"
 
@@ -53,6 +57,38 @@ def read_float64s(messages: RawMessages) -> tuple[None, FloatArray]:
     for chosen, part, order in _by_byte_order(messages):
         values[chosen, 0] = _take(part, _BODY, 8).view(f"{order}f8")
     return None, values
+
+
+def read_stamp_and_doubles(message: bytes, count: int) -> tuple[int, tuple[float, ...]]:
+    """Return stamp and doubles of one message: as ``read_stamped_doubles``, in a sixtieth of its time for a single one.
+
+    Raises
+    ------
+    InputError
+        When the message is truncated or not plain CDR.
+    """
+    try:
+        order, head = _HEADS[message[:2]]
+        seconds, nanoseconds, length = head.unpack_from(message, _BODY)
+        begin = _BODY + (head.size + length + 7 & -8)
+        return seconds * 1_000_000_000 + nanoseconds, struct.unpack_from(f"{order}{count}d", message, begin)
+    except (KeyError, struct.error):
+        raise InputError(_DAMAGED) from None
+
+
+def read_float64(message: bytes) -> float:
+    """Return the number of one message ``std_msgs/Float64``.
+
+    Raises
+    ------
+    InputError
+        When the message is truncated or not plain CDR.
+    """
+    try:
+        value: float = struct.unpack_from(f"{_HEADS[message[:2]][0]}d", message, _BODY)[0]
+    except (KeyError, struct.error):
+        raise InputError(_DAMAGED) from None
+    return value
 
 
 def _by_byte_order(messages: RawMessages) -> Iterator[tuple[slice | NDArray[np.bool_], RawMessages, ByteOrder]]:

@@ -1,7 +1,9 @@
 """What the nodes share: checked parameters, and health in /diagnostics once a second."""
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +13,10 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
 
 from tam_calibration.nodes.parameters import Rule
 from tam_calibration.problems import InputError
@@ -41,7 +46,7 @@ class Health:
 
 
 class TamNode(Node):
-    """A node that refuses parameters it does not know and tells its health.
+    """A node that refuses parameters it does not know, streams serialised messages, and tells its health.
 
     Parameters
     ----------
@@ -67,12 +72,49 @@ class TamNode(Node):
             if self.has_parameter(rule.name):  # as given, without its rule
                 self.undeclare_parameter(rule.name)
             self.declare_parameter(rule.name, rule.default, rule.descriptor())
+        self._unusable, self._unusable_told = Counter[str](), Counter[str]()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_timer(1.0, self._publish_health, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def value(self, name: str) -> Any:
         """Return the present value of a parameter."""
         return self.get_parameter(name).value
+
+    def offer(self, message_type: Any, topic: str, quality: QoSProfile) -> Publisher:
+        """Return a publisher whose quality of service parameters may override (``qos_overrides.…``)."""
+        return self.create_publisher(
+            message_type, topic, copy(quality), qos_overriding_options=QoSOverridingOptions.with_default_policies()
+        )
+
+    def listen(self, message_type: Any, topic: str, take: Callable[[bytes], None], quality: QoSProfile) -> Subscription:
+        """Have a function called with every serialised message of a topic; parameters may override the quality."""
+        return self.create_subscription(
+            message_type,
+            topic,
+            take,
+            copy(quality),
+            raw=True,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+
+    def listen_to_all(
+        self, message_type: Any, topic: str, take: Callable[[list[bytes]], None], quality: QoSProfile
+    ) -> None:
+        """Have a function called with all serialised messages that wait, oldest first.
+
+        A node that falls behind gets more of them in a call, so that each costs less and it catches up.
+        """
+
+        def take_waiting(first: bytes) -> None:
+            take([first, *waiting(subscription)])
+
+        subscription = self.listen(message_type, topic, take_waiting, quality)
+
+    def refuse(self, topic: str, problem: str) -> None:
+        """Count a message that cannot be used; the first of a topic is logged, all are told in /diagnostics."""
+        if not self._unusable[topic]:
+            self.get_logger().warning(f"{topic}: {problem}; more of them are counted in /diagnostics")
+        self._unusable[topic] += 1
 
     @abstractmethod
     def health(self) -> Health:
@@ -100,7 +142,7 @@ class TamNode(Node):
     def _publish_health(self) -> None:
         if not self._diagnostics.get_subscription_count():
             return
-        health = self.health()
+        health = self._with_unusable(self.health())
         name = self.get_fully_qualified_name().lstrip("/")
         status = DiagnosticStatus(level=health.level, name=name, message=health.message)
         values = {**health.values, **self._peers()}
@@ -109,8 +151,27 @@ class TamNode(Node):
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
+    def _with_unusable(self, health: Health) -> Health:
+        """Add what was refused to the health; what was refused since the last time is a warning."""
+        new, self._unusable_told = self._unusable - self._unusable_told, self._unusable.copy()
+        if not self._unusable:
+            return health
+        values = {f"unusable.{topic}": count for topic, count in self._unusable.items()}
+        told = "".join(f"; {count} messages of {topic} cannot be used, see the log" for topic, count in new.items())
+        level = max(health.level, WARN) if new else health.level
+        return Health(level, health.message + told, {**health.values, **values})
+
     def _peers(self) -> dict[str, object]:
         """Return the number of peers on each topic: what nobody listens to is not published."""
         outputs = {f"subscribers.{each.topic_name}": each.get_subscription_count() for each in self.publishers}
         inputs = {f"publishers.{each.topic_name}": each.get_publisher_count() for each in self.subscriptions}
         return {key: count for key, count in (outputs | inputs).items() if not key.endswith(_TOPICS_OF_ROS)}
+
+
+def waiting(subscription: Subscription) -> Iterator[bytes]:
+    """Take the serialised messages that wait in a subscription, as many as there are room for in its queue."""
+    with subscription.handle:
+        for _ in range(subscription.qos_profile.depth):
+            if (taken := subscription.handle.take_message(subscription.msg_type, True)) is None:
+                return
+            yield taken[0]

@@ -22,7 +22,7 @@ from tam_calibration.nodes.cloud import read_cloud
 from tam_calibration.nodes.parameters import ARRAY_FILE, Rule, array_of
 from tam_calibration.nodes.quality import describe, figures
 from tam_calibration.nodes.signals import Startup
-from tam_calibration.nodes.spinning import spin_node
+from tam_calibration.nodes.spinning import spin_nodes
 from tam_calibration.nodes.store import SampleStore
 from tam_calibration.problems import InputError, Refused
 
@@ -176,4 +176,4 @@ def _figures_of(gap: Gap | None) -> dict[str, object]:
 
 def spin(startup: Startup) -> None:
     """Run the calibrator until it is told to end."""
-    spin_node(startup, Calibrator, partial(MultiThreadedExecutor, num_threads=2))
+    spin_nodes(startup, [Calibrator], partial(MultiThreadedExecutor, num_threads=2))

@@ -2,16 +2,29 @@
 
 import array
 import struct
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from itertools import groupby
 
 import numpy as np
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
-from tam_calibration.pointcloud_layout import FLOAT64_SIZE, POINT_FIELD_FLOAT64, field_offsets
+from tam_calibration.nodes.message_writer import MessageWriter
+from tam_calibration.pointcloud_layout import FLOAT64_SIZE, POINT_FIELD_FLOAT64, SampleLayout, field_offsets
 from tam_calibration.problems import InputError
+from tam_calibration.stream_batch import IntArray
 from tam_calibration.units import FloatArray
+
+_STAMP = slice(4, 12)
+"""Where a serialised message has the stamp of its header."""
+
+_LITTLE_ENDIAN = b"\0\1"
+_AFTER_DATA = 1
+"""Bytes of a serialised cloud behind its data; what else is there fills up to a multiple of four."""
 
 
 def make_cloud(header: Header, columns: tuple[str, ...], row: Sequence[float] = ()) -> PointCloud2:
@@ -41,6 +54,118 @@ def read_cloud(cloud: PointCloud2) -> tuple[tuple[str, ...], FloatArray]:
     if len(cloud.data) != cloud.width * cloud.height * cloud.point_step:
         raise InputError(f"the point cloud holds {len(cloud.data)} bytes, not {cloud.width * cloud.height} rows")
     return columns, np.frombuffer(cloud.data, "<f8").reshape(-1, max(len(columns), 1))
+
+
+def cloud_writer(columns: tuple[str, ...], frame_id: str) -> MessageWriter:
+    """Return what serialises clouds of one row that differ in stamp and numbers alone."""
+    template = bytes(serialize_message(make_cloud(Header(frame_id=frame_id), columns, [0.0] * len(columns))))
+    return MessageWriter(template, len(template) - _start_of_data(template, len(columns)))
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The rows of clouds that follow each other.
+
+    Parameters
+    ----------
+    columns : tuple of str
+        Names of the columns.
+    stamps_ns : (N,) array of int
+        Stamp of the cloud of each row, nanoseconds.
+    values : (N, columns) array
+        The rows; none where the cloud was empty.
+    """
+
+    columns: tuple[str, ...]
+    stamps_ns: IntArray
+    values: FloatArray
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """What clouds of one row have in common: all bytes between their stamp and their numbers."""
+
+    columns: tuple[str, ...]
+    between: bytes
+    size: int
+
+    @classmethod
+    def of(cls, message: bytes, columns: tuple[str, ...]) -> "_Shape":
+        return cls(columns, message[_STAMP.stop : _start_of_data(message, len(columns))], len(message))
+
+    def is_that_of(self, message: bytes) -> bool:
+        is_alike = len(message) == self.size and message.startswith(self.between, _STAMP.stop)
+        return is_alike and message.startswith(_LITTLE_ENDIAN)
+
+    def rows(self, messages: Sequence[bytes]) -> Rows:
+        kind = np.dtype(
+            {
+                "names": ["seconds", "nanoseconds", "row"],
+                "formats": ["<i4", "<u4", ("<f8", len(self.columns))],
+                "offsets": [_STAMP.start, _STAMP.start + 4, _STAMP.stop + len(self.between)],
+                "itemsize": self.size,
+            }
+        )
+        read = np.frombuffer(b"".join(messages), kind)
+        stamps_ns = read["seconds"].astype(np.int64) * 1_000_000_000 + read["nanoseconds"]
+        return Rows(self.columns, stamps_ns, np.ascontiguousarray(read["row"]))
+
+
+class CloudReader:
+    """Reads serialised clouds, many at once where they are alike; what is like a cloud before is not parsed again.
+
+    Parameters
+    ----------
+    refuse : callable
+        Called with what is wrong with a cloud that cannot be read; the others are not lost by it.
+    """
+
+    def __init__(self, refuse: Callable[[str], None]) -> None:
+        self._refuse = refuse
+        self._shape: _Shape | None = None
+
+    def read(self, messages: Sequence[bytes]) -> Iterator[Rows]:
+        """Yield the rows of clouds in their order."""
+        for shape, alike in groupby(messages, self._known_shape):
+            if shape:
+                yield shape.rows(list(alike))
+            else:
+                for message in alike:
+                    try:
+                        yield self._parse(message)
+                    except InputError as problem:
+                        self._refuse(str(problem))
+
+    def _known_shape(self, message: bytes) -> _Shape | None:
+        return self._shape if self._shape and self._shape.is_that_of(message) else None
+
+    def _parse(self, message: bytes) -> Rows:
+        try:
+            cloud: PointCloud2 = deserialize_message(message, PointCloud2)
+        except rclpy_implementation.RMWError:
+            raise InputError("the point cloud is damaged, or not in the serialisation CDR") from None
+        columns, values = read_cloud(cloud)
+        if len(values) == 1 and message.startswith(_LITTLE_ENDIAN):
+            self._shape = _Shape.of(message, columns)
+        stamp_ns = cloud.header.stamp.sec * 1_000_000_000 + cloud.header.stamp.nanosec
+        return Rows(columns, np.full(len(values), stamp_ns), values)
+
+
+@lru_cache(maxsize=8)
+def layout_of(columns: tuple[str, ...]) -> SampleLayout:
+    """Return the layout of samples that has these columns.
+
+    Raises
+    ------
+    InputError
+        When no layout has them.
+    """
+    return SampleLayout.from_columns(columns)
+
+
+def _start_of_data(message: bytes, columns: int) -> int:
+    """Return where the numbers of a serialised cloud of one row begin, a multiple of four."""
+    return len(message) - FLOAT64_SIZE * columns - _AFTER_DATA & -4
 
 
 @cache

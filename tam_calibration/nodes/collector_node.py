@@ -2,26 +2,29 @@
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import groupby
+from typing import Any
 
 import numpy as np
-from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.time import Time
 from sensor_msgs.msg import Imu, MagneticField, PointCloud2, Temperature
 from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
 
 from tam_calibration.files.bag_topics import CHANNEL_TOPICS, sensor_topic
+from tam_calibration.files.cdr import read_float64, read_stamp_and_doubles
 from tam_calibration.files.recording_file import TOLERANCE_S
 from tam_calibration.fit.coverage import Coverage, LiveCoverage
 from tam_calibration.message_stream import sensor_stream
 from tam_calibration.nodes.base import ERROR, OK, RELIABLE_STREAM, STALE, STREAM, WARN, Health, TamNode
-from tam_calibration.nodes.cloud import make_cloud
+from tam_calibration.nodes.cloud import cloud_writer, make_cloud
+from tam_calibration.nodes.message_writer import publish
 from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 from tam_calibration.nodes.signals import Startup
-from tam_calibration.nodes.spinning import spin_node
+from tam_calibration.nodes.spinning import spin_nodes
 from tam_calibration.pointcloud_layout import SampleLayout
+from tam_calibration.problems import InputError
 from tam_calibration.synchronisation import Sample, Synchroniser
 
 SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
@@ -54,7 +57,8 @@ class Collector(TamNode):
         self._synchroniser: Synchroniser | None = None
         self._heard_s: dict[str, float] = {}
         self._epoch = self._lost = 0
-        self._samples = self.create_publisher(PointCloud2, "samples", RELIABLE_STREAM)
+        self._samples = self.offer(PointCloud2, "samples", RELIABLE_STREAM)
+        self._writer = cloud_writer(self._layout.columns, self._frame_id)
         self._subscribe()
         self.create_service(Trigger, "~/reset", self._reset)
 
@@ -100,35 +104,47 @@ class Collector(TamNode):
 
     def _subscribe(self) -> None:
         for sensor, name in enumerate(self._sensors, start=1):
-            self.create_subscription(MagneticField, sensor_topic(sensor), partial(self._take_sensor, name), STREAM)
+            self._take_from(MagneticField, sensor_topic(sensor), partial(self._take_sensor, name))
         scalar_type = SCALAR_TYPES[self.value("scalar_type")]
-        self.create_subscription(scalar_type, SCALAR_TOPIC, self._take_scalar, STREAM)
-        self.create_subscription(Imu, CHANNEL_TOPICS["attitude"], self._take_attitude, STREAM)
-        self.create_subscription(Temperature, CHANNEL_TOPICS["temperature"], self._take_temperature, STREAM)
-        self.create_subscription(Float64, CHANNEL_TOPICS["current"], self._take_current, STREAM)
+        take_scalar = self._take_norm if scalar_type is MagneticField else partial(self._take_number, "scalar")
+        self._take_from(scalar_type, SCALAR_TOPIC, take_scalar)
+        self._take_from(Imu, CHANNEL_TOPICS["attitude"], self._take_attitude)
+        self._take_from(Temperature, CHANNEL_TOPICS["temperature"], self._take_temperature)
+        self._take_from(Float64, CHANNEL_TOPICS["current"], partial(self._take_number, "current"))
 
-    def _take_sensor(self, stream: str, message: MagneticField) -> None:
-        self._push(stream, _stamp_ns(message.header), _vector(message))
+    def _take_from(self, message_type: Any, topic: str, take: Callable[[bytes], None]) -> None:
+        """Subscribe a topic; messages come in the order in which they arrived on all topics."""
+
+        def take_or_refuse(message: bytes) -> None:
+            try:
+                take(message)
+            except InputError as problem:
+                self.refuse(topic, str(problem))
+
+        self.listen(message_type, topic, take_or_refuse, STREAM)
+
+    def _take_sensor(self, stream: str, message: bytes) -> None:
+        stamp_ns, vector = read_stamp_and_doubles(message, 3)
+        if not all(map(math.isfinite, vector)):
+            raise InputError("a reading is NaN or infinite")
+        self._push(stream, stamp_ns, vector)
         self._heard_s[stream] = time.monotonic()
 
-    def _take_scalar(self, message: MagneticField | Float64) -> None:
-        if isinstance(message, Float64):
-            self._push("scalar", None, (message.data,))
-        else:
-            x, y, z = _vector(message)
-            self._push("scalar", _stamp_ns(message.header), (math.sqrt(x * x + y * y + z * z),))
+    def _take_norm(self, message: bytes) -> None:
+        stamp_ns, (x, y, z) = read_stamp_and_doubles(message, 3)
+        self._push("scalar", stamp_ns, (math.sqrt(x * x + y * y + z * z),))
 
-    def _take_attitude(self, message: Imu) -> None:
-        turn = message.orientation
-        values = (turn.x, turn.y, turn.z, turn.w)
-        if message.orientation_covariance[0] != -1 and any(values):  # else the driver says that it has none
-            self._push("attitude", _stamp_ns(message.header), values)
+    def _take_attitude(self, message: bytes) -> None:
+        stamp_ns, doubles = read_stamp_and_doubles(message, 5)
+        quaternion, first_of_covariance = doubles[:4], doubles[4]
+        if first_of_covariance != -1 and any(quaternion):  # else the driver says that it has none
+            self._push("attitude", stamp_ns, quaternion)
 
-    def _take_temperature(self, message: Temperature) -> None:
-        self._push("temperature", _stamp_ns(message.header), (message.temperature,))
+    def _take_temperature(self, message: bytes) -> None:
+        self._push("temperature", *read_stamp_and_doubles(message, 1))
 
-    def _take_current(self, message: Float64) -> None:
-        self._push("current", None, (message.data,))
+    def _take_number(self, stream: str, message: bytes) -> None:
+        self._push(stream, None, (read_float64(message),))
 
     def _push(self, stream: str, stamp_ns: int | None, values: Sequence[float]) -> None:
         if self._synchroniser is None:
@@ -146,24 +162,24 @@ class Collector(TamNode):
         )
 
     def _deliver(self, samples: Sequence[Sample]) -> None:
-        for sample in samples:
-            if sample.epoch != self._epoch:
-                self._epoch = sample.epoch
+        for epoch, group in groupby(samples, lambda sample: sample.epoch):
+            if epoch != self._epoch:
+                self._epoch = epoch
                 self._coverage.reset()
-            readings = np.array(sample.values[: 3 * self._layout.sensor_count]).reshape(1, -1, 3)
-            self._coverage.add(readings)
-            if self._samples.get_subscription_count():
-                self._samples.publish(self._cloud(sample.stamp_ns, (sample.stamp_ns / 1_000_000_000, *sample.values)))
+            self._hand_on(list(group))
 
-    def _cloud(self, stamp_ns: int, row: Sequence[float]) -> PointCloud2:
-        header = Header(stamp=Time(nanoseconds=stamp_ns).to_msg(), frame_id=self._frame_id)
-        return make_cloud(header, self._layout.columns, row)
+    def _hand_on(self, samples: Sequence[Sample]) -> None:
+        rows = np.array([(sample.stamp_ns / 1_000_000_000, *sample.values) for sample in samples])
+        self._coverage.add(rows[:, 1 : 1 + 3 * self._layout.sensor_count].reshape(len(rows), -1, 3))
+        if self._samples.get_subscription_count():
+            publish(self._samples, self._writer.messages(rows, np.array([sample.stamp_ns for sample in samples])))
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Forget coverage and losses; an empty cloud tells the calibrator to start over as well."""
         self._coverage.reset()
         self._synchroniser, self._lost, self._epoch = None, 0, 0
-        self._samples.publish(self._cloud(self.get_clock().now().nanoseconds, ()))
+        header = Header(stamp=self.get_clock().now().to_msg(), frame_id=self._frame_id)
+        self._samples.publish(make_cloud(header, self._layout.columns))
         response.success, response.message = (
             True,
             "coverage, losses and stored samples are forgotten: start turning the array",
@@ -191,15 +207,6 @@ def _count(synchroniser: Synchroniser) -> dict[str, object]:
     return overall | {"losses": synchroniser.explain_losses()} | by_stream
 
 
-def _stamp_ns(header: Header) -> int:
-    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
-
-
-def _vector(message: MagneticField) -> tuple[float, float, float]:
-    field = message.magnetic_field
-    return field.x, field.y, field.z
-
-
 def spin(startup: Startup) -> None:
     """Run the collector until it is told to end."""
-    spin_node(startup, Collector, EventsExecutor)
+    spin_nodes(startup, [Collector])

@@ -2,12 +2,10 @@
 
 import time
 from collections import deque
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Vector3
-from rclpy.experimental.events_executor import EventsExecutor
 from sensor_msgs.msg import MagneticField, PointCloud2
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, String
 
@@ -15,11 +13,12 @@ from tam_calibration.calibration import Calibration
 from tam_calibration.correction import Correction, why_left_in
 from tam_calibration.files import calibration_from_yaml, read_calibration
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
-from tam_calibration.nodes.cloud import make_cloud, read_cloud
+from tam_calibration.nodes.cloud import CloudReader, Rows, cloud_writer, layout_of
+from tam_calibration.nodes.message_writer import MessageWriter, publish
 from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 from tam_calibration.nodes.quality import figures
 from tam_calibration.nodes.signals import Startup
-from tam_calibration.nodes.spinning import spin_node
+from tam_calibration.nodes.spinning import spin_nodes
 from tam_calibration.pointcloud_layout import (
     FIELD_GRADIENT_COLUMNS,
     GRADIENT_DIMENSIONS,
@@ -28,6 +27,7 @@ from tam_calibration.pointcloud_layout import (
     center_covariance,
 )
 from tam_calibration.problems import InputError
+from tam_calibration.stream_batch import IntArray
 from tam_calibration.units import FloatArray, to_nanotesla
 
 RULES = (
@@ -53,7 +53,6 @@ class Corrector(TamNode):
     def __init__(self) -> None:
         super().__init__("corrector", RULES)
         self._array = array_of(self)
-        self._frame_id: str = self.value("frame_id")
         self._calibration: Calibration | None = None
         self._correction: Correction | None = None
         self._left_in: tuple[str, ...] = ()
@@ -61,13 +60,12 @@ class Corrector(TamNode):
         self._received = self._corrected = 0
         self._heard_s, self._newest_s = -np.inf, np.nan
         self._squares: deque[float] = deque(maxlen=WINDOW_SAMPLES)
-        self._center = self.create_publisher(MagneticField, "center", RELIABLE_STREAM)
-        self._gradient = self.create_publisher(Float64MultiArray, "gradient", RELIABLE_STREAM)
-        self._field_gradient = self.create_publisher(PointCloud2, "field_gradient", RELIABLE_STREAM)
+        self._reader = CloudReader(partial(self.refuse, "samples"))
+        self._offer_outputs(self.value("frame_id"))
         if path := self.value("calibration_file"):
             self._switch(read_calibration(Path(path)))
         self.create_subscription(String, "calibration", self._take_calibration, LATCHED)
-        self.create_subscription(PointCloud2, "samples", self._take_samples, RELIABLE_STREAM)
+        self.listen_to_all(PointCloud2, "samples", self._take_samples, RELIABLE_STREAM)
 
     def health(self) -> Health:
         """Return whether samples are corrected, and how far |B| is from the scalar reference."""
@@ -116,61 +114,69 @@ class Corrector(TamNode):
             raise InputError("the calibration is of another array: choose the array_file that it was made with")
         correction = Correction(calibration)
         self._correction = correction if correction.takes_off else None
-        self._tell_errors(calibration.output_standard_errors, ())
+        self._left_in = ()
         self._calibration, self._problem_of_calibration = calibration, ""
         self._squares.clear()
 
-    def _tell_errors(self, standard_errors: FloatArray, left_in: tuple[str, ...]) -> None:
-        self._covariance = center_covariance(standard_errors).tolist()
-        self._standard_errors, self._left_in = standard_errors.tolist(), left_in
+    def _offer_outputs(self, frame_id: str) -> None:
+        header = Header(frame_id=frame_id)
+        self._center = self.offer(MagneticField, "center", RELIABLE_STREAM)
+        self._center_writer = MessageWriter.of(MagneticField(header=header), 12)
+        self._gradient = self.offer(Float64MultiArray, "gradient", RELIABLE_STREAM)
+        self._gradient_writer = MessageWriter.of(Float64MultiArray(layout=_GRADIENT_LAYOUT, data=[0.0] * 9), 9)
+        self._field_gradient = self.offer(PointCloud2, "field_gradient", RELIABLE_STREAM)
+        self._field_gradient_writer = cloud_writer(FIELD_GRADIENT_COLUMNS, frame_id)
 
-    def _take_samples(self, cloud: PointCloud2) -> None:
-        try:
-            columns, rows = read_cloud(cloud)
-            layout = SampleLayout.from_columns(columns)
-            if layout.sensor_count != self._array.sensor_count:
-                raise InputError(f"samples of {layout.sensor_count} sensors, the array has {self._array.sensor_count}")
-        except InputError as problem:
-            self._problem_of_samples = str(problem)
-            return
-        self._problem_of_samples, self._heard_s = "", time.monotonic()
-        self._received += len(rows)
-        if self._calibration is not None:
-            for row in rows:
-                self._correct(self._calibration, cloud.header.stamp, layout, row)
+    def _take_samples(self, messages: list[bytes]) -> None:
+        for rows in self._reader.read(messages):
+            try:
+                layout = layout_of(rows.columns)
+                if layout.sensor_count != self._array.sensor_count:
+                    raise InputError(
+                        f"samples of {layout.sensor_count} sensors, the array has {self._array.sensor_count}"
+                    )
+            except InputError as problem:
+                self._problem_of_samples = str(problem)
+                continue
+            self._problem_of_samples, self._heard_s = "", time.monotonic()
+            self._received += len(rows.values)
+            if self._calibration is not None and len(rows.values):
+                self._correct(self._calibration, layout, rows)
 
-    def _correct(self, calibration: Calibration, stamp: Time, layout: SampleLayout, row: FloatArray) -> None:
+    def _correct(self, calibration: Calibration, layout: SampleLayout, rows: Rows) -> None:
         last = 1 + 3 * layout.sensor_count
-        readings = row[1:last].reshape(1, -1, 3)
-        if self._correction is None or not np.isfinite(readings).all():
-            outputs = calibration.apply(readings)[0]
-        else:
-            outputs = self._without_effects(self._correction, layout, row)
-        if layout.scalar and np.isfinite(scalar_T := row[last]):
-            self._squares.append(float((np.linalg.norm(outputs[:3]) - scalar_T) ** 2))
-        self._newest_s = float(row[0])
-        self._corrected += 1
-        self._publish(Header(stamp=stamp, frame_id=self._frame_id), outputs.tolist())
+        readings = rows.values[:, 1:last].reshape(len(rows.values), -1, 3)
+        outputs = calibration.apply(readings)
+        errors = np.tile(calibration.output_standard_errors, (len(outputs), 1))
+        if self._correction is not None:
+            usable = np.flatnonzero(np.isfinite(readings).all(axis=(1, 2)))
+            for run in np.split(usable, np.flatnonzero(np.diff(rows.values[usable, 0]) <= 0) + 1):
+                if len(run):
+                    outputs[run], errors[run] = self._without_effects(self._correction, layout, rows.values[run])
+        if layout.scalar:
+            squares = (np.linalg.norm(outputs[:, :3], axis=1) - rows.values[:, last]) ** 2
+            self._squares.extend(squares[np.isfinite(squares)].tolist())
+        self._newest_s = float(rows.values[-1, 0])
+        self._corrected += len(outputs)
+        self._publish(rows.stamps_ns, outputs, errors)
 
-    def _without_effects(self, correction: Correction, layout: SampleLayout, row: FloatArray) -> FloatArray:
-        batch = correction.correct(layout.recording(np.where(np.isfinite(row), row, np.nan)[None]))
-        if batch.left_in != self._left_in:
-            self._tell_errors(batch.standard_errors[0], batch.left_in)
-        outputs: FloatArray = batch.outputs[0]
-        return outputs
+    def _without_effects(
+        self, correction: Correction, layout: SampleLayout, rows: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return outputs and standard errors of samples whose time rises."""
+        batch = correction.correct(layout.recording(np.where(np.isfinite(rows), rows, np.nan)))
+        self._left_in = batch.left_in
+        return batch.outputs, batch.standard_errors
 
-    def _publish(self, header: Header, outputs: list[float]) -> None:
+    def _publish(self, stamps_ns: IntArray, outputs: FloatArray, errors: FloatArray) -> None:
         if self._center.get_subscription_count():
-            field = Vector3(x=outputs[0], y=outputs[1], z=outputs[2])
-            self._center.publish(
-                MagneticField(header=header, magnetic_field=field, magnetic_field_covariance=self._covariance)
-            )
+            values = np.hstack([outputs[:, :3], center_covariance(errors)])
+            publish(self._center, self._center_writer.messages(values, stamps_ns))
         if self._array.has_gradient and self._gradient.get_subscription_count():
-            data = [outputs[index] for index in GRADIENT_ROW_MAJOR]
-            self._gradient.publish(Float64MultiArray(layout=_GRADIENT_LAYOUT, data=data))
+            publish(self._gradient, self._gradient_writer.messages(outputs[:, GRADIENT_ROW_MAJOR], None))
         if self._field_gradient.get_subscription_count():
-            row = [*outputs, *self._standard_errors]
-            self._field_gradient.publish(make_cloud(header, FIELD_GRADIENT_COLUMNS, row))
+            values = np.hstack([outputs, errors])
+            publish(self._field_gradient, self._field_gradient_writer.messages(values, stamps_ns))
 
 
 _GRADIENT_LAYOUT = MultiArrayLayout(
@@ -180,4 +186,4 @@ _GRADIENT_LAYOUT = MultiArrayLayout(
 
 def spin(startup: Startup) -> None:
     """Run the corrector until it is told to end."""
-    spin_node(startup, Corrector, EventsExecutor)
+    spin_nodes(startup, [Corrector])

@@ -2,13 +2,14 @@
 
 import time
 from collections import Counter
+from collections.abc import Iterable, Sequence
+from functools import partial
+from importlib import import_module
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-import scipy.spatial.transform  # noqa: F401  else it would be loaded while the first samples wait
-from geometry_msgs.msg import Point, PointStamped
-from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.time import Time
+from geometry_msgs.msg import PointStamped
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header, String
 
@@ -20,12 +21,13 @@ from tam_calibration.localization.sample_by_sample import Regional, locate_sampl
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.nodes.attitude_join import AttitudeJoin, Joined
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
-from tam_calibration.nodes.cloud import make_cloud, read_cloud
+from tam_calibration.nodes.cloud import CloudReader, cloud_writer, layout_of
+from tam_calibration.nodes.message_writer import MessageWriter, publish
 from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 from tam_calibration.nodes.signals import Startup
 from tam_calibration.nodes.source_rows import source_rows
-from tam_calibration.nodes.spinning import spin_node
-from tam_calibration.pointcloud_layout import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS, SampleLayout
+from tam_calibration.nodes.spinning import spin_nodes
+from tam_calibration.pointcloud_layout import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
@@ -67,7 +69,7 @@ class Localizer(TamNode):
         super().__init__("localizer", RULES)
         self._stated_array = self._array = array_of(self)
         self._calibration: Calibration | None = None
-        self._frame_id: str = self.value("fixed_frame") or self.value("frame_id")
+        import_module("scipy.spatial.transform")  # else it would be loaded while the first samples wait
         self._given: str = self.value("regional")
         known = () if self._given in (FITTED, NONE) else (Regional(field_at(self._given), self._attitude_noise),)
         self._regional: Regional | None = next(iter(known), None)
@@ -75,14 +77,18 @@ class Localizer(TamNode):
         self._problem_of_calibration = self._problem_of_samples = ""
         self._received, self._statuses = 0, Counter[Status]()
         self._newest_ns, self._heard_s = -1, -np.inf
-        self._source = self.create_publisher(PointStamped, "source", RELIABLE_STREAM)
-        self._estimate = self.create_publisher(PointCloud2, "source_estimate", RELIABLE_STREAM)
+        frame_id: str = self.value("fixed_frame") or self.value("frame_id")
+        self._source = self.offer(PointStamped, "source", RELIABLE_STREAM)
+        self._source_writer = MessageWriter.of(PointStamped(header=Header(frame_id=frame_id)), 3)
+        self._estimate = self.offer(PointCloud2, "source_estimate", RELIABLE_STREAM)
+        self._estimate_writer = cloud_writer(SOURCE_COLUMNS, frame_id)
         if path := self.value("calibration_file"):
             self._switch(read_calibration(Path(path)))
         self.create_subscription(String, "calibration", self._take_calibration, LATCHED)
-        self.create_subscription(PointCloud2, "field_gradient", self._take_outputs, RELIABLE_STREAM)
+        self._readers = {topic: CloudReader(partial(self.refuse, topic)) for topic in ("field_gradient", "samples")}
+        self.listen_to_all(PointCloud2, "field_gradient", self._take_outputs, RELIABLE_STREAM)
         if self._needs_attitude:
-            self.create_subscription(PointCloud2, "samples", self._take_samples, RELIABLE_STREAM)
+            self.listen_to_all(PointCloud2, "samples", self._take_samples, RELIABLE_STREAM)
 
     @property
     def _attitude_noise(self) -> float:
@@ -138,81 +144,86 @@ class Localizer(TamNode):
         if self._given == FITTED:
             self._regional = None
 
-    def _take_samples(self, cloud: PointCloud2) -> None:
-        try:
-            columns, rows = read_cloud(cloud)
-            has_attitude = SampleLayout.from_columns(columns).attitude
-        except InputError as problem:
-            self._problem_of_samples = str(problem)
-            return
-        for row in rows:
-            attitude = row[-4:] if has_attitude else np.full(4, np.nan)
-            self._answer_all(self._join.push_attitude(_stamp_ns(cloud.header), attitude))
+    def _take_samples(self, messages: list[bytes]) -> None:
+        joined: list[Joined] = []
+        for rows in self._readers["samples"].read(messages):
+            try:
+                has_attitude = layout_of(rows.columns).attitude
+            except InputError as problem:
+                self._problem_of_samples = str(problem)
+                continue
+            attitudes = rows.values[:, -4:] if has_attitude else np.full((len(rows.values), 4), np.nan)
+            for stamp_ns, attitude in zip(rows.stamps_ns.tolist(), attitudes, strict=True):
+                joined += self._join.push_attitude(stamp_ns, attitude)
+        self._answer(joined)
 
-    def _take_outputs(self, cloud: PointCloud2) -> None:
-        try:
-            columns, rows = read_cloud(cloud)
-            if columns != FIELD_GRADIENT_COLUMNS:
-                raise InputError(f"field_gradient must have the columns {', '.join(FIELD_GRADIENT_COLUMNS)}")
-        except InputError as problem:
-            self._problem_of_samples = str(problem)
-            return
-        self._problem_of_samples, self._heard_s = "", time.monotonic()
-        self._received += len(rows)
-        stamp_ns = _stamp_ns(cloud.header)
-        for row in rows:
-            if self._needs_attitude:
-                self._answer_all(self._join.push_outputs(stamp_ns, row))
-            else:
-                self._answer(Joined(stamp_ns, row, None))
+    def _take_outputs(self, messages: list[bytes]) -> None:
+        joined: list[Joined] = []
+        for rows in self._readers["field_gradient"].read(messages):
+            if rows.columns != FIELD_GRADIENT_COLUMNS:
+                self._problem_of_samples = f"field_gradient must have the columns {', '.join(FIELD_GRADIENT_COLUMNS)}"
+                continue
+            self._problem_of_samples, self._heard_s = "", time.monotonic()
+            self._received += len(rows.values)
+            for stamp_ns, row in zip(rows.stamps_ns.tolist(), rows.values, strict=True):
+                joined += (
+                    self._join.push_outputs(stamp_ns, row) if self._needs_attitude else [Joined(stamp_ns, row, None)]
+                )
+        self._answer(joined)
 
-    def _answer_all(self, joined: list[Joined]) -> None:
+    def _answer(self, joined: Iterable[Joined]) -> None:
+        """Answer samples in their order; those that follow each other are located at once."""
+        waiting: list[Joined] = []
         for one in joined:
             if one.stamp_ns < self._newest_ns:  # a new run
+                self._locate(waiting)
+                waiting = []
                 self._start_over()
             self._newest_ns = one.stamp_ns
-            self._answer(one)
+            if self._given == FITTED and self._regional is None:
+                self._tell([one], EulerSolutions.refused(1, self._learn(one)))
+            else:
+                waiting.append(one)
+        self._locate(waiting)
 
-    def _answer(self, joined: Joined) -> None:
-        if self._given == FITTED and self._regional is None:
-            solutions = self._learn(joined)
-        elif self._is_heard:
-            solutions = self._locate(joined)
-        else:
-            return
-        status = Status(int(solutions.status[0]))
-        self._statuses[status] += 1
-        self._publish(Header(stamp=Time(nanoseconds=joined.stamp_ns).to_msg(), frame_id=self._frame_id), solutions)
-
-    def _learn(self, joined: Joined) -> EulerSolutions:
-        """Keep a sample for the fit of the regional field; none can be located before that."""
+    def _learn(self, joined: Joined) -> Status:
+        """Keep a sample for the fit of the regional field and return why it is not located."""
         if joined.attitude is None or not np.isfinite(joined.attitude).all():
-            return EulerSolutions.refused(1, Status.NO_ATTITUDE)
+            return Status.NO_ATTITUDE
         if not np.isfinite(joined.outputs[:9]).all():
-            return EulerSolutions.refused(1, Status.NOT_FINITE)
+            return Status.NOT_FINITE
         self._first.append(joined)
         if len(self._first) == self.value("regional_samples"):
             outputs = np.array([one.outputs[:9] for one in self._first])
             attitude = np.array([one.attitude for one in self._first])
             self._regional = Regional(regional_of(outputs, attitude), self._attitude_noise)
             self._first = []
-        return EulerSolutions.refused(1, Status.NO_REGIONAL)
+        return Status.NO_REGIONAL
 
-    def _locate(self, joined: Joined) -> EulerSolutions:
-        attitude = np.full((1, 4), np.nan) if joined.attitude is None else joined.attitude[None]
-        covariance = self._covariance(joined.outputs[9:])
+    def _locate(self, joined: Sequence[Joined]) -> None:
+        """Locate samples where somebody listens, those of equal standard errors at once."""
+        if not self._is_heard:
+            return
+        for _, alike in groupby(joined, lambda one: one.outputs[9:].tobytes()):
+            several = list(alike)
+            self._tell(several, self._solutions(several))
+
+    def _solutions(self, joined: Sequence[Joined]) -> EulerSolutions:
+        outputs = np.array([one.outputs for one in joined])
+        unknown = np.full(4, np.nan)
+        attitude = np.array([unknown if one.attitude is None else one.attitude for one in joined])
         try:
             solutions = locate_samples(
-                joined.outputs[None, :9],
+                outputs[:, :9],
                 self._array,
-                covariance,
+                self._covariance(outputs[0, 9:]),
                 index=self.value("index"),
                 regional=self._regional,
                 attitude=attitude,
             )
         except InputError as problem:
             self._problem_of_samples = str(problem)
-            return EulerSolutions.refused(1, Status.NOT_FINITE)
+            return EulerSolutions.refused(len(joined), Status.NOT_FINITE)
         return turned(solutions, attitude) if self.value("fixed_frame") else solutions
 
     def _covariance(self, standard_errors: FloatArray) -> FloatArray:
@@ -225,18 +236,16 @@ class Localizer(TamNode):
         covariance: FloatArray = own + np.diag(np.where(added > _ROUNDING * variance, added, 0.0))
         return covariance
 
-    def _publish(self, header: Header, solutions: EulerSolutions) -> None:
-        if solutions.is_located[0] and self._source.get_subscription_count():
-            x, y, z = solutions.position_m[0].tolist()
-            self._source.publish(PointStamped(header=header, point=Point(x=x, y=y, z=z)))
+    def _tell(self, joined: Sequence[Joined], solutions: EulerSolutions) -> None:
+        self._statuses.update(map(Status, solutions.status.tolist()))
+        stamps_ns = np.array([one.stamp_ns for one in joined])
+        if self._source.get_subscription_count():
+            at = solutions.is_located
+            publish(self._source, self._source_writer.messages(solutions.position_m[at], stamps_ns[at]))
         if self._estimate.get_subscription_count():
-            self._estimate.publish(make_cloud(header, SOURCE_COLUMNS, source_rows(solutions)[0].tolist()))
-
-
-def _stamp_ns(header: Header) -> int:
-    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+            publish(self._estimate, self._estimate_writer.messages(source_rows(solutions), stamps_ns))
 
 
 def spin(startup: Startup) -> None:
     """Run the localizer until it is told to end."""
-    spin_node(startup, Localizer, EventsExecutor)
+    spin_nodes(startup, [Localizer])

@@ -1,10 +1,10 @@
 """From the start of ROS in a process to its end."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.executors import Executor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.utilities import ok, try_shutdown
@@ -16,15 +16,28 @@ from tam_calibration.problems import InputError
 BAD_ARGUMENTS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
 
 
-def spin_node(startup: Startup, make_node: Callable[[], Node], make_executor: Callable[[], Executor]) -> None:
-    """Spin a node until SIGINT, SIGTERM or the end of its context.
+def stream_executor() -> Executor:
+    """Return the executor that costs a stream least: that of events where rclpy has it, else the default one."""
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+def spin_nodes(
+    startup: Startup, make_nodes: Sequence[Callable[[], Node]], make_executor: Callable[[], Executor] = stream_executor
+) -> None:
+    """Spin nodes in one executor until SIGINT, SIGTERM or the end of their context.
 
     Parameters
     ----------
     startup : Startup
         Of the process; over once ROS is initialised.
-    make_node, make_executor : callable
-        Called once ROS is initialised.
+    make_nodes : sequence of callable
+        Each makes a node; called once ROS is initialised.
+    make_executor : callable
+        Likewise.
 
     Raises
     ------
@@ -37,7 +50,7 @@ def spin_node(startup: Startup, make_node: Callable[[], Node], make_executor: Ca
     except BAD_ARGUMENTS as problem:
         raise InputError(f"the arguments of ROS cannot be used: {str(problem).partition(', at /')[0]}") from problem
     try:
-        _spin(make_node(), make_executor())
+        _spin(make_nodes, make_executor())
     except ParameterException as problem:
         raise InputError(str(problem)) from problem
     except Exception:  # after the end of the context anything fails, in many ways, because of that
@@ -48,12 +61,16 @@ def spin_node(startup: Startup, make_node: Callable[[], Node], make_executor: Ca
         try_shutdown()
 
 
-def _spin(node: Node, executor: Executor) -> None:
+def _spin(make_nodes: Sequence[Callable[[], Node]], executor: Executor) -> None:
+    nodes: list[Node] = []
     try:
-        executor.add_node(node)
+        for make_node in make_nodes:
+            nodes.append(make_node())
+            executor.add_node(nodes[-1])
         # The events executor's own spin() does not return on signals.
         while ok():
             executor.spin_once(timeout_sec=1.0)
     finally:
         signals.ignore()
-        node.destroy_node()
+        for node in nodes:
+            node.destroy_node()
