@@ -36,6 +36,7 @@ setup(
         "rich>=13",
         "rosbags>=0.11",
         "scipy>=1.11",
+        "zstandard>=0.22",
     ],
     extras_require={
         "fleet": ["distributed>=2024.1"],
@@ -60,6 +61,7 @@ setup(
             f"calibrator = {NAME}.nodes.calibrator:main",
             f"corrector = {NAME}.nodes.corrector:main",
             f"localizer = {NAME}.nodes.localizer:main",
+            f"stream = {NAME}.nodes.stream:main",
         ],
         f"{NAME}.effects": [
             f"temperature_drift = {NAME}.effects.temperature_drift:TemperatureDrift",

@@ -158,6 +158,8 @@ class Queue:
             return Match(self, np.zeros(len(keys), dtype=np.int64), np.zeros(len(keys), dtype=bool))
         if self.is_held:
             return self.match_held(keys, np.searchsorted(self.keys, keys, "right") - 1)
+        if np.array_equal(self.keys[: len(keys)], keys):
+            return Match(self, np.arange(len(keys)), np.ones(len(keys), dtype=bool))
         after = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
         before = np.maximum(after - 1, 0)
         index = np.where(keys - self.keys[before] <= np.abs(self.keys[after] - keys), before, after)

@@ -4,14 +4,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+from zstandard import BufferWithSegments, ZstdDecompressor
 
 from tam_calibration.files.bag_mcap import read_chunks
-from tam_calibration.files.bag_sqlite3 import read_rows
+from tam_calibration.files.bag_sqlite3 import has_index, read_rows
 from tam_calibration.files.raw_messages import RawMessages
 from tam_calibration.files.samples import Progress
 
@@ -56,29 +58,42 @@ def _bytes(storage: Storage) -> int:
 def _blocks(
     reader: Reader, storages: Sequence[Storage], connections: Sequence[Connection]
 ) -> Iterator[tuple[RawMessages, int]]:
-    if reader.compression_mode == "message":
-        position = {connection.id: index for index, connection in enumerate(connections)}
-        size = sum(_bytes(storage) for storage in storages) / sum(connection.msgcount for connection in connections)
-        yield from _gather(reader.messages(connections), position, size)
-        return
+    is_compressed = reader.compression_mode == "message"
     for storage in storages:
-        wanted = [(own, one) for own in storage.connections for one in connections if _is_same(own, one)]
-        position = {own.id: connections.index(one) for own, one in wanted}
-        if not position:
-            continue
-        if isinstance(storage, McapReader) and any(chunk.message_index_offsets for chunk in storage.chunks):
-            yield from read_chunks(storage, position)
-        elif isinstance(storage, Sqlite3Reader):
-            yield from read_rows(storage, position)
-        else:
-            own = [connection for connection, _ in wanted]
-            yield from _gather(storage.messages(own), position, _bytes(storage) / storage.metadata.message_count)
+        for block, size in _stored_blocks(storage, connections):
+            yield _decompressed(block) if is_compressed else block, size
+
+
+def _stored_blocks(storage: Storage, connections: Sequence[Connection]) -> Iterator[tuple[RawMessages, int]]:
+    """Yield the messages of one file as they are stored."""
+    wanted = [(own, one) for own in storage.connections for one in connections if _is_same(own, one)]
+    position = {own.id: connections.index(one) for own, one in wanted}
+    if not position:
+        return
+    if isinstance(storage, McapReader) and any(chunk.message_index_offsets for chunk in storage.chunks):
+        yield from read_chunks(storage, position)
+    elif isinstance(storage, Sqlite3Reader) and has_index(storage):
+        yield from read_rows(storage, position)
+    else:
+        own = [connection for connection, _ in wanted]
+        yield from _gather(storage.messages(own), position, _bytes(storage) / storage.metadata.message_count)
 
 
 def _is_same(own: Connection, one: Connection) -> bool:
     """Return whether a connection of a file is one of the whole bag, as rosbags compares them."""
     is_same_kind = (own.topic, own.msgtype, own.ext) == (one.topic, one.msgtype, one.ext)
     return is_same_kind and (not own.digest or not one.digest or own.digest == one.digest)
+
+
+def _decompressed(messages: RawMessages) -> RawMessages:
+    """Return messages that were compressed one by one; all by one decompressor, as making it takes most of the time."""
+    segments = np.column_stack([messages.start, messages.size]).astype("<u8").tobytes()
+    whole: Any
+    try:
+        whole = ZstdDecompressor().multi_decompress_to_buffer(BufferWithSegments(messages.block.data, segments))
+    except ValueError:  # a frame that does not tell its size
+        whole = [ZstdDecompressor().decompressobj().decompress(each) for each in messages.messages()]
+    return RawMessages.of(messages.connection, messages.recorded_ns, list(whole))
 
 
 def _gather(

@@ -33,7 +33,9 @@ class RawMessages:
     block: ByteArray
 
     @classmethod
-    def of(cls, connection: Sequence[int], recorded_ns: Sequence[int], messages: Sequence[bytes]) -> "RawMessages":
+    def of(
+        cls, connection: Sequence[int] | IntArray, recorded_ns: Sequence[int] | IntArray, messages: Sequence[bytes]
+    ) -> "RawMessages":
         """Return single messages as one block."""
         size = np.array([len(message) for message in messages], dtype=np.int64)
         block = np.frombuffer(b"".join(messages), np.uint8)

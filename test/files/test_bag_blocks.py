@@ -1,6 +1,8 @@
 """Blocks of many messages: what they hold, and the recording of them, is what single messages give."""
 
 import shutil
+import sqlite3
+from contextlib import closing
 from itertools import chain
 from random import Random
 
@@ -10,6 +12,7 @@ import yaml
 from numpy.testing import assert_array_equal, assert_array_max_ulp
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
+from zstandard import ZstdCompressor
 
 from tam_calibration.files import bag, bag_block_writing, bag_blocks, bag_sqlite3, read_pieces, read_samples
 from tam_calibration.files.bag import PATIENCE_NS, open_bag, raw_blocks, raw_messages
@@ -275,3 +278,29 @@ def test_an_mcap_file_without_index_reads_alike(tmp_path, monkeypatch):
     monkeypatch.setattr(bag_blocks, "read_chunks", None)
     monkeypatch.setattr("rosbags.rosbag2.storage_mcap.McapReader.read_index", lambda reader: None)
     check_equal(read_samples(path), plain)
+
+
+def test_a_database_without_index_reads_alike(tmp_path):
+    """Where nothing puts rows in the order of recording the messages come one by one."""
+    path = write(tmp_path / "bag", rough_messages())
+    plain = read_plainly(path)
+    with closing(sqlite3.connect(path / "bag.db3")) as database:
+        database.execute("DROP INDEX timestamp_idx")
+    check_equal(read_samples(path), plain)
+
+
+def test_compressed_messages_need_not_tell_their_size(tmp_path, monkeypatch):
+    """A frame of zstd may leave out how long its content is."""
+    compressor = ZstdCompressor(write_content_size=False)
+    monkeypatch.setattr("rosbags.rosbag2.writer.zstd.compress", compressor.compress)
+    path = write(tmp_path / "bag", rough_messages(), StoragePlugin.SQLITE3, CompressionMode.MESSAGE)
+    check_equal(read_samples(path), read_plainly(path))
+
+
+def test_a_damaged_compressed_message_is_refused(tmp_path):
+    """A message that cannot be unpacked is damage."""
+    path = write(tmp_path / "bag", rough_messages(), StoragePlugin.SQLITE3, CompressionMode.MESSAGE)
+    with closing(sqlite3.connect(path / "bag.db3")) as database, database:
+        database.execute("UPDATE messages SET data = substr(data, 1, 40) WHERE id = 99")
+    with pytest.raises(InputError, match="is damaged or truncated: "):
+        read_samples(path)
