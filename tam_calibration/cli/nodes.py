@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tam_calibration.nodes import ros_session
-from tam_calibration.nodes.children import Children, node_commands
+from tam_calibration.nodes.children import NODES, Children, node_commands
 
 if TYPE_CHECKING:
     from tam_calibration.nodes.monitor import Monitor
@@ -31,7 +31,7 @@ def command(array: Path | None, calibration: Path | None, method: str | None, pa
         from tam_calibration.nodes.monitor import Monitor
 
         with Children(node_commands(array, calibration, method, params_file), log_directory) as children:
-            _watch(children, Monitor(children.names))
+            _watch(children, Monitor(NODES))
 
 
 def _watch(children: Children, monitor: "Monitor") -> None:

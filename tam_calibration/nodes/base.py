@@ -24,10 +24,10 @@ from tam_calibration.problems import InputError
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For what a late joiner must still get."""
 
-STREAM = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Sensor data; deep enough to bridge ten seconds at 100 Hz."""
+STREAM = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Sensor data; deep enough to bridge ten seconds at 1000 Hz."""
 
-RELIABLE_STREAM = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+RELIABLE_STREAM = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABLE)
 """Data between our own nodes, of which none may be lost."""
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE

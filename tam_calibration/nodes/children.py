@@ -22,6 +22,8 @@ BAD_INPUT = 2
 
 
 NODES = ("collector", "calibrator", "corrector", "localizer")
+PROCESSES = ("stream", "calibrator", "localizer")
+"""The modules that run them all; ``stream`` runs collector and corrector."""
 
 
 def node_commands(
@@ -30,13 +32,13 @@ def node_commands(
     method: str | None = None,
     params_file: Path | None = None,
 ) -> dict[str, list[str]]:
-    """Return the command of each node, with the parameters that a user set."""
+    """Return the command of each process that the nodes run in, with the parameters that a user set."""
     everywhere = {"array_file": array}
     own = {"calibrator": {"calibration_file": calibration, "method": method}}
     shared = ["--params-file", str(params_file)] if params_file else []
     return {
         name: ["-m", f"tam_calibration.nodes.{name}", "--ros-args", *shared, *_settings(everywhere | own.get(name, {}))]
-        for name in NODES
+        for name in PROCESSES
     }
 
 
