@@ -50,8 +50,8 @@ def command(
     """
     is_alternating = frequency is not None or find_frequency
     _check(frequency, find_frequency, is_alternating and bool(velocity or place or attitude_noise_deg))
-    if attitude_noise_deg < 0:
-        raise InputError(f"--attitude-noise-deg must not be negative, not {attitude_noise_deg:g}")
+    if not 0 <= attitude_noise_deg <= 180:
+        raise InputError(f"--attitude-noise-deg must not be negative, nor above 180, not {attitude_noise_deg:g}")
     regional = None if place is None else field_at(place)
     speed = None if velocity is None else _vector(velocity)
     noise = float(from_degrees(attitude_noise_deg))

@@ -9,7 +9,7 @@ from rich.progress import Progress
 
 from tam_calibration.array import Array
 from tam_calibration.cli.plan_table import Proposal, print_proposal, proposal_to_mapping
-from tam_calibration.cli.terminal import PATH, reading, showing_progress, stdout, tolerance_option
+from tam_calibration.cli.terminal import PATH, Number, reading, showing_progress, stdout, tolerance_option
 from tam_calibration.files import read_array, read_calibration, read_samples
 from tam_calibration.files.json_text import to_json
 from tam_calibration.fit.plan import make_plan
@@ -30,8 +30,8 @@ ASSUMED_INCLINATION_DEG, ASSUMED_INTENSITY_NT = 60.0, 50_000.0
 @click.option("--pitch-limit-deg", type=float, help="Of a vehicle that yaws right round.  [default: 0]")
 @click.option("--roll-limit-deg", type=float, help="Of such a vehicle.  [default: 0]")
 @click.option("--place", help="LAT,LON,DATE: inclination and intensity are those of IGRF there.")
-@click.option("--inclination-deg", type=click.FloatRange(-90, 90), help="Of the field, positive downwards.")
-@click.option("--intensity-nT", "intensity_nT", type=click.FloatRange(15e3, 100e3), help="Where no scalar tells it.")
+@click.option("--inclination-deg", type=Number(-90, 90), help="Of the field, positive downwards.")
+@click.option("--intensity-nT", "intensity_nT", type=Number(15e3, 100e3), help="Where no scalar tells it.")
 @click.option("--poses", type=click.IntRange(min=1), default=12, show_default=True, help="Number of attitudes.")
 @click.option("--samples-per-pose", type=click.IntRange(min=1), default=100, show_default=True)
 @tolerance_option

@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tam_calibration.cli.terminal import PATH, Number
+from tam_calibration.files.recording_file import is_bag
 from tam_calibration.nodes import ros_session
+from tam_calibration.problems import InputError
 
 if TYPE_CHECKING:
     from tam_calibration.nodes.player import Player
@@ -15,10 +18,10 @@ WAIT_S = 10.0
 
 
 @click.command()
-@click.argument("bag", type=click.Path(exists=True, path_type=Path))
+@click.argument("bag", type=PATH)
 @click.option(
     "--rate",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Number(min=0, min_open=True),
     default=1.0,
     show_default=True,
     help="How many times faster than recorded.",
@@ -27,6 +30,8 @@ WAIT_S = 10.0
 @click.option("--clock", is_flag=True, help="Publish the bag's time on /clock, for nodes with use_sim_time.")
 def command(bag: Path, rate: float, loop: bool, clock: bool) -> None:
     """Play every topic of BAG, a rosbag2 folder or .mcap file, once somebody listens to the sensors."""
+    if not is_bag(bag):
+        raise InputError(f"{bag} is no bag: only bags can be played, a rosbag2 folder or an .mcap file")
     from tam_calibration.files.bag import open_bag
 
     with ros_session(), open_bag(bag) as reader:

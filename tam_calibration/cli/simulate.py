@@ -115,7 +115,15 @@ def _twin(calibration_path: Path, run_path: Path, output: Path, seed: int, stora
 
 
 def beside(output: Path, ending: str) -> Path:
-    """Return the path of a file that goes with a recording: run.csv or the folder run gives run.ENDING."""
+    """Return the path of a file that goes with a recording: run.csv or the folder run gives run.ENDING.
+
+    Raises
+    ------
+    InputError
+        When the path names no file.
+    """
+    if not output.name:
+        raise InputError(f"{output} names no recording to write: give a .csv, a .mcap, or a bag's folder")
     stem = output.stem if output.suffix in (".csv", ".mcap") else output.name
     return output.with_name(f"{stem}.{ending}")
 

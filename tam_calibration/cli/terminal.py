@@ -1,9 +1,11 @@
 """What the subcommands share: progress on stderr, results that appear together or not at all."""
 
+import math
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
@@ -16,12 +18,27 @@ from tam_calibration.problems import InputError
 
 PIPE_WIDTH = 120
 
-PATH = click.Path(path_type=Path)
+PATH = click.Path(path_type=Path, readable=False)
 """A path that is checked where it is used, in one sentence."""
 
 
+class Number(click.FloatRange):
+    """A number within a range, which NaN, unlike click's, is not."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number, or fail with a sentence."""
+        number = float(super().convert(value, param, ctx))
+        if math.isnan(number):
+            self.fail(f"{value} is not a number.", param, ctx)
+        return number
+
+
 tolerance_option = click.option(
-    "--tolerance-s", default=TOLERANCE_S, show_default=True, help="Greatest difference of stamps within a bag's sample."
+    "--tolerance-s",
+    type=Number(0, 60),
+    default=TOLERANCE_S,
+    show_default=True,
+    help="Greatest difference of stamps within a bag's sample.",
 )
 
 

@@ -42,6 +42,8 @@ def read_table_pieces(path: Path) -> Iterator[tuple[list[str], FloatArray]]:
         header, first_line, is_empty = file.readline(), 2, True
         if not header.strip():
             raise InputError(f"{path} is empty, or its first line is")
+        if "\0" in header:
+            raise InputError(f"{path} is not a text file")
         if ";" in header:
             raise InputError(f"{path} separates its columns by semicolons: use commas, and points within numbers")
         names = [name.strip() for name in header.split(",")]

@@ -260,6 +260,43 @@ def test_inputs_are_never_overwritten(folder):
     refuse(folder, ["calibrate", "run.csv", "--array", "array.yaml", *both], "would be overwritten")
 
 
+def test_a_recording_must_have_a_name(folder):
+    """A folder that is there already, as `.` is, names no recording."""
+    for output in (".", ""):
+        refuse(folder, ["simulate", "wu_table_1", "-o", output], "names no recording to write")
+
+
+def test_only_bags_are_played(folder):
+    """A CSV file, and nothing at all."""
+    refuse(folder, ["play", "run.csv"], "run.csv is no bag: only bags can be played")
+    refuse(folder, ["play", "nothing"], "there is no file or bag nothing")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_files_that_may_not_be_read(folder):
+    """Recordings, arrays and calibrations without permission."""
+    for name in ("run.csv", "run.mcap", "array.yaml", "c.yaml"):
+        (folder / name).chmod(0)
+    for name in ("run.csv", "run.mcap"):
+        refuse_recording(folder, name, "Permission denied")
+    refuse(folder, ["correct", "run", "--calibration", "c.yaml", "-o", "new.csv"], "c.yaml cannot be read")
+    refuse(folder, ["calibrate", "run", "--array", "array.yaml"], "array.yaml cannot be read")
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-1", "1e30"])
+def test_numbers_out_of_range(folder, value):
+    """NaN, infinity and what nobody means are told with the option."""
+    commands = (
+        ["calibrate", "run", "--array", "array.yaml", "--tolerance-s", value],
+        ["plan", "--array", "array.yaml", "--turntable", "30", "--intensity-nT", value],
+        ["plan", "--array", "array.yaml", "--turntable", "30", "--inclination-deg", value.replace("-1", "-91")],
+    )
+    for command in commands:
+        result = CliRunner().invoke(main, command)
+        assert (result.exit_code, result.stdout) == (2, "")
+        assert f"Error: Invalid value for '{command[-2]}': " in result.stderr
+
+
 def test_a_refusal_is_exit_1(folder, recording, monkeypatch):
     """Sound input whose answer is no ends with exit 1 and the reason."""
     from tam_calibration.problems import Refused

@@ -150,6 +150,8 @@ def test_table_and_page(folder, tmp_path):
         (("pass.csv", "--index", "0"), "structural index must be a positive number"),
         (("pass.csv", "--place", "here"), "a place must be LAT,LON,DATE"),
         (("pass.csv", "--attitude-noise-deg", "-1"), "must not be negative"),
+        (("pass.csv", "--attitude-noise-deg", "nan"), "must not be negative, nor above 180, not nan"),
+        (("pass.csv", "--attitude-noise-deg", "1e300"), "nor above 180"),
         (("coil.csv", "--frequency", "10", "--find-frequency"), "either given or found"),
         (("coil.csv", "--frequency", "10", "--velocity", "1,0,0"), "are for steady sources"),
         (("coil.csv", "--frequency", "80"), "cannot be told from another frequency"),

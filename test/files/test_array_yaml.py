@@ -55,6 +55,8 @@ def test_an_array_reads_back(tmp_path):
         ("", "is empty"),
         ("baseline_m", "must hold keys and values"),
         ("baseline_m: [1", "this is not YAML at line 2: "),
+        ("baseline_m: 0.5\nbaseline_m: 0.6", "this is not YAML at line 2: the key 'baseline_m' is there twice"),
+        ("? [baseline_m]\n: 0.5", "this is not YAML at line 1: "),
         ("baselin_m: 0.5", "the key 'baselin_m' is not known; known are baseline_m, positions_m, vector_noise_nT"),
         ("baseline_m: wide", "baseline_m: input should be a valid number"),
         ("baseline_m: -1", "the baseline must be a positive number of metres"),

@@ -133,9 +133,10 @@ def test_other_files_are_refused(tmp_path):
     """What is not there, not text or a folder without a bag is told as such."""
     with pytest.raises(InputError, match=r"there is no file or bag .*none\.csv"):
         read_recording(tmp_path / "none.csv")
-    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x81" * 10)
-    with pytest.raises(InputError, match="is not a text file"):
-        read_recording(tmp_path / "binary.csv")
+    for content in (b"\xff\xfe\x00\x81", b"\0"):
+        (tmp_path / "binary.csv").write_bytes(content * 10)
+        with pytest.raises(InputError, match="is not a text file"):
+            read_recording(tmp_path / "binary.csv")
 
 
 def test_the_number_of_sensors_is_checked(tmp_path):
