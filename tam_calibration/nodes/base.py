@@ -64,6 +64,7 @@ class TamNode(Node):
     """
 
     def __init__(self, name: str, rules: Sequence[Rule]) -> None:
+        self._unwatched: list[Subscription] = []
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self._choices = {rule.name: rule.choices for rule in rules if rule.choices}
         self._refuse_unknown([rule.name for rule in rules])
@@ -74,7 +75,12 @@ class TamNode(Node):
             self.declare_parameter(rule.name, rule.default, rule.descriptor())
         self._unusable, self._unusable_told = Counter[str](), Counter[str]()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.create_timer(1.0, self._publish_health, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_steady_timer(1.0, self._publish_health)
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """The subscriptions that an executor waits on: not those that are read in turns."""
+        yield from (each for each in super().subscriptions if each not in self._unwatched)
 
     def value(self, name: str) -> Any:
         """Return the present value of a parameter."""
@@ -109,6 +115,39 @@ class TamNode(Node):
             take([first, *waiting(subscription)])
 
         subscription = self.listen(message_type, topic, take_waiting, quality)
+
+    def listen_in_turns(
+        self,
+        topics: Sequence[tuple[Any, str, Callable[[list[bytes]], None]]],
+        period_s: float,
+        quality: QoSProfile,
+    ) -> None:
+        """Have functions called with all serialised messages that wait, topic after topic, once in a period.
+
+        A message that comes in between does not even wake the process.
+
+        Parameters
+        ----------
+        topics : sequence of type, str and callable
+            Type and name of each topic, and what is called.
+        period_s : float
+            Time from turn to turn, seconds.
+        quality : QoSProfile
+            Its depth must hold what comes in a period.
+        """
+        read = [(self.listen(message_type, topic, _leave, quality), take) for message_type, topic, take in topics]
+        self._unwatched += [subscription for subscription, _ in read]
+
+        def turn() -> None:
+            for subscription, take in read:
+                if messages := list(waiting(subscription)):
+                    take(messages)
+
+        self.create_steady_timer(period_s, turn)
+
+    def create_steady_timer(self, period_s: float, callback: Callable[[], None]) -> None:
+        """Have a function called periodically, whatever the time on /clock."""
+        self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def refuse(self, topic: str, problem: str) -> None:
         """Count a message that cannot be used; the first of a topic is logged, all are told in /diagnostics."""
@@ -164,8 +203,12 @@ class TamNode(Node):
     def _peers(self) -> dict[str, object]:
         """Return the number of peers on each topic: what nobody listens to is not published."""
         outputs = {f"subscribers.{each.topic_name}": each.get_subscription_count() for each in self.publishers}
-        inputs = {f"publishers.{each.topic_name}": each.get_publisher_count() for each in self.subscriptions}
+        inputs = {f"publishers.{each.topic_name}": each.get_publisher_count() for each in super().subscriptions}
         return {key: count for key, count in (outputs | inputs).items() if not key.endswith(_TOPICS_OF_ROS)}
+
+
+def _leave(message: bytes) -> None:
+    """Stands for the callback of a subscription that no executor waits on."""
 
 
 def waiting(subscription: Subscription) -> Iterator[bytes]:

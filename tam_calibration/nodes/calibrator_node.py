@@ -1,12 +1,12 @@
 """The calibrator node: stores samples, fits or diagnoses them when asked, and hands on the calibration."""
 
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from traceback import format_exc
+from typing import Any
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.executors import MultiThreadedExecutor
+from rclpy.service import Service
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -18,7 +18,7 @@ from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.result import Gap
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
-from tam_calibration.nodes.cloud import read_cloud
+from tam_calibration.nodes.cloud import CloudReader
 from tam_calibration.nodes.parameters import ARRAY_FILE, Rule, array_of
 from tam_calibration.nodes.quality import describe, figures
 from tam_calibration.nodes.signals import Startup
@@ -41,13 +41,19 @@ RULES = (
 )
 
 
+TURN_S = 0.05
+"""Time from one look for samples and requests to the next."""
+
+
 class Calibrator(TamNode):
     """Fits the stored samples on ~/calibrate and publishes `calibration`, latched; diagnoses them on ~/diagnose.
 
-    Its services have a thread of their own, so that samples are stored while one of them works.
+    Its services have a thread of their own, so that samples are stored while one of them works. rclpy's executor with
+    threads would do the same at the cost of a core.
     """
 
     def __init__(self) -> None:
+        self._worked: list[Service] = []
         super().__init__("calibrator", RULES)
         self._array = array_of(self)
         self._store = SampleStore(self.value("max_samples"))
@@ -56,10 +62,19 @@ class Calibrator(TamNode):
         self._gap: Gap | None = None
         self._publisher = self.create_publisher(String, "calibration", LATCHED)
         self._load()
-        self.create_subscription(PointCloud2, "samples", self._take, RELIABLE_STREAM)
-        group = MutuallyExclusiveCallbackGroup()
-        for name, action in (("calibrate", self._calibrate), ("diagnose", self._diagnose), ("save", self._save)):
-            self.create_service(Trigger, f"~/{name}", self._answering(action), callback_group=group)
+        self._reader = CloudReader(self._refuse_samples)
+        self.listen_in_turns([(PointCloud2, "samples", self._take)], TURN_S, RELIABLE_STREAM)
+        actions = {"calibrate": self._calibrate, "diagnose": self._diagnose, "save": self._save}
+        self._worked = [
+            self.create_service(Trigger, f"~/{name}", self._answering(action)) for name, action in actions.items()
+        ]
+        self._worker = ThreadPoolExecutor(max_workers=1)
+        self.create_steady_timer(TURN_S, self._take_requests)
+
+    @property
+    def services(self) -> Iterator[Service]:
+        """The services that the executor answers: not those that have a thread of their own."""
+        yield from (each for each in super().services if each not in self._worked)
 
     def health(self) -> Health:
         """Return what is stored, how good the calibration is, and what the last diagnosis found."""
@@ -86,17 +101,27 @@ class Calibrator(TamNode):
             raise InputError(f"{path} is the calibration of another array: change calibration_file or array_file")
         self._hand_on(calibration)
 
-    def _take(self, cloud: PointCloud2) -> None:
-        try:
-            columns, rows = read_cloud(cloud)
-        except InputError as problem:
-            self._problem = str(problem)
-            return
+    def _take(self, messages: list[bytes]) -> None:
         self._problem = ""
-        if not len(rows):
-            self._store.start_over()
-        for row in rows:
-            self._store.add(columns, row)
+        for rows in self._reader.read(messages):
+            if not len(rows.values):
+                self._store.start_over()
+            for row in rows.values:
+                self._store.add(rows.columns, row)
+
+    def _refuse_samples(self, problem: str) -> None:
+        self._problem = problem
+        self.refuse("samples", problem)
+
+    def _take_requests(self) -> None:
+        for service in self._worked:
+            with service.handle:
+                request, header = service.handle.service_take_request(Trigger.Request)
+            if header is not None:
+                self._worker.submit(self._respond, service, request, header)
+
+    def _respond(self, service: Service, request: Trigger.Request, header: Any) -> None:
+        service.send_response(service.callback(request, Trigger.Response()), header)
 
     def _answering(self, action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
         def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -176,4 +201,4 @@ def _figures_of(gap: Gap | None) -> dict[str, object]:
 
 def spin(startup: Startup) -> None:
     """Run the calibrator until it is told to end."""
-    spin_nodes(startup, [Calibrator], partial(MultiThreadedExecutor, num_threads=2))
+    spin_nodes(startup, [Calibrator])

@@ -51,6 +51,13 @@ RULES = (
     Rule("regional_samples", 500, "Samples to which the regional field is fitted.", bounds=(1, 1_000_000)),
     Rule("attitude_noise_rad", 0.0, "Standard deviation of the attitude about each axis [rad].", bounds=(0.0, 1.0)),
     Rule(
+        "batch_s",
+        0.0,
+        "Time for which samples are gathered to be located at once [s]; 0: each when it comes, at up to ten times the "
+        "cost.",
+        bounds=(0.0, 0.5),
+    ),
+    Rule(
         "fixed_frame",
         "",
         "Frame of what is published, with the axes of the attitude's world and the array's centre as origin; empty "
@@ -86,9 +93,14 @@ class Localizer(TamNode):
             self._switch(read_calibration(Path(path)))
         self.create_subscription(String, "calibration", self._take_calibration, LATCHED)
         self._readers = {topic: CloudReader(partial(self.refuse, topic)) for topic in ("field_gradient", "samples")}
-        self.listen_to_all(PointCloud2, "field_gradient", self._take_outputs, RELIABLE_STREAM)
-        if self._needs_attitude:
-            self.listen_to_all(PointCloud2, "samples", self._take_samples, RELIABLE_STREAM)
+        # Attitudes first, so that no outputs wait for one that is there.
+        topics = [(PointCloud2, "samples", self._take_samples)] if self._needs_attitude else []
+        topics.append((PointCloud2, "field_gradient", self._take_outputs))
+        if batch_s := self.value("batch_s"):
+            self.listen_in_turns(topics, batch_s, RELIABLE_STREAM)
+        else:
+            for message_type, topic, take in topics:
+                self.listen_to_all(message_type, topic, take, RELIABLE_STREAM)
 
     @property
     def _attitude_noise(self) -> float:

@@ -16,18 +16,7 @@ from tam_calibration.problems import InputError
 BAD_ARGUMENTS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
 
 
-def stream_executor() -> Executor:
-    """Return the executor that costs a stream least: that of events where rclpy has it, else the default one."""
-    try:
-        from rclpy.experimental.events_executor import EventsExecutor
-    except ImportError:
-        return SingleThreadedExecutor()
-    return EventsExecutor()
-
-
-def spin_nodes(
-    startup: Startup, make_nodes: Sequence[Callable[[], Node]], make_executor: Callable[[], Executor] = stream_executor
-) -> None:
+def spin_nodes(startup: Startup, make_nodes: Sequence[Callable[[], Node]]) -> None:
     """Spin nodes in one executor until SIGINT, SIGTERM or the end of their context.
 
     Parameters
@@ -36,8 +25,6 @@ def spin_nodes(
         Of the process; over once ROS is initialised.
     make_nodes : sequence of callable
         Each makes a node; called once ROS is initialised.
-    make_executor : callable
-        Likewise.
 
     Raises
     ------
@@ -50,7 +37,7 @@ def spin_nodes(
     except BAD_ARGUMENTS as problem:
         raise InputError(f"the arguments of ROS cannot be used: {str(problem).partition(', at /')[0]}") from problem
     try:
-        _spin(make_nodes, make_executor())
+        _spin(make_nodes, _cheapest_executor())
     except ParameterException as problem:
         raise InputError(str(problem)) from problem
     except Exception:  # after the end of the context anything fails, in many ways, because of that
@@ -74,3 +61,12 @@ def _spin(make_nodes: Sequence[Callable[[], Node]], executor: Executor) -> None:
         signals.ignore()
         for node in nodes:
             node.destroy_node()
+
+
+def _cheapest_executor() -> Executor:
+    """Return the executor that costs a stream least: that of events where rclpy has it, else the default one."""
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor()
+    return EventsExecutor()
