@@ -39,6 +39,7 @@ setup(
         "zstandard>=0.22",
     ],
     extras_require={
+        "bench": ["circuitpython-mag-cal", "magcal", "navlib>=2"],
         "fleet": ["distributed>=2024.1"],
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
         "test": [
