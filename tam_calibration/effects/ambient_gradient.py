@@ -96,8 +96,6 @@ def without_gradient(
 _DEGREES = {2: "T/m", 3: "T/m²", 4: "T/m³"}
 """Units of the derivatives of a potential, by its degree."""
 
-_PIECE = 4096
-
 _LEAST_TURN = 0.1
 """Radians by which the array must be turned, root of the mean square."""
 
@@ -128,34 +126,32 @@ class AmbientGradient(LinearEffect):
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return the harmonic potentials of degree 2, 3 and 4, by their derivatives in the world at the centre."""
         array = situation.array
-        places = list(zip(array.positions_m, situation.errors.matrix, strict=True))
+        rotation = np.ascontiguousarray(to_world(situation).transpose(1, 2, 0))
+        places = [
+            (position, matrix[:, :, None])
+            for position, matrix in zip(array.positions_m, situation.errors.matrix, strict=True)
+        ]
+        if array.scalar_position_m is not None and _has_distant_scalar(array):
+            places.append((array.scalar_position_m, (situation.field_T.T / situation.intensity_T)[None]))
         terms = []
         for degree, unit in _DEGREES.items():
             names = ["".join(np.repeat(list("xyz"), orders)) for orders in derivatives(degree)]
-            row_count = situation.scalar_row + _has_distant_scalar(array)
-            features = np.empty((situation.sample_count, row_count, len(names)))
-            for start in range(0, situation.sample_count, _PIECE):
-                piece = slice(start, start + _PIECE)
-                rotation = to_world(situation.take(piece))
-                for sensor, (position, matrix) in enumerate(places):
-                    in_array = _turned_fields(degree, position, rotation)
-                    features[piece, 3 * sensor : 3 * sensor + 3] = matrix @ in_array
-                if array.scalar_position_m is not None and _has_distant_scalar(array):
-                    along = situation.field_T[piece] / situation.intensity_T[piece, None]
-                    in_array = _turned_fields(degree, array.scalar_position_m, rotation)
-                    features[piece, -1:] = along[:, None] @ in_array
-            rows, columns = np.divmod(np.arange(row_count * len(names)), len(names))
+            features = np.concatenate([_seen(degree, *place, rotation) for place in places])
+            rows, columns = np.divmod(np.arange(len(features)), len(names))
             parts = tuple(Coefficient(f"gradient {name}", unit) for name in names)
-            joined = features.reshape(situation.sample_count, -1)
-            terms.append(Term(ALL, None, f"degree {degree}", parts, joined, rows, columns))
+            terms.append(Term(ALL, None, f"degree {degree}", parts, features.T, rows, columns))
         return terms
 
 
-def _turned_fields(degree: int, position_m: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Return the fields (n, 3, P) of harmonic potentials of the world, turned into the array frame."""
-    in_world = fields(degree, (rotation @ position_m).T)
-    in_array: FloatArray = np.swapaxes(rotation, 1, 2) @ in_world.T
-    return in_array
+def _seen(degree: int, position_m: FloatArray, matrix: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Return what fields of P harmonic potentials of the world add to R rows at a place, (R P, N).
+
+    The rows read by a matrix (R, 3, N or 1) in the array frame, which rotations (3, 3, N) turn to the world.
+    """
+    in_world = fields(degree, np.tensordot(position_m, rotation, axes=(0, 1)))
+    reading = np.einsum("rjn,ijn->rin", np.broadcast_to(matrix, (*matrix.shape[:2], rotation.shape[2])), rotation)
+    seen: FloatArray = np.einsum("rin,pin->rpn", reading, in_world).reshape(-1, rotation.shape[2])
+    return seen
 
 
 def _has_distant_scalar(array: Array) -> bool:

@@ -75,32 +75,29 @@ class Hysteresis(LinearEffect):
         states = play(drives, scale * np.array([_STILL, *_PLAYS]), situation.memory)
         rounded = [rounded_loop(states[:, :, 0], scale * width, situation.memory) for width in _ROUNDED]
         # A curve alone is no loop: it is offered with those that it closes at the ends of the range.
-        saturating = ["P2", "P3", *(f"P{order} of play {width}" for width in _PLAYS for order in (3, 5))]
-        kinds = []
-        for drive in range(drives.shape[1]):
-            sensed, loops = drives[:, drive], states[:, drive, 1:]
-            curves = [legvander(loop / scale, 5)[:, [3, 5]] for loop in loops.T]
-            kinds.append(
-                (
-                    ("loop", "1", [f"play {width}" for width in _PLAYS], loops - sensed[:, None]),
-                    (
-                        "rounded loop",
-                        "1",
-                        [f"width {width}" for width in _ROUNDED],
-                        np.column_stack([loop[:, drive] for loop in rounded]),
-                    ),
-                    (
-                        "saturating loop",
-                        "T",
-                        saturating,
-                        np.column_stack([legvander(sensed / scale, 3)[:, 2:], *curves]),
-                    ),
-                )
-            )
+        curves = legvander(drives / scale, 3)[:, :, 2:]
+        bent = legvander(states[:, :, 1:] / scale, 5)[:, :, :, [3, 5]].reshape(*drives.shape, -1)
+        kinds = (
+            ("loop", "1", [f"play {width}" for width in _PLAYS], states[:, :, 1:] - drives[:, :, None]),
+            ("rounded loop", "1", [f"width {width}" for width in _ROUNDED], np.stack(rounded, axis=2)),
+            (
+                "saturating loop",
+                "T",
+                ["P2", "P3", *(f"P{order} of play {width}" for width in _PLAYS for order in (3, 5))],
+                np.concatenate([curves, bent], axis=2),
+            ),
+        )
+        by_drive = [
+            [
+                (name, [Coefficient(own, unit) for own in names], features[:, drive])
+                for name, unit, names, features in kinds
+            ]
+            for drive in range(drives.shape[1])
+        ]
         return [
-            Term.of_row(situation, row, name, [Coefficient(own, unit) for own in names], features)
+            Term.of_row(situation, row, name, parts, features)
             for row in range(situation.scalar_row)
-            for name, unit, names, features in kinds[row % len(kinds)]
+            for name, parts, features in by_drive[row % len(by_drive)]
         ]
 
 
@@ -122,10 +119,11 @@ def play(drive: FloatArray, widths: FloatArray, memory: Memory | None = None) ->
     They start from rest at zero, or from where they stood in their memory.
 
     p_n = min(s_n + w, max(s_n - w, p_{n-1})). Such steps in a row are one step of the same kind, so that blocks of
-    samples are worked through side by side: first from the extremes, which tells what each makes of any state before.
+    samples are worked through side by side: first from the extremes, which tells what each makes of any state before,
+    then what all blocks up to each make of the first, by doubling their reach.
     """
     count = len(drive)
-    length = max(int(np.sqrt(count)), 1)
+    length = max(int(np.cbrt(count)), 1)
     padded = np.concatenate([drive, np.repeat(drive[-1:], -count % length, axis=0)])
     blocks = padded.reshape(-1, length, drive.shape[1], 1)
 
@@ -138,12 +136,14 @@ def play(drive: FloatArray, widths: FloatArray, memory: Memory | None = None) ->
     low, high = np.full(shape, -np.inf), np.full(shape, np.inf)
     for step in range(length):
         low, high = pushed(low, step), pushed(high, step)
-    state: FloatArray = np.zeros(shape)
+    reach = 1
+    while reach < len(blocks):
+        last = low[reach:].copy(), high[reach:].copy()
+        low[reach:], high[reach:] = (np.clip(own[:-reach], *last) for own in (low, high))
+        reach *= 2
     before = None if memory is None else memory.recall()
-    if before is not None:
-        state[0] = before
-    for block in range(1, len(blocks)):
-        state[block] = np.minimum(high[block - 1], np.maximum(low[block - 1], state[block - 1]))
+    first = np.zeros(shape[1:]) if before is None else before
+    state: FloatArray = np.concatenate([first[None], np.clip(first, low[:-1], high[:-1])])
     states = np.empty((len(blocks), length, *shape[1:]))
     for step in range(length):
         state = pushed(state, step)

@@ -1,5 +1,6 @@
 """Harmonic potentials: fields without curl and divergence that grow with a power of the distance from the origin."""
 
+from functools import cache
 from math import comb, factorial
 
 import numpy as np
@@ -20,13 +21,26 @@ def fields(degree: int, position_m: FloatArray) -> FloatArray:
     Σ (-1)^k z^(2k+c) / (2k+c)! (∂²/∂x² + ∂²/∂y²)^k x^a y^b / (a! b!). Units are T/m^(degree - 1).
     """
     power = np.stack([position_m**exponent / factorial(exponent) for exponent in range(degree)])
-    field = np.zeros((2 * degree + 1, 3, position_m.shape[1]))
-    for own, (along_x, along_y, along_z) in zip(field, derivatives(degree), strict=True):
+    products = np.stack([power[x, 0] * power[y, 1] * power[z, 2] for x, y, z in _monomials(degree)])
+    field: FloatArray = (_coefficients(degree) @ products).reshape(2 * degree + 1, 3, -1)
+    return field
+
+
+def _monomials(degree: int) -> list[tuple[int, int, int]]:
+    """Return the orders in x, y, z of the products of powers in fields."""
+    return [(degree - 1 - y - z, y, z) for z in range(degree) for y in range(degree - z)]
+
+
+@cache
+def _coefficients(degree: int) -> FloatArray:
+    """Return how fields (2 degree + 1, 3), as one axis, are made of the products of powers over their factorials."""
+    number = {orders: place for place, orders in enumerate(_monomials(degree))}
+    coefficients = np.zeros((2 * degree + 1, 3, len(number)))
+    for own, (along_x, along_y, along_z) in zip(coefficients, derivatives(degree), strict=True):
         for twice in range((along_x + along_y) // 2 + 1):
             for in_x in range(twice + 1):
                 orders = np.array([along_x - 2 * in_x, along_y - 2 * (twice - in_x), along_z + 2 * twice])
-                for axis, lowered in enumerate(orders - np.eye(3, dtype=int)):
-                    if lowered.min() >= 0:
-                        x, y, z = lowered
-                        own[axis] += (-1) ** twice * comb(twice, in_x) * power[x, 0] * power[y, 1] * power[z, 2]
-    return field
+                for axis, (x, y, z) in enumerate((orders - np.eye(3, dtype=int)).tolist()):
+                    if min(x, y, z) >= 0:
+                        own[axis, number[x, y, z]] += (-1) ** twice * comb(twice, in_x)
+    return coefficients.reshape(-1, len(number))

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from math import factorial
 from typing import ClassVar
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.polynomial.legendre import Legendre, legvander
 
 from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
@@ -88,15 +90,25 @@ class ScalarHeadingError(LinearEffect):
 def harmonics(direction: FloatArray, highest: int) -> FloatArray:
     """Return the real spherical harmonics (N, (highest + 1)²), orders -l to l of each degree l, orthonormal."""
     x, y, z = direction.T
-    power = (x + 1j * y)[:, None] ** np.arange(highest + 1)
+    orders = np.concatenate([np.arange(-degree, degree + 1) for degree in range(highest + 1)])
+    power = np.cumprod(np.column_stack([np.ones(len(x)), *[x + 1j * y] * highest]), axis=1)
+    around = np.concatenate([power.imag[:, :0:-1], power.real], axis=1)
+    along: FloatArray = np.vander(z, highest + 1, increasing=True) @ _along_axis(highest)
+    along *= around[:, orders + highest]
+    return along
+
+
+@cache
+def _along_axis(highest: int) -> FloatArray:
+    """Return the polynomials in z, (highest + 1, (highest + 1)²) coefficients, of the harmonics."""
     columns = []
     for degree in range(highest + 1):
         for order in range(-degree, degree + 1):
             size = abs(order)
             ratio = factorial(degree - size) / factorial(degree + size)
             norm = np.sqrt((2 * degree + 1) / (4 * np.pi) * ratio * (2 if order else 1))
-            part = power[:, size].imag if order < 0 else power[:, size].real
-            columns.append(norm * part * Legendre.basis(degree).deriv(size)(z))
+            own = norm * Legendre.basis(degree).deriv(size).convert(kind=Polynomial).coef
+            columns.append(np.pad(own, (0, highest + 1 - len(own))))
     return np.column_stack(columns)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +56,7 @@ class Term:
     ) -> "Term":
         """Make the term of one row whose coefficients have a feature each, (N, P)."""
         sensor, axis = (SCALAR, None) if row == situation.scalar_row else divmod(row, 3)
-        columns = np.arange(len(coefficients))
-        return cls(sensor, axis, name, tuple(coefficients), features, np.full(len(columns), row), columns)
+        return cls(sensor, axis, name, tuple(coefficients), features, *_of_row(row, len(coefficients)))
 
     def signal(self, values: FloatArray, row_count: int) -> FloatArray:
         """Return what coefficients (P,) add to the rows, (N, row_count), tesla."""
@@ -64,3 +64,11 @@ class Term:
         for atom, (row, column) in enumerate(zip(self.rows, self.columns, strict=True)):
             added[:, row] += values[column] * self.features[:, atom]
         return added
+
+
+@cache
+def _of_row(row: int, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the rows and columns of atoms that are all of one row."""
+    rows, columns = np.full(count, row), np.arange(count)
+    rows.flags.writeable = columns.flags.writeable = False
+    return rows, columns

@@ -202,8 +202,8 @@ class Channels:
         common = np.zeros((left.common_width, right.common_width))
         for piece in self._pieces(part):
             first, second = self._seen(left, piece), self._seen(right, piece)
-            between += first[0].T @ second[0]
-            common += first[1].T @ second[1]
+            between += first[0] @ second[0].T
+            common += first[1] @ second[1].T
         total = between[np.ix_(left.index, right.index)] * self.coupling[np.ix_(left.rows, right.rows)]
         if left.scatter is not None:
             total = left.scatter.T @ total
@@ -212,7 +212,7 @@ class Channels:
         return total + left.by_column(right.by_column(common.T, self.turn).T, self.turn)
 
     def _seen(self, design: Design, piece: slice) -> tuple[FloatArray, FloatArray]:
-        """Return the features of a design in samples that count, and what it adds to the whitened common mode.
+        """Return the features (F, n) of a design in samples that count, and what it adds to the whitened common mode.
 
         What a short recording shows of a design is kept as long as the design.
         """
@@ -221,17 +221,18 @@ class Channels:
         if design not in self._known:
             self._known[design] = self._seen_at(design, slice(None))
         features, common = self._known[design]
-        return features[piece], common[piece]
+        return features[:, piece], common[:, piece]
 
     def _seen_at(self, design: Design, piece: slice) -> tuple[FloatArray, FloatArray]:
-        counted, direction, slope = (own[piece] for own in self._taken[:3])
-        features = design.features[piece]
+        counted, direction, slope = self._taken[0][piece], self._taken[1][:, piece], self._taken[2][:, piece]
+        features = np.ascontiguousarray(design.features[piece].T)
         if not counted.all():
-            features = features * counted[:, None]
+            features = features * counted
         if design.is_shared:
-            return features, (features[:, :, None] * direction[:, None, :]).reshape(len(features), -1)
-        by_atom = features[:, design.index] * slope[:, design.rows]
-        return features, by_atom if design.scatter is None else by_atom @ design.scatter
+            return features, (features[:, None] * direction).reshape(-1, features.shape[1])
+        by_atom = features[design.index]
+        by_atom *= slope[design.rows]
+        return features, by_atom if design.scatter is None else design.scatter.T @ by_atom
 
     @cached_property
     def _known(self) -> "WeakKeyDictionary[Design, tuple[FloatArray, FloatArray]]":
@@ -241,11 +242,11 @@ class Channels:
     def _taken(self) -> tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
         """Of the samples that the normal equations take: whether they count, the whitened direction, slope and score.
 
-        Direction (n, 4) and slope (n, 3K + 1) are of the common mode; ``direction @ turn`` is the slope.
+        Direction (4, n) and slope (3K + 1, n) are of the common mode.
         """
         every = slice(None, None, self.stride)
-        direction = np.sqrt(self.precision[every, None]) * self.direction[every]
-        return self.is_counted[every], direction, direction @ self.turn, self.row_score[every]
+        direction = np.sqrt(self.precision[every]) * self.direction[every].T
+        return self.is_counted[every], direction, self.turn.T @ direction, self.row_score[every]
 
     def score(self, design: Design, part: slice | None = None) -> FloatArray:
         """Return the score (P,) of the columns of a design: their products with the residuals."""

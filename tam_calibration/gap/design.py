@@ -20,7 +20,7 @@ class Design:
     Parameters
     ----------
     features : (N, F) array
-        Tesla per unit of a coefficient.
+        Tesla per unit of a coefficient; best with the samples of a feature side by side in memory.
     index, rows, columns : (J,) array of int
         Feature, row and column of each atom; atoms of several rows may share a feature.
     width : int
@@ -44,7 +44,7 @@ class Design:
                 own[id(term.features)] = total, term.features[::stride]
                 total += term.features.shape[1]
         return cls(
-            np.concatenate([features for _, features in own.values()], axis=1),
+            np.concatenate([features.T for _, features in own.values()]).T,
             np.concatenate([own[id(term.features)][0] + np.arange(len(term.rows)) for term in terms]),
             np.concatenate([term.rows for term in terms]),
             np.concatenate([term.columns + start for term, start in zip(terms, starts[:-1], strict=True)]),
@@ -57,7 +57,7 @@ class Design:
         columns = np.cumsum([0, *(design.width for design in designs)])
         features = np.cumsum([0, *(design.features.shape[1] for design in designs)])
         return cls(
-            np.concatenate([design.features for design in designs], axis=1),
+            np.concatenate([design.features.T for design in designs]).T,
             np.concatenate([design.index + start for design, start in zip(designs, features[:-1], strict=True)]),
             np.concatenate([design.rows for design in designs]),
             np.concatenate([design.columns + start for design, start in zip(designs, columns[:-1], strict=True)]),
@@ -99,7 +99,7 @@ def calibration_design(situation: Situation, stride: int = 1) -> Design:
     """
     unit = float(np.mean(situation.intensity_T))
     field = situation.field_T[::stride]
-    features = np.column_stack([field, np.full(len(field), unit)])
+    features = np.stack([*field.T, np.full(len(field), unit)]).T
     count = situation.scalar_row
     rows = np.repeat(np.arange(count), 4)
     return Design(features, np.tile(np.arange(4), count), rows, np.arange(4 * count), 4 * count)

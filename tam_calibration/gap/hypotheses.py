@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import log
+from weakref import WeakKeyDictionary
 
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect, Situation
 from tam_calibration.gap.channels import Channels
@@ -107,9 +108,13 @@ def sharpened(base: Base, weighed: Sequence[Evidence]) -> tuple[Evidence, ...]:
     )
 
 
+_KNOWN: WeakKeyDictionary[Base, list[Evidence]] = WeakKeyDictionary()
+
+
 def rivals(base: Base) -> list[Evidence]:
-    """Return what functions without physics say."""
-    found = [
-        examine(base, rival()) for rival in (FunctionOfTime, FunctionOfDirection, FunctionOfRate, FunctionOfNeighbours)
-    ]
-    return [one for one in found if isinstance(one, Evidence)]
+    """Return what functions without physics say; asked again of a base, the same."""
+    if base not in _KNOWN:
+        kinds = (FunctionOfTime, FunctionOfDirection, FunctionOfRate, FunctionOfNeighbours)
+        found = [examine(base, kind()) for kind in kinds]
+        _KNOWN[base] = [one for one in found if isinstance(one, Evidence)]
+    return _KNOWN[base]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -29,6 +30,8 @@ _LEAST_JUMP = 0.01
 
 _ENOUGH_SAMPLES = 8000
 """Of a long recording a search takes no more; the fit that it ends with takes all."""
+
+_KNOWN: "WeakKeyDictionary[Model, Base]" = WeakKeyDictionary()
 
 _STEP_LENGTHS = (1.0, 0.5, 0.125)
 _SETTLED = 1e-3
@@ -191,7 +194,15 @@ class Model:
         return total
 
     def base(self) -> Base:
-        """Return the fit as the base of further hypotheses, linearised where it stands."""
+        """Return the fit as the base of further hypotheses, linearised where it stands; kept of a short recording."""
+        if self in _KNOWN:
+            return _KNOWN[self]
+        base = self._base()
+        if self.recording.sample_count <= _ENOUGH_SAMPLES:
+            _KNOWN[self] = base
+        return base
+
+    def _base(self) -> Base:
         channels = self.channels(self.signal() if self.parts else None)
         if not np.isfinite(channels.energy):
             raise Refused("the fit does not settle: the readings do not fit one calibration")

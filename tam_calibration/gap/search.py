@@ -1,13 +1,13 @@
 """The best form of one hypothesis: over the shapes of an effect, the terms that the data ask for."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from heapq import nlargest
 
 import numpy as np
 
 from tam_calibration.effects.effect import SCALAR, Finding, FittedEffect, LinearEffect, Shape, Situation, Term
-from tam_calibration.gap.regression import Base, Projected, twice_log_likelihood_ratio
-from tam_calibration.gap.selection import Selection, evidence, first_step, select
+from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
+from tam_calibration.gap.selection import Choice, Selection, evidence
 from tam_calibration.units import FloatArray
 
 _REFINEMENTS = 14
@@ -68,9 +68,9 @@ def places_of(form: Hypothesis | Finding) -> list[Place]:
 def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
     """Return the form of an effect with the most evidence among its shapes, or None when no part of it is visible."""
     shapes = tuple(effect.shapes(base.channels.situation, base.channels.misfit))
-    offers = [offer for offer in (_offer(base, effect, shape) for shape in shapes) if offer is not None]
-    offers.sort(key=lambda offer: -offer.evidence)
-    selected = (_selected(base, effect, offer) for offer in offers[:_FULLY_SELECTED])
+    offers = (offer for offer in (_offer(base, effect, shape) for shape in shapes) if offer is not None)
+    promising = nlargest(_FULLY_SELECTED, offers, key=lambda offer: offer.evidence)
+    selected = (_selected(effect, offer) for offer in promising)
     forms = [form for form in selected if form is not None]
     if not forms:
         return None
@@ -109,16 +109,15 @@ def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypoth
 def restricted(base: Base, form: Hypothesis, sensor: int) -> Hypothesis | None:
     """Return what the data ask for of the same effect and shape at one sensor."""
     offer = _offer(base, form.effect, form.shape, sensor)
-    return None if offer is None else _selected(base, form.effect, offer)
+    return None if offer is None else _selected(form.effect, offer)
 
 
 @dataclass(frozen=True, eq=False)
 class _Offer:
-    """All terms of a shape with their normal equations, and the evidence for the best of them alone."""
+    """All terms of a shape, and the evidence for the best step of choosing among them."""
 
     shape: Shape
-    terms: list[Term]
-    projected: Projected
+    choice: Choice
     evidence: float
 
 
@@ -131,15 +130,16 @@ def _offer(base: Base, effect: LinearEffect, shape: Shape, sensor: int | None = 
     if not terms:
         return None
     projected = base.project(base.channels.design(terms))
-    first = first_step(projected, terms, base.energy, base.channels.count - base.rank)
-    return _Offer(shape, terms, projected, first) if np.isfinite(first) else None
+    choice = Choice(projected, terms, base.energy, base.channels.count - base.rank)
+    first = choice.first_step()
+    return _Offer(shape, choice, first) if np.isfinite(first) else None
 
 
-def _selected(base: Base, effect: LinearEffect, offer: _Offer) -> Hypothesis | None:
-    selection = select(offer.projected, offer.terms, base.energy, base.channels.count - base.rank)
+def _selected(effect: LinearEffect, offer: _Offer) -> Hypothesis | None:
+    selection = offer.choice.select()
     if not selection.terms:
         return None
-    return Hypothesis(effect, offer.shape, tuple(offer.terms[index] for index in selection.terms), selection)
+    return Hypothesis(effect, offer.shape, tuple(offer.choice.terms[index] for index in selection.terms), selection)
 
 
 def _refined(base: Base, form: Hypothesis, name: str, tried: list[float]) -> Hypothesis:
@@ -152,17 +152,20 @@ def _refined(base: Base, form: Hypothesis, name: str, tried: list[float]) -> Hyp
     bounds = tried[max(here - 1, 0)], tried[min(here + 1, len(tried) - 1)]
     keys = {(term.sensor, term.axis, term.name) for term in form.terms}
 
-    def at(value: float) -> tuple[Shape, tuple[Term, ...], float]:
+    best = form.selection.gain, form.shape, form.terms
+
+    def missed(value: float) -> float:
+        nonlocal best
         shape = {**form.shape, name: float(value)}
         terms = form.effect.terms(base.channels.situation, shape)
         kept = tuple(term for term in terms if (term.sensor, term.axis, term.name) in keys)
-        return shape, kept, base.project(base.channels.design(kept)).gain()[0]
+        gain, _ = base.project(base.channels.design(kept)).gain()
+        best = max(best, (gain, shape, kept), key=lambda one: one[0])
+        return -gain
 
-    found: Any = minimize_scalar(
-        lambda value: -at(value)[2], bounds=bounds, method="bounded", options={"maxiter": _REFINEMENTS}
-    )
-    shape, terms, gain = at(found.x)
-    if gain <= form.selection.gain:
+    minimize_scalar(missed, bounds=bounds, method="bounded", options={"maxiter": _REFINEMENTS})
+    gain, shape, terms = best
+    if shape is form.shape:
         return form
     count = base.channels.count
     more = twice_log_likelihood_ratio(base.energy, gain, count)

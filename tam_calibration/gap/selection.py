@@ -2,10 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from math import log
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tam_calibration.effects.term import Term
 from tam_calibration.gap.regression import Numbers, Projected, twice_log_likelihood_ratio
@@ -42,92 +44,109 @@ def columns_of(terms: Sequence[Term]) -> list[np.ndarray]:
     return [np.arange(end - len(term.coefficients), end) for end, term in zip(ends, terms, strict=True)]
 
 
-def bundles_of(terms: Sequence[Term]) -> list[tuple[int, ...]]:
+def bundles_of(terms: Sequence[Term]) -> tuple[tuple[int, ...], ...]:
     """Return what may be added in one step: each term, those of a name in a sensor, those of a name in all sensors."""
+    return _bundles(tuple((term.sensor, term.axis, term.name) for term in terms))
+
+
+@lru_cache
+def _bundles(keys: tuple[tuple[int, int | None, str], ...]) -> tuple[tuple[int, ...], ...]:
     groups: dict[tuple[object, ...], list[int]] = {}
-    for index, term in enumerate(terms):
-        groups.setdefault((term.sensor, term.axis, term.name), []).append(index)
-        if term.sensor >= 0:
-            groups.setdefault((term.sensor, term.name), []).append(index)
-            groups.setdefault((term.name,), []).append(index)
-    return list(dict.fromkeys(tuple(group) for group in groups.values()))
+    for index, (sensor, axis, name) in enumerate(keys):
+        groups.setdefault((sensor, axis, name), []).append(index)
+        if sensor >= 0:
+            groups.setdefault((sensor, name), []).append(index)
+            groups.setdefault((name,), []).append(index)
+    return tuple(dict.fromkeys(tuple(group) for group in groups.values()))
 
 
-def first_step(projected: Projected, terms: Sequence[Term], energy: float, count: float) -> float:
-    """Return the evidence of the best single step of a selection."""
-    columns = columns_of(terms)
-    gains, ranks = projected.gains([_join(columns, bundle) for bundle in bundles_of(terms)])
-    values = evidence(energy, gains, count, ranks)
-    return float(np.max(values, where=ranks > 0, initial=-np.inf))
-
-
-def select(projected: Projected, terms: Sequence[Term], energy: float, count: float) -> Selection:
-    """Return the terms that lower the free-scale BIC most, by steps.
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What may be selected: terms, and the normal equations of all of them.
 
     Parameters
     ----------
     projected : Projected
-        Normal equations of all terms, the base eliminated.
+        The base eliminated.
     terms : sequence of Term
         In the order of the columns.
     energy, count : float
         Residual energy in front of the selection, and the number of channels.
     """
-    columns, bundles = columns_of(terms), bundles_of(terms)
-    choice = 2 * np.log(len(bundles))
-    chosen: list[int] = []
-    best, left = 0.0, projected
-    gained, spent, steps = 0.0, 0, 0
-    while True:
-        new_terms = list(dict.fromkeys(tuple(sorted(set(bundle) - set(chosen))) for bundle in bundles))
-        offers = [offer for offer in new_terms if offer]
-        if not offers:
-            break
-        gains, ranks = left.gains([_join(columns, offer) for offer in offers])
-        values = evidence(energy, gained + gains, count, spent + ranks)
-        values[ranks == 0] = -np.inf
-        first = int(np.argmax(values))
-        value = float(values[first]) - (steps + 1) * choice
-        if not np.isfinite(value) or (chosen and value <= best):
-            break
-        best = value
-        chosen += offers[first]
-        gained, spent, steps = gained + gains[first], spent + int(ranks[first]), steps + 1
-        if best <= 0:
-            break
-        left = left.without(_join(columns, offers[first]))
-    return _trimmed(projected, columns, sorted(chosen), energy, count, steps * choice)
+
+    projected: Projected
+    terms: Sequence[Term]
+    energy: float
+    count: float
+
+    def first_step(self) -> float:
+        """Return the evidence of the best single step of a selection."""
+        gains, ranks = self._first
+        values = evidence(self.energy, gains, self.count, ranks)
+        return float(np.max(values, where=ranks > 0, initial=-np.inf))
+
+    def select(self) -> Selection:
+        """Return the terms that lower the free-scale BIC most, by steps."""
+        bundles = bundles_of(self.terms)
+        price = 2 * log(len(bundles))
+        offers, chosen = list(bundles), list[int]()
+        (gains, ranks), left = self._first, self.projected
+        best, gained, spent, steps = 0.0, 0.0, 0, 0
+        while True:
+            values = evidence(self.energy, gained + gains, self.count, spent + ranks)
+            values[ranks == 0] = -np.inf
+            first = int(np.argmax(values))
+            value = float(values[first]) - (steps + 1) * price
+            if not np.isfinite(value) or (chosen and value <= best):
+                break
+            best = value
+            chosen += offers[first]
+            gained, spent, steps = gained + gains[first], spent + int(ranks[first]), steps + 1
+            if best <= 0:
+                break
+            left = left.without(self._join(offers[first]))
+            new_terms = dict.fromkeys(tuple(sorted(set(bundle) - set(chosen))) for bundle in bundles)
+            offers = [offer for offer in new_terms if offer]
+            if not offers:
+                break
+            gains, ranks = left.gains([self._join(offer) for offer in offers])
+        return self._trimmed(sorted(chosen), steps * price)
+
+    @cached_property
+    def _columns(self) -> list[np.ndarray]:
+        return columns_of(self.terms)
+
+    @cached_property
+    def _first(self) -> tuple[FloatArray, NDArray[np.intp]]:
+        """Gains and ranks of all bundles."""
+        return self.projected.gains([self._join(bundle) for bundle in bundles_of(self.terms)])
+
+    def _join(self, terms: Iterable[int]) -> np.ndarray:
+        return np.concatenate([self._columns[index] for index in terms])
+
+    def _trimmed(self, chosen: list[int], price: float) -> Selection:
+        """Drop terms as long as BIC rises without them."""
+        while chosen:
+            kept = self.projected.take(self._join(chosen))
+            inverse, rank = kept.inverse()
+            values = inverse @ kept.score
+            gain = float(kept.score @ values)
+            best = Selection(tuple(chosen), gain, rank, evidence(self.energy, gain, self.count, rank) - price)
+            if len(chosen) == 1:
+                return best
+            widths = np.array([len(self._columns[index]) for index in chosen])
+            lost = _lost(inverse, values, widths)
+            rivals = evidence(self.energy, gain - lost, self.count, rank - np.minimum(rank, widths)) - price
+            if rivals.max() <= best.delta_bic:
+                return best
+            del chosen[int(np.argmax(rivals))]
+        return Selection((), 0.0, 0, 0.0)
 
 
 def evidence(energy: float, gain: Numbers, count: float, rank: Any) -> Numbers:
     """Return n ln(S / (S - gain)) - p ln n: the free-scale BIC without the terms less that with them, for each gain."""
     price: Numbers = rank * log(count)
     return twice_log_likelihood_ratio(energy, gain, count) - price
-
-
-def _join(columns: list[np.ndarray], terms: Iterable[int]) -> np.ndarray:
-    return np.concatenate([columns[index] for index in terms])
-
-
-def _trimmed(
-    projected: Projected, columns: list[np.ndarray], chosen: list[int], energy: float, count: float, choice: float
-) -> Selection:
-    """Drop terms as long as BIC rises without them."""
-    while chosen:
-        kept = projected.take(_join(columns, chosen))
-        inverse, rank = kept.inverse()
-        values = inverse @ kept.score
-        gain = float(kept.score @ values)
-        best = Selection(tuple(chosen), gain, rank, evidence(energy, gain, count, rank) - choice)
-        if len(chosen) == 1:
-            return best
-        widths = np.array([len(columns[index]) for index in chosen])
-        lost = _lost(inverse, values, widths)
-        rivals = evidence(energy, gain - lost, count, rank - np.minimum(rank, widths)) - choice
-        if rivals.max() <= best.delta_bic:
-            return best
-        del chosen[int(np.argmax(rivals))]
-    return Selection((), 0.0, 0, 0.0)
 
 
 def _lost(covariance: FloatArray, values: FloatArray, widths: np.ndarray) -> FloatArray:

@@ -55,7 +55,7 @@ class FunctionOfDirection(LinearEffect):
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return polynomials of degree 2, 3 and 4 for each axis."""
         x, y, z = (situation.field_T / situation.intensity_T[:, None]).T
-        features = {
+        functions = {
             "degree 2": (x * y, x * z, y * z, x * x - y * y, 3 * z * z - 1),
             "degree 3": (x * y * z, z * (x * x - y * y), x * (x * x - 3 * y * y), y * (3 * x * x - y * y),
                          x * (5 * z * z - 1), y * (5 * z * z - 1), z * (5 * z * z - 3)),
@@ -64,9 +64,10 @@ class FunctionOfDirection(LinearEffect):
                          (x * x - y * y) * (7 * z * z - 1), x * z * (x * x - 3 * y * y),
                          x * x * (x * x - 3 * y * y) - y * y * (3 * x * x - y * y)),
         }  # fmt: skip
+        features = {degree: np.column_stack(of_degree) for degree, of_degree in functions.items()}
         return [
-            Term.of_row(situation, row, degree, _numbered(len(functions)), np.column_stack(functions))
-            for degree, functions in features.items()
+            Term.of_row(situation, row, degree, _numbered(own.shape[1]), own)
+            for degree, own in features.items()
             for row in range(situation.scalar_row + (degree != "degree 2"))
         ]
 

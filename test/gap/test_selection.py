@@ -8,7 +8,7 @@ import pytest
 from tam_calibration.effects.fitted import ALL, SCALAR
 from tam_calibration.effects.term import Coefficient, Term
 from tam_calibration.gap.regression import Projected
-from tam_calibration.gap.selection import bundles_of, columns_of, evidence, first_step, select
+from tam_calibration.gap.selection import Choice, bundles_of, columns_of, evidence
 
 COUNT = 2000
 GRID = [(sensor, axis, name) for name in ("offset", "scale") for sensor in range(3) for axis in range(3)]
@@ -29,7 +29,7 @@ def projected_of(matrix, observed):
 def chosen_from(matrix, observed, terms):
     """Return the selection, and the energy."""
     energy = float(observed @ observed)
-    return select(projected_of(matrix, observed), terms, energy, len(observed)), energy
+    return Choice(projected_of(matrix, observed), terms, energy, len(observed)).select(), energy
 
 
 @pytest.fixture
@@ -78,7 +78,7 @@ def test_a_further_term_must_pay_its_price(factor, taken):
     second = rest * (np.exp(factor * price / COUNT) - 1)
     first = 500.0
     projected = Projected(np.eye(2), np.sqrt([first, second]), np.ones(2))
-    found = select(projected, terms_of(keys), first + second + rest, COUNT)
+    found = Choice(projected, terms_of(keys), first + second + rest, COUNT).select()
     assert found.terms == ((0, 1) if taken else (0,))
 
 
@@ -99,9 +99,10 @@ def test_what_is_spread_over_all_axes_is_found_as_a_bundle():
     terms = terms_of(GRID)
     own = log(COUNT) + log(len(bundles_of(terms)))
     score = np.where([name == "offset" for _, _, name in GRID], np.sqrt(own), 0.0)
-    found = select(Projected(np.eye(18), score, np.ones(18)), terms, float(COUNT), COUNT)
+    found = Choice(Projected(np.eye(18), score, np.ones(18)), terms, float(COUNT), COUNT).select()
     assert found.terms == tuple(range(9)) and found.delta_bic > 0
-    alone = select(Projected(np.eye(18), score * (np.arange(18) == 4), np.ones(18)), terms, float(COUNT), COUNT)
+    score = score * (np.arange(18) == 4)
+    alone = Choice(Projected(np.eye(18), score, np.ones(18)), terms, float(COUNT), COUNT).select()
     assert alone.delta_bic <= 0
 
 
@@ -118,10 +119,10 @@ def test_the_first_step_is_the_best_bundle(noise):
     energy, terms = float(observed @ observed), terms_of(GRID)
     gain = projected_of(matrix, observed).gains([np.array([7])])[0][0]
     projected = projected_of(matrix, observed)
-    assert first_step(projected, terms, energy, COUNT) == pytest.approx(evidence(energy, gain, COUNT, 1))
+    assert Choice(projected, terms, energy, COUNT).first_step() == pytest.approx(evidence(energy, gain, COUNT, 1))
     nothing = Projected(np.zeros((18, 18)), np.zeros(18), np.ones(18))
-    assert first_step(nothing, terms, energy, COUNT) == -np.inf
-    assert select(nothing, terms, energy, COUNT).terms == ()
+    assert Choice(nothing, terms, energy, COUNT).first_step() == -np.inf
+    assert Choice(nothing, terms, energy, COUNT).select().terms == ()
 
 
 def test_columns_stand_in_the_order_of_the_terms():
