@@ -20,6 +20,9 @@ from tam_calibration.blind.processes import draw_wander
 from tam_calibration.blind.scene import Scene
 from tam_calibration.units import FloatArray
 
+_LEAST_FALLS, _TRIES = 4, 50
+"""What falls less often is a bias that jumps."""
+
 
 def random_walk_bias(rng: Generator, scene: Scene) -> Disturbance:
     """Let a bias walk at random, restlessly."""
@@ -90,15 +93,25 @@ def two_state_gain(rng: Generator, scene: Scene) -> Disturbance:
 
 def stiction(rng: Generator, scene: Scene) -> Disturbance:
     """Let a loose part in a sensor fall from side to side as it is turned, late and never twice alike."""
-    sensor, axis = draw_sensor(rng, scene), draw_direction(rng)
-    tilt = scene.to_world[:, 2] @ axis
+    sensor = draw_sensor(rng, scene)
+    for _ in range(_TRIES):
+        axis = draw_direction(rng)
+        sides = _fallen(rng, scene.to_world[:, 2] @ axis)
+        falls = int(np.sum(np.diff(np.sign(sides)) != 0))
+        if falls >= _LEAST_FALLS:
+            break
+    change = 1e-9 * np.outer(sides, draw_direction(rng))
+    return _of_one(scene, "stiction", sensor, np.ones(3), change, {"axis": numbers(axis), "falls": falls})
+
+
+def _fallen(rng: Generator, tilt: FloatArray) -> FloatArray:
+    """Return on which side a loose part lies, and how far from the middle."""
     side, sides = 1.0, []
     for value in tilt.tolist():
         if value * side < -rng.uniform(0.05, 0.9):
             side = -side
         sides.append(side * rng.uniform(0.7, 1.0))
-    change = 1e-9 * np.outer(sides, draw_direction(rng))
-    return _of_one(scene, "stiction", sensor, np.ones(3), change, {"axis": numbers(axis)})
+    return np.array(sides)
 
 
 def _core(scene: Scene, sensor: int) -> FloatArray:

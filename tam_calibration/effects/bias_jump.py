@@ -8,10 +8,12 @@ import numpy as np
 
 from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.moved_sphere import moved_sphere
+from tam_calibration.effects.saturation import inside_range
+from tam_calibration.effects.spikes import LONGEST_BURST
 from tam_calibration.units import FloatArray
 
-_LEAST_SAMPLES = 12
-_SHORTEST = 3
+_LEAST_SAMPLES = 24
+_SHORTEST = LONGEST_BURST + 1
 """Samples on either side of a jump; fewer are outliers."""
 
 _ROUNDS = 3
@@ -34,6 +36,7 @@ class BiasJump(LinearEffect):
     )
     excitation: ClassVar[str] = "turn through the same attitudes before and after the jump"
     is_free_in_time: ClassVar[bool] = True
+    has_exact_shapes: ClassVar[bool] = True
     shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
 
     def obstacle(self, situation: Situation) -> str | None:
@@ -43,12 +46,15 @@ class BiasJump(LinearEffect):
         return None
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
-        """Return the times, and pairs of times, at which jumps of one row or of all explain most, of all samples."""
+        """Return the times, and pairs of times, at which jumps of one row or of all explain most, of all samples.
+
+        What an axis reads at the end of its range is no jump.
+        """
         if situation.sample_count < _LEAST_SAMPLES:
             return []
         intensity = float(np.median(situation.intensity_T))
         middle = (situation.time_s[1:] + situation.time_s[:-1]) / 2
-        whole, *rows = (_best(path) for path in _paths(misfit))
+        whole, *rows = (_best(path) for path in _paths(inside_range(misfit)))
         ranked = [sorted((row[kind] for row in rows), key=lambda jump: -jump.gain)[:_MOST_OF_ROWS] for kind in range(2)]
         cuts = dict.fromkeys(jump.cuts for jump in (*whole, *ranked[0], *ranked[1]) if jump.gain > 0)
         shapes: list[Shape] = [

@@ -106,6 +106,10 @@ class LinearEffect(Effect):
         recursions then use the memory of the situation.
     is_of_site : bool
         Whether it belongs to where the recording was made: it does not go with the array to another place.
+    has_exact_shapes : bool
+        Whether the shapes that it returns are the best ones, and not points of a grid between which to look further.
+    within : tuple of str
+        Names of the effects of which it is a special case: beside one of them, in the same sensor, it says nothing new.
     shape_units : dict
         SI unit of each parameter of the shape.
     """
@@ -113,6 +117,8 @@ class LinearEffect(Effect):
     is_free_in_time: ClassVar[bool] = False
     is_causal: ClassVar[bool] = True
     is_of_site: ClassVar[bool] = False
+    has_exact_shapes: ClassVar[bool] = False
+    within: ClassVar[tuple[str, ...]] = ()
     shape_units: ClassVar[Mapping[str, str]] = {}
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:

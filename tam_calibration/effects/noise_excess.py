@@ -13,7 +13,9 @@ import numpy as np
 from tam_calibration.effects.effect import ALL, Contribution, Finding, FittedEffect, FoundEffect, Misfit, Situation
 from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
 from tam_calibration.effects.places import row_deviations
-from tam_calibration.effects.saturation import rows_of
+from tam_calibration.effects.quantization import find_lattices
+from tam_calibration.effects.saturation import inside_range, rows_of
+from tam_calibration.effects.spikes import without_spikes
 from tam_calibration.units import FloatArray
 
 _ALIKE = 0.75
@@ -61,15 +63,16 @@ class NoiseExcess(FoundEffect):
         """Return the rows with more noise and how much, or why there is none."""
         if misfit.is_counted.sum() < _LEAST_SAMPLES:
             return f"a variance needs {_LEAST_SAMPLES} samples or more"
+        misfit = without_spikes(inside_range(misfit))
         moments = Moments.of(misfit)
         excess = best_excess(moments, misfit.situation)
         if excess is None:
             return self._shared(misfit)
-        objection = _objection(misfit, excess)
-        if objection is not None:
-            return objection
         variance = np.zeros(moments.row_count)
         variance[list(excess.place.rows)] = excess.variance_T2
+        objection = "the readings are whole steps" if _is_rounding(misfit, variance) else _objection(misfit, excess)
+        if objection is not None:
+            return objection
         return Finding(
             FittedEffect(self.name, {}, _contributions(moments, excess)),
             gain=excess.gain,
@@ -83,11 +86,14 @@ class NoiseExcess(FoundEffect):
         count = float(misfit.channel_count[counted].sum())
         variance = float(misfit.energy[counted].sum()) / count
         if variance <= _LARGEST_SHARED**2 or noise_T is None:
-            return "no row is noisier than the others"
+            return "no row is noisier than the others, spikes and readings at the end of the range left out"
         deviations = row_deviations(misfit)[counted]
         surplus, chance = variance - 1, _CERTAIN * variance / float(np.sqrt(len(deviations)))
         if any(_alike(deviation) > max(_ALIKE_EVERYWHERE * surplus, chance) for deviation in deviations.T):
             return "the excess follows a course in time"
+        shared = np.append(surplus * np.repeat(noise_T**2, 3), 0.0)
+        if _is_rounding(misfit, shared):
+            return "the readings are whole steps"
         beyond = variance / _LARGEST_SHARED**2
         size = float(np.sqrt(surplus * np.mean(noise_T**2)))
         error = size * variance / surplus / float(np.sqrt(2 * count))
@@ -96,7 +102,7 @@ class NoiseExcess(FoundEffect):
             FittedEffect(self.name, {}, (Contribution(ALL, None, "noise", values, errors),)),
             gain=count * (beyond - 1 - float(np.log(beyond))),
             parameter_count=1,
-            variance=np.append(surplus * np.repeat(noise_T**2, 3), 0.0),
+            variance=shared,
         )
 
     def add(
@@ -129,6 +135,14 @@ def _objection(misfit: Misfit, excess: Excess) -> str | None:
     if _kurtosis(deviation) > _HEAVY:
         return "the excess comes as spikes"
     return None
+
+
+def _is_rounding(misfit: Misfit, variance_T2: FloatArray) -> bool:
+    """Return whether half of the variance beyond the floor (3K + 1,) is what rounding to whole steps makes."""
+    rounding = np.zeros(len(variance_T2))
+    for lattice in find_lattices(misfit):
+        rounding[lattice.row] = lattice.step_T**2 / 12
+    return bool(np.sum(np.minimum(rounding, variance_T2)) > np.sum(variance_T2) / 2)
 
 
 def _alike(deviation: FloatArray) -> float:

@@ -23,6 +23,7 @@ class Nonlinearity(LinearEffect):
         "the field over its full scale."
     )
     excitation: ClassVar[str] = "turn each axis along and against the field"
+    within: ClassVar[tuple[str, ...]] = ("hysteresis",)
     shape_units: ClassVar[dict[str, str]] = {"full_scale_T": "T"}
 
     def obstacle(self, situation: Situation) -> str | None:

@@ -6,7 +6,7 @@ at the largest or smallest value, where the other sensors say that the axis shou
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -118,6 +118,14 @@ def find_limits(misfit: Misfit) -> list[_Limit]:
             if limit is not None:
                 found.append(limit)
     return found
+
+
+def inside_range(misfit: Misfit) -> Misfit:
+    """Return a misfit in which samples at the end of an axis' range do not count: these have a cause of their own."""
+    is_inside = misfit.is_counted.copy()
+    for limit in find_limits(misfit):
+        is_inside[limit.samples] = False
+    return replace(misfit, is_counted=is_inside)
 
 
 def _limit_of(misfit: Misfit, row: int, end: str, sign: float, reading: FloatArray) -> _Limit | None:

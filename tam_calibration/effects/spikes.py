@@ -8,7 +8,7 @@ neighbours in time or on the sphere share, what comes where the noise is louder,
 range: these have causes of their own.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,6 +101,16 @@ def find_spikes(misfit: Misfit) -> Spikes | str:
         return "what is far off comes in spells, as where the noise changes"
     samples = np.flatnonzero(far)
     return Spikes(samples, worst[samples])
+
+
+def without_spikes(misfit: Misfit) -> Misfit:
+    """Return a misfit in which the samples that stand alone do not count."""
+    spikes = find_spikes(misfit)
+    if isinstance(spikes, str):
+        return misfit
+    is_counted = misfit.is_counted.copy()
+    is_counted[spikes.samples] = False
+    return replace(misfit, is_counted=is_counted)
 
 
 def _standardised(raw: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:

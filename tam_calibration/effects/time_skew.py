@@ -22,6 +22,7 @@ class TimeSkew(LinearEffect):
     )
     excitation: ClassVar[str] = "turn the array fast and continuously, not from pose to pose"
     is_causal: ClassVar[bool] = False
+    within: ClassVar[tuple[str, ...]] = ("eddy_current",)
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that there is no continuous motion, where there is none."""

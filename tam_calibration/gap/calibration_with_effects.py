@@ -16,9 +16,11 @@ from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.hypotheses import Evidence, examine, unusable
 from tam_calibration.gap.joint import Joint
+from tam_calibration.gap.looking import Progress
 from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.search import Hypothesis, refined
-from tam_calibration.gap.steps import LEAST_EVIDENCE, Progress, search
+from tam_calibration.gap.standing import LEAST_EVIDENCE
+from tam_calibration.gap.steps import search
 from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 from tam_calibration.residuals import measure_residuals

@@ -5,11 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from tam_calibration.effects.effect import Finding, FittedEffect
+from tam_calibration.effects.effect import ALL, Finding, FittedEffect
+from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.design import Design
 from tam_calibration.gap.hypotheses import Evidence
+from tam_calibration.gap.looking import CLEAN, Step
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.probability import probabilities
@@ -17,8 +19,9 @@ from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Cause, Considered, Gap, Residue, Size, Verdict, Where
 from tam_calibration.gap.search import Hypothesis, Place, places_of
 from tam_calibration.gap.shares import shares_of
-from tam_calibration.gap.size import measure, noise_variance
-from tam_calibration.gap.steps import CLEAN, LEAST_EVIDENCE, Search, Step, open_part
+from tam_calibration.gap.size import LARGEST_NOISE, measure, noise_variance
+from tam_calibration.gap.standing import LEAST_EVIDENCE, open_part, sensors_of
+from tam_calibration.gap.steps import Search
 from tam_calibration.gap.where import locate, main_places, sensors_and_axes
 from tam_calibration.units import FloatArray
 
@@ -27,8 +30,11 @@ SMALLEST_GAP = 0.1
 
 _PARTLY_CLOSED = 0.6
 
-_SURE_GAP, _LEFT_OF_SURE = 0.7, 0.22
-"""Noise floors from which a gap is sure, and the part of it that a true cause leaves at most."""
+_LEFT = 0.22
+"""Part of a gap's amplitude that true causes visibly leave in their own sensors at most."""
+
+_MANY = 3
+"""Causes, jumps counted singly, that together imitate much: they may leave half as much."""
 
 _AS_GOOD = 10.0
 _NEARLY_ALL = 0.97
@@ -44,11 +50,13 @@ _OF_FEW, _FEW = ("saturation", "outliers"), 3
 def conclude(found: Search) -> Gap:
     """Return the gap that a search found."""
     variance = noise_variance(found.model, found.remaining, LEAST_EVIDENCE)
+    noisier = None if found.steps else _noisier(found.nominal)
+    if noisier is not None:
+        variance = min(variance, noisier.floor)
     whole_nominal, whole = found.nominal.of_all_samples(), found.model.of_all_samples()
     size = measure(whole_nominal, whole, variance)
     base = found.nominal.base()
-    nominal = base.channels
-    verdict = _verdict(found, size, nominal, variance)
+    verdict = _verdict(found, size, variance, noisier is not None)
     chances = probabilities(found, verdict)
     causes = _causes(found, whole, size, chances, variance)
     if verdict in ("no_gap", "unexplained"):
@@ -74,30 +82,36 @@ def conclude(found: Search) -> Gap:
     )
 
 
-def _verdict(found: Search, size: Size, nominal: Channels, variance: float) -> Verdict:
+def _noisier(nominal: Model) -> Excess | None:
+    """Return the excess of variance of some rows over the others, whatever makes it."""
+    channels = nominal.channels()
+    excess = best_excess(Moments.of(channels.misfit), channels.situation)
+    if excess is None or excess.gain - excess.parameter_count * np.log(channels.count) < LEAST_EVIDENCE:
+        return None
+    return excess
+
+
+def _verdict(found: Search, size: Size, variance: float, is_noisier: bool) -> Verdict:
     if size.before < SMALLEST_GAP:
         return "no_gap"
     strongest = max((rival.delta_bic for rival in found.remaining), default=0.0)
     left = open_part(found.nominal.base(), found.model.base(), found.remaining)
     if not found.steps:
-        return "no_gap" if strongest < LEAST_EVIDENCE and variance < 1.44 else "unexplained"
-    if size.before > _SURE_GAP and size.closed < 1 - _LEFT_OF_SURE**2 and _stands_alone(found):
+        is_even = strongest < LEAST_EVIDENCE and variance < LARGEST_NOISE**2 and not is_noisier
+        return "no_gap" if is_even else "unexplained"
+    if size.closed < _PARTLY_CLOSED or _stands_in(found, size):
         return "unexplained"
-    if size.closed >= 1 - CLEAN or left < CLEAN:
-        return "explained"
-    return "partly_explained" if size.closed >= _PARTLY_CLOSED else "unexplained"
+    return "explained" if size.closed >= 1 - CLEAN or left < CLEAN else "partly_explained"
 
 
-def _stands_alone(found: Search) -> bool:
-    """Whether there is one cause, and what it leaves is in its own sensors: it is a stand-in for something else."""
-    if len(found.steps) != 1:
-        return False
-    base = found.model.base()
-    own = {sensor for sensor, _ in places_of(found.steps[0].accepted.form)}
+def _stands_in(found: Search, size: Size) -> bool:
+    """Whether causes leave more in their own sensors than true ones would: they stand in for something else."""
+    most = _LEFT if len(found.steps) < _MANY else _LEFT / 2
     strongest = max(found.remaining, key=lambda one: one.delta_bic, default=None)
-    if strongest is None or strongest.delta_bic < LEAST_EVIDENCE:
+    if size.closed >= 1 - most**2 or strongest is None or strongest.delta_bic < LEAST_EVIDENCE:
         return False
-    return {sensor for sensor, _ in main_places(base, strongest)} <= own
+    own = {place for step in found.steps for place in sensors_of(places_of(step.accepted.form))}
+    return ALL in own or sensors_of(main_places(found.model.base(), strongest)) <= own
 
 
 def _causes(

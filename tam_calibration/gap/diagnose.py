@@ -4,9 +4,10 @@ from collections.abc import Collection
 
 from tam_calibration.array import Array
 from tam_calibration.gap.conclude import conclude
+from tam_calibration.gap.looking import Progress
 from tam_calibration.gap.result import Gap
 from tam_calibration.gap.short import at_rest, is_at_rest, needed_samples, too_short
-from tam_calibration.gap.steps import Progress, search
+from tam_calibration.gap.steps import search
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 

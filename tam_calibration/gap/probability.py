@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from math import exp
 
 from tam_calibration.gap.result import Verdict
-from tam_calibration.gap.steps import LEAST_EVIDENCE, Search
+from tam_calibration.gap.standing import LEAST_EVIDENCE
+from tam_calibration.gap.steps import Search
 
 _RIGHT: Mapping[Verdict, float] = {
     "no_gap": 0.96,

@@ -82,7 +82,7 @@ def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
 
 def refined(base: Base, form: Hypothesis) -> Hypothesis:
     """Return the form with each parameter of its shape moved to where the chosen terms explain most."""
-    for name in form.effect.shape_units:
+    for name in () if form.effect.has_exact_shapes else form.effect.shape_units:
         values = sorted({shape[name] for shape in form.tried if name in shape})
         form = _refined(base, form, name, values)
     return form

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap import diagnose
-from tam_calibration.gap.steps import LEAST_EVIDENCE, search
+from tam_calibration.gap.standing import LEAST_EVIDENCE
+from tam_calibration.gap.steps import search
 
 SAMPLES = 600
 

@@ -1,0 +1,40 @@
+"""A search from one start: what may come beside what was accepted."""
+
+import numpy as np
+import pytest
+
+from tam_calibration.gap import diagnose
+
+
+def switched(made, times, row=4, size=15e-9):
+    """Return the run with an offset of one axis that changes sides at each of the times."""
+    side = 1.0 - 2.0 * (np.searchsorted(times, made.recording.time_s) % 2)
+    return made.with_row(row, size * side)
+
+
+@pytest.mark.parametrize("times", [[25.0], [20.0, 38.0], [12.0, 30.0, 44.0]])
+def test_up_to_three_jumps_are_jumps(run, times):
+    """One, on and off, and three."""
+    made = switched(run(600), times)
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "explained"
+    assert {(cause.fitted.effect, cause.sensors) for cause in gap.causes} == {("bias_jump", (2,))}
+
+
+def test_what_comes_and_goes_is_no_jump(run):
+    """A loose contact that changes sides eight times is none of the library, and its sensor is told."""
+    made = switched(run(600), [5.0, 11.0, 19.0, 24.0, 33.0, 40.0, 46.0, 55.0])
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "unexplained"
+    assert (gap.where.sensors, gap.where.axes) == ((2,), ("y",))
+
+
+def test_a_product_of_two_axes_is_no_loop(run):
+    """What an axis feels across it is neither its hysteresis nor, together with that, its nonlinearity."""
+    made = run(900)
+    field = made.errors.restore(made.recording.readings_T).mean(axis=1)
+    x, y, z = field.T / np.linalg.norm(field, axis=1)
+    made = made.with_row(8, 20e-9 * x * y * (1 + 0.5 * z))
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "unexplained"
+    assert (gap.where.sensors, gap.where.axes) == ((3,), ("z",))

@@ -1,0 +1,42 @@
+"""What averaging of noise is worth: all of what an effect gains in noise, nothing of what a true one gains."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.effects.library import effect_named
+from tam_calibration.gap import diagnose
+from tam_calibration.gap.noise_gain import noise_gain
+from tam_calibration.gap.search import best_form
+
+SAMPLES = 2000
+
+
+@pytest.fixture(scope="module")
+def slow(run):
+    """Return a run of one noisy sensor that turns by half a degree a sample, with a far better scalar."""
+    made = run(SAMPLES, sensors=1)
+    attitude = Rotation.from_euler("XYZ", np.outer(np.arange(SAMPLES), [0.009, 0.0055, 0.0035]))
+    field = attitude.inv().apply([12e-6, 18e-6, -45e-6])[:, None]
+    noise = 4e-9 * np.random.default_rng(1).normal(size=(SAMPLES, 1, 3))
+    recording = replace(made.recording, readings_T=made.errors.distort(field[:, 0]) + noise, attitude=None)
+    return replace(made, recording=recording, array=replace(made.array, vector_noise_T=np.array([4e-9])))
+
+
+def test_what_averages_noise_is_no_effect(slow):
+    """Eddy currents gain much of a slow turn by averaging neighbours, and all of it is taken for that."""
+    base = slow.model().base()
+    form = best_form(base, effect_named("eddy_current"))
+    assert form.selection.gain > 0.05 * base.energy
+    assert noise_gain(base, form) > 0.9 * form.selection.delta_bic
+    assert diagnose(slow.recording, slow.array).verdict == "no_gap"
+
+
+def test_a_true_effect_owes_nothing_to_noise(run):
+    """A drift with temperature does not depend on the noise of the readings at all."""
+    made = run(600)
+    base = made.with_row(4, 4e-9 * (made.recording.temperature_C - 20)).model().base()
+    form = best_form(base, effect_named("temperature_drift"))
+    assert noise_gain(base, form) < 1e-3 * form.selection.delta_bic
