@@ -1,16 +1,22 @@
 """`tam call`: call a service of the nodes where there is no `ros2` command."""
 
+import re
+
 import click
 
 from tam_calibration.nodes import ros_session
+from tam_calibration.problems import InputError
 
 FIND_S = 5.0
+_NAME = re.compile(r"(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
 @click.command()
 @click.argument("service")
 def command(service: str) -> None:
     """Call SERVICE, such as calibrator/calibrate, and print its answer; exit 1 when the answer is no."""
+    if not _NAME.fullmatch(service):
+        raise InputError(f"{service!r} is no name of a service: give one such as calibrator/calibrate")
     with ros_session(exit_code=1):
         from tam_calibration.nodes.trigger import call
 

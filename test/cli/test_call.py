@@ -30,6 +30,14 @@ def test_an_answer_of_no_is_exit_code_1_with_the_reason(bench):
     assert done.stderr.startswith("tam: calibrator/calibrate: no samples are stored")
 
 
+@pytest.mark.parametrize("service", ["", "bad name!", "calibrator/", "1st"])
+def test_what_is_no_name_is_bad_input(service):
+    """It is told in one sentence."""
+    done = call(service)
+    assert done.returncode == 2
+    assert done.stderr == f"tam: {service!r} is no name of a service: give one such as calibrator/calibrate\n"
+
+
 def test_a_service_that_nobody_offers_is_told(ros_domain):
     """Without nodes the answer names the service and what to start."""
     done = call("calibrator/save")
