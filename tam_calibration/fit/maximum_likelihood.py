@@ -4,19 +4,16 @@ Each sample's field is eliminated exactly and Gauss-Newton solves for the 12 K -
 determines, from a start that is nearly the solution: see ``closed_form``.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
-from numpy.linalg import LinAlgError
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
 from tam_calibration.effects.ambient_gradient import require_attitude
 from tam_calibration.errors import SensorErrors
-from tam_calibration.fit import ellipsoid, student
+from tam_calibration.fit import student
 from tam_calibration.fit.ambient_gradient import (
     gradient_of,
     marginal_information,
@@ -25,25 +22,15 @@ from tam_calibration.fit.ambient_gradient import (
 )
 from tam_calibration.fit.bound import parameter_covariance
 from tam_calibration.fit.closed_form import closed_form
-from tam_calibration.fit.likelihood import UNIFORM, Likelihood, Linearization
+from tam_calibration.fit.gauss_newton import Point, free_rows, gauss_newton
+from tam_calibration.fit.likelihood import Likelihood, Linearization
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.fit.reference import LARGEST_SHARE, interpolate, is_worth_interpolating
 from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
 from tam_calibration.fit.uniform_likelihood import UniformLikelihood
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording, SampleSource
 from tam_calibration.units import FloatArray
-
-_MOST_STEPS = 100
-
-
-class _Point(NamedTuple):
-    """Matrices D Λ (K, 3, 3), biases (K, 3), and components of an ambient gradient: five, or none."""
-
-    matrix: FloatArray
-    bias: FloatArray
-    gradient: FloatArray = UNIFORM
 
 
 def maximum_likelihood(
@@ -89,16 +76,8 @@ def maximum_likelihood(
         point, information = _fit_in_memory(recording.whole(), noisy, data, robust, ambient_gradient)
     else:
         point, information = _fit(recording, noisy, data)
-    errors, factor = _errors(data, point)
-    intensity_T = data.radius_T / factor
-    gradient = None
-    if ambient_gradient:
-        information, of_gradient = marginal_information(information, _free_rows(recording.sensor_count))
-        gradient = gradient_of(point.gradient, of_gradient, intensity_T)
-    free_intensity = None if data.has_scalar else intensity_T
-    covariance = parameter_covariance(information, errors, data.radius_T, free_intensity)
-    estimate = Estimate(errors, covariance, True, intensity_T, gradient)
-    return make_calibration("robust" if robust else "maximum_likelihood", recording, array, estimate)
+    name = "robust" if robust else "maximum_likelihood"
+    return make_calibration(name, recording, array, _estimate(data, point, information))
 
 
 def estimate(recording: SampleSource, array: Array) -> SensorErrors:
@@ -123,7 +102,20 @@ def estimate(recording: SampleSource, array: Array) -> SensorErrors:
     return _errors(data, _fit(recording, noisy, data)[0])[0]
 
 
-def _errors(data: Normalized, point: _Point) -> tuple[SensorErrors, float]:
+def _estimate(data: Normalized, point: Point, information: FloatArray) -> Estimate:
+    """Return errors and ambient gradient at the point where a fit settled, with their covariance."""
+    errors, factor = _errors(data, point)
+    intensity_T = data.radius_T / factor
+    gradient = None
+    if len(point.gradient):
+        information, of_gradient = marginal_information(information, free_rows(len(point.matrix)))
+        gradient = gradient_of(point.gradient, of_gradient, intensity_T)
+    free_intensity = None if data.has_scalar else intensity_T
+    covariance = parameter_covariance(information, errors, data.radius_T, free_intensity)
+    return Estimate(errors, covariance, True, intensity_T, gradient)
+
+
+def _errors(data: Normalized, point: Point) -> tuple[SensorErrors, float]:
     """Return the errors at a point, and by how much their scale exceeds that of the data."""
     factor = 1.0 if data.has_scalar else float(free_scale(point.matrix))
     errors = SensorErrors.from_matrix(factor * point.matrix, data.origin_T + data.radius_T * point.bias)
@@ -131,13 +123,13 @@ def _errors(data: Normalized, point: _Point) -> tuple[SensorErrors, float]:
     return errors, factor
 
 
-def _fit(recording: SampleSource, array: Array, data: Normalized) -> tuple[_Point, FloatArray]:
+def _fit(recording: SampleSource, array: Array, data: Normalized) -> tuple[Point, FloatArray]:
     """Return the estimate in a uniform field and its information, the intensity interpolated where it is slow."""
     if _is_slow(recording):
         return _fit_in_memory(recording.whole(), array, data, robust=False, ambient_gradient=False)
     likelihood = UniformLikelihood(data, *_noise(array, data))
-    point = _Point(*closed_form(data, *_noise(array, data)))
-    return _gauss_newton(lambda there: likelihood.linearize(there.matrix, there.bias), point)
+    point = Point(*closed_form(data, *_noise(array, data)))
+    return gauss_newton(lambda there: likelihood.linearize(there.matrix, there.bias), point)
 
 
 def _is_slow(recording: SampleSource) -> bool:
@@ -150,15 +142,15 @@ def _is_slow(recording: SampleSource) -> bool:
 
 def _fit_in_memory(
     recording: Recording, array: Array, data: Normalized, robust: bool, ambient_gradient: bool
-) -> tuple[_Point, FloatArray]:
+) -> tuple[Point, FloatArray]:
     """Return the estimate and its information where samples differ in weight, attitude or share of a reading."""
     # In a gradient the intensity away from the centre changes as the array is turned, not along a line.
     is_steady = not ambient_gradient or array.scalar_position_m is None
     likelihood = _likelihood(recording, array, data, may_interpolate=is_steady and not robust)
-    point = _Point(*closed_form(data, *_noise(array, data)))
+    point = Point(*closed_form(data, *_noise(array, data)))
     if ambient_gradient:
         likelihood, point = _aligned_start(recording, array, likelihood, point)
-    point, information = _gauss_newton(partial(_linearize, likelihood, robust), point, robust)
+    point, information = gauss_newton(partial(_linearize, likelihood, robust), point, robust)
     if robust:
         energy, channels = likelihood.energy(*point), likelihood.channel_count
         factor = student.variance_factor(energy, channels, student.scale_square(energy, channels))
@@ -166,7 +158,7 @@ def _fit_in_memory(
     return point, information
 
 
-def _linearize(likelihood: Likelihood, robust: bool, point: _Point) -> Linearization:
+def _linearize(likelihood: Likelihood, robust: bool, point: Point) -> Linearization:
     weights = _student_weights(likelihood, point) if robust else None
     return likelihood.linearize(point.matrix, point.bias, weights, point.gradient)
 
@@ -186,8 +178,8 @@ def _noise(array: Array, data: Normalized) -> tuple[FloatArray, float]:
 
 
 def _aligned_start(
-    recording: Recording, array: Array, likelihood: Likelihood, point: _Point
-) -> tuple[Likelihood, _Point]:
+    recording: Recording, array: Array, likelihood: Likelihood, point: Point
+) -> tuple[Likelihood, Point]:
     """Return the likelihood in an ambient gradient, and a point where its attitudes agree with the field.
 
     The field at the centre is known well enough for that only when the gradient is known.
@@ -198,58 +190,13 @@ def _aligned_start(
         if start:
             point = point._replace(gradient=np.zeros(5))
             information = _linearize(likelihood, False, point).information
-            _, covariance = marginal_information(information, _free_rows(recording.sensor_count))
+            _, covariance = marginal_information(information, free_rows(recording.sensor_count))
             require_gradient_determined(covariance, likelihood.vector_noise, array)
-            point, _ = _gauss_newton(partial(_linearize, likelihood, False), point)
+            point, _ = gauss_newton(partial(_linearize, likelihood, False), point)
     return likelihood, point
 
 
-def _free_rows(count: int) -> np.ndarray:
-    """Return which of the rows of [D Λ | o] are fitted: not what lies below the diagonal of the first matrix."""
-    free = np.ones(12 * count, dtype=bool)
-    free[[4, 8, 9]] = False
-    return free
-
-
-def _gauss_newton(
-    linearize: Callable[[_Point], Linearization], point: _Point, robust: bool = False
-) -> tuple[_Point, FloatArray]:
-    """Return the point where the iteration settles, and the information a last step before, far below its errors."""
-    rows = 12 * len(point.matrix)
-    free = np.append(_free_rows(len(point.matrix)), np.ones(len(point.gradient), dtype=bool))
-    previous = np.inf
-    for _ in range(_MOST_STEPS):
-        here = linearize(point)
-        step = np.zeros(free.size)
-        step[free] = _solve(here.information[np.ix_(free, free)], here.gradient[free])
-        # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.
-        decrement = float(step @ here.gradient)
-        update = step[:rows].reshape(-1, 3, 4)
-        point = _Point(point.matrix + update[..., :3], point.bias + update[..., 3], point.gradient + step[rows:])
-        # Newton's steps fall quadratically until rounding stops them, those with new weights by a constant factor.
-        is_rounding = not robust and decrement < 1e-2 and decrement > previous / 4
-        if is_rounding or decrement < (1e-5 if robust else 1e-6):
-            return point, here.information
-        previous = decrement
-    raise Refused(
-        f"the fit did not settle in {_MOST_STEPS} steps: the readings do not fit one calibration, "
-        "look for a change of field or sensor during the recording"
-    )
-
-
-def _student_weights(likelihood: Likelihood, point: _Point) -> FloatArray:
+def _student_weights(likelihood: Likelihood, point: Point) -> FloatArray:
     energy, channels = likelihood.energy(*point), likelihood.channel_count
     square = student.scale_square(energy, channels)
     return student.weights(energy, channels, square) / square
-
-
-def _solve(information: FloatArray, gradient: FloatArray) -> FloatArray:
-    diagonal = np.diag(information)
-    if not (diagonal > 0).all():
-        raise InputError(ellipsoid.NO_ELLIPSOID)
-    scale = 1 / np.sqrt(diagonal)
-    try:
-        step: FloatArray = scale * np.linalg.solve(information * np.outer(scale, scale), scale * gradient)
-    except LinAlgError:
-        raise InputError(ellipsoid.NO_ELLIPSOID) from None
-    return step

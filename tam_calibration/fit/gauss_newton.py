@@ -1,0 +1,84 @@
+"""Gauss-Newton steps over the parameters of a fit that a uniform field determines, until rounding stops them."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.linalg import LinAlgError
+
+from tam_calibration.fit import ellipsoid
+from tam_calibration.fit.likelihood import UNIFORM, Linearization
+from tam_calibration.problems import InputError, Refused
+from tam_calibration.units import FloatArray
+
+_MOST_STEPS = 100
+
+
+class Point(NamedTuple):
+    """Matrices D Λ (K, 3, 3), biases (K, 3), and components of an ambient gradient: five, or none."""
+
+    matrix: FloatArray
+    bias: FloatArray
+    gradient: FloatArray = UNIFORM
+
+
+def free_rows(count: int) -> np.ndarray:
+    """Return which of the rows of [D Λ | o] are fitted: not what lies below the diagonal of the first matrix."""
+    free = np.ones(12 * count, dtype=bool)
+    free[[4, 8, 9]] = False
+    return free
+
+
+def gauss_newton(
+    linearize: Callable[[Point], Linearization], point: Point, robust: bool = False
+) -> tuple[Point, FloatArray]:
+    """Return the point where the iteration settles, and the information a last step before, far below its errors.
+
+    Parameters
+    ----------
+    linearize : Callable
+        Information and gradient of the likelihood at a point, both over all parameters.
+    point : Point
+        Where to begin.
+    robust : bool
+        Whether the weights of the samples change from step to step.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid.
+    Refused
+        When the iteration does not settle.
+    """
+    rows = 12 * len(point.matrix)
+    free = np.append(free_rows(len(point.matrix)), np.ones(len(point.gradient), dtype=bool))
+    previous = np.inf
+    for _ in range(_MOST_STEPS):
+        here = linearize(point)
+        step = np.zeros(free.size)
+        step[free] = _solve(here.information[np.ix_(free, free)], here.gradient[free])
+        # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.
+        decrement = float(step @ here.gradient)
+        update = step[:rows].reshape(-1, 3, 4)
+        point = Point(point.matrix + update[..., :3], point.bias + update[..., 3], point.gradient + step[rows:])
+        # Newton's steps fall quadratically until rounding stops them, those with new weights by a constant factor.
+        is_rounding = not robust and decrement < 1e-2 and decrement > previous / 4
+        if is_rounding or decrement < (1e-5 if robust else 1e-6):
+            return point, here.information
+        previous = decrement
+    raise Refused(
+        f"the fit did not settle in {_MOST_STEPS} steps: the readings do not fit one calibration, "
+        "look for a change of field or sensor during the recording"
+    )
+
+
+def _solve(information: FloatArray, gradient: FloatArray) -> FloatArray:
+    diagonal = np.diag(information)
+    if not (diagonal > 0).all():
+        raise InputError(ellipsoid.NO_ELLIPSOID)
+    scale = 1 / np.sqrt(diagonal)
+    try:
+        step: FloatArray = scale * np.linalg.solve(information * np.outer(scale, scale), scale * gradient)
+    except LinAlgError:
+        raise InputError(ellipsoid.NO_ELLIPSOID) from None
+    return step
