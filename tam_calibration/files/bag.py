@@ -72,9 +72,12 @@ def raw_messages(reader: Reader, connections: Sequence[Connection]) -> Iterator[
 
 
 def raw_blocks(
-    reader: Reader, connections: Sequence[Connection], progress: Progress = lambda done, total: None
+    reader: Reader,
+    connections: Sequence[Connection],
+    progress: Progress = lambda done, total: None,
+    with_times: bool = True,
 ) -> Iterator[RawMessages]:
-    """Yield the messages of some connections, many at once, in the order of the bag.
+    """Yield the messages of some connections, many at once, in the order of the bag; their times where wanted.
 
     Raises
     ------
@@ -82,7 +85,7 @@ def raw_blocks(
         When the bag is damaged.
     """
     with _damage_named(Path(str(reader.path))):
-        yield from read_blocks(reader, connections, progress)
+        yield from read_blocks(reader, connections, progress, with_times)
 
 
 @contextmanager
@@ -194,7 +197,7 @@ def _batches(reader: Reader, topics: StreamTopics, progress: Progress) -> Iterat
     decoders = topics.decoders()
     parts: dict[str, list[StreamMessages]] = {name: [] for name in decoders}
     count = 0
-    for block in raw_blocks(reader, list(topics.connections.values()), progress):
+    for block in raw_blocks(reader, list(topics.connections.values()), progress, with_times=False):
         for number, (name, connection) in enumerate(topics.connections.items()):
             order = np.flatnonzero(block.connection == number)
             if len(order):

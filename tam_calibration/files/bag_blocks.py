@@ -24,7 +24,9 @@ COUNT, BYTES = 16_384, 8_000_000
 """How much is gathered where messages come one by one."""
 
 
-def read_blocks(reader: Reader, connections: Sequence[Connection], progress: Progress) -> Iterator[RawMessages]:
+def read_blocks(
+    reader: Reader, connections: Sequence[Connection], progress: Progress, with_times: bool
+) -> Iterator[RawMessages]:
     """Yield the messages of some connections, many at once, in the order in which rosbags yields them.
 
     Parameters
@@ -35,11 +37,13 @@ def read_blocks(reader: Reader, connections: Sequence[Connection], progress: Pro
         Those of its connections that are wanted.
     progress : callable
         Called with the bytes read so far, and how many there are.
+    with_times : bool
+        Whether the times of recording are wanted; without them some storages are read sooner.
     """
     storages = _storages(reader)
     total = sum(_bytes(storage) for storage in storages)
     done = 0
-    for block, size in _blocks(reader, storages, connections):
+    for block, size in _blocks(reader, storages, connections, with_times):
         done = min(done + size, total)
         progress(done, total)
         yield block
@@ -56,15 +60,17 @@ def _bytes(storage: Storage) -> int:
 
 
 def _blocks(
-    reader: Reader, storages: Sequence[Storage], connections: Sequence[Connection]
+    reader: Reader, storages: Sequence[Storage], connections: Sequence[Connection], with_times: bool
 ) -> Iterator[tuple[RawMessages, int]]:
     is_compressed = reader.compression_mode == "message"
     for storage in storages:
-        for block, size in _stored_blocks(storage, connections):
+        for block, size in _stored_blocks(storage, connections, with_times):
             yield _decompressed(block) if is_compressed else block, size
 
 
-def _stored_blocks(storage: Storage, connections: Sequence[Connection]) -> Iterator[tuple[RawMessages, int]]:
+def _stored_blocks(
+    storage: Storage, connections: Sequence[Connection], with_times: bool
+) -> Iterator[tuple[RawMessages, int]]:
     """Yield the messages of one file as they are stored."""
     wanted = [(own, one) for own in storage.connections for one in connections if _is_same(own, one)]
     position = {own.id: connections.index(one) for own, one in wanted}
@@ -73,7 +79,7 @@ def _stored_blocks(storage: Storage, connections: Sequence[Connection]) -> Itera
     if isinstance(storage, McapReader) and any(chunk.message_index_offsets for chunk in storage.chunks):
         yield from read_chunks(storage, position)
     elif isinstance(storage, Sqlite3Reader) and has_index(storage):
-        yield from read_rows(storage, position)
+        yield from read_rows(storage, position, with_times)
     else:
         own = [connection for connection, _ in wanted]
         yield from _gather(storage.messages(own), position, _bytes(storage) / storage.metadata.message_count)

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 IntArray = NDArray[np.int64]
 ByteArray = NDArray[np.uint8]
 
+NOT_READ = -1
+"""A time of recording that was not read."""
+
 
 @dataclass(frozen=True, eq=False)
 class RawMessages:
@@ -19,7 +22,7 @@ class RawMessages:
     connection : (n,) array of int
         Which of the connections that were asked for each is of.
     recorded_ns : (n,) array of int
-        Times of recording, nanoseconds.
+        Times of recording, nanoseconds; ``NOT_READ`` where nobody asked for them.
     start, size : (n,) array of int
         Where each lies in the block.
     block : (bytes,) array of uint8

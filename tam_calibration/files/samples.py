@@ -15,6 +15,7 @@ Progress = Callable[[int, int], None]
 
 
 _PIECE = 16_384
+_EARLIEST_BY_SUM_S = 1 << 29
 
 
 def pieces(sample_count: int) -> Iterator[slice]:
@@ -58,5 +59,12 @@ def stamps_of(time_s: FloatArray) -> NDArray[np.int64]:
 
 
 def seconds_of(stamps_ns: NDArray[np.int64]) -> FloatArray:
-    """Return stamps in seconds, each rounded correctly: whole nanoseconds are beyond what doubles hold."""
+    """Return stamps in seconds, each rounded correctly: whole nanoseconds are beyond what doubles hold.
+
+    From 1987 on the sum of seconds and fraction is: no fraction lies so near to the middle between two such doubles
+    that its own rounding, 2⁻⁵⁴ at most, would carry it across.
+    """
+    seconds, fraction = np.divmod(stamps_ns, 1_000_000_000)
+    if len(stamps_ns) and seconds.min() >= _EARLIEST_BY_SUM_S:
+        return np.asarray(seconds + fraction / 1e9)
     return np.array([stamp / 1_000_000_000 for stamp in stamps_ns.tolist()])
