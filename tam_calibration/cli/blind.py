@@ -118,7 +118,7 @@ def _run_quietly(main: click.Command, arguments: list[str]) -> str:
             main.main(arguments, prog_name="tam", standalone_mode=False)
         except click.ClickException as problem:
             said.write(problem.format_message())
-        except Exception:
+        except Exception:  # a defect of a command is an answer, too: no other case may be lost by it
             said.write(traceback.format_exc())
     return (said.getvalue().strip().splitlines() or ["there is no answer"])[-1]
 
