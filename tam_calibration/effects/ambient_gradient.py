@@ -3,6 +3,7 @@
 At attitude R (array to world) a sensor at r reads b + Rᵀ G R r, with G symmetric and trace-free in the world.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import ClassVar
 
@@ -123,8 +124,8 @@ class AmbientGradient(LinearEffect):
             return f"the attitude changes by {turn:.2f} rad only"
         return None
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return the harmonic potentials of degree 2, 3 and 4, by their derivatives in the world at the centre."""
+    def terms(self, situation: Situation, shape: Shape) -> Iterator[Term]:
+        """Yield the harmonic potentials of degree 2, 3 and 4, by their derivatives in the world at the centre."""
         array = situation.array
         rotation = np.ascontiguousarray(to_world(situation).transpose(1, 2, 0))
         places = [
@@ -133,14 +134,17 @@ class AmbientGradient(LinearEffect):
         ]
         if array.scalar_position_m is not None and _has_distant_scalar(array):
             places.append((array.scalar_position_m, (situation.field_T.T / situation.intensity_T)[None]))
-        terms = []
         for degree, unit in _DEGREES.items():
             names = ["".join(np.repeat(list("xyz"), orders)) for orders in derivatives(degree)]
-            features = np.concatenate([_seen(degree, *place, rotation) for place in places])
-            rows, columns = np.divmod(np.arange(len(features)), len(names))
+            row_count = sum(len(matrix) for _, matrix in places)
+            rows, columns = np.divmod(np.arange(row_count * len(names)), len(names))
+            features = np.empty((len(rows), situation.sample_count))
+            stop = 0
+            for position, matrix in places:
+                start, stop = stop, stop + len(matrix) * len(names)
+                features[start:stop] = _seen(degree, position, matrix, rotation)
             parts = tuple(Coefficient(f"gradient {name}", unit) for name in names)
-            terms.append(Term(ALL, None, f"degree {degree}", parts, features.T, rows, columns))
-        return terms
+            yield Term(ALL, None, f"degree {degree}", parts, features.T, rows, columns)
 
 
 def _seen(degree: int, position_m: FloatArray, matrix: FloatArray, rotation: FloatArray) -> FloatArray:

@@ -46,12 +46,12 @@ class CurrentInterference(LinearEffect):
         """Return the field of the current at each axis and along the field at the scalar, its second order and lag."""
         assert situation.current_A is not None
         current = situation.current_A - shape["reference_A"]
-        features = [("field", "T/A", current), ("quadratic", "T/A²", current**2)]
+        features = [("field", "T/A", current[:, None]), ("quadratic", "T/A²", current[:, None] ** 2)]
         if "time_constant_s" in shape:
             late = current - lagged(current, situation.time_s, shape["time_constant_s"], situation.memory)
-            features.append(("lagged", "T/A", late))
+            features.append(("lagged", "T/A", late[:, None]))
         terms = [
-            Term.of_row(situation, row, name, [Coefficient(name, unit)], feature[:, None])
+            Term.of_row(situation, row, name, [Coefficient(name, unit)], feature)
             for name, unit, feature in features
             for row in range(situation.scalar_row)
         ]

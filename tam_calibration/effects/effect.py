@@ -126,8 +126,8 @@ class LinearEffect(Effect):
         return ({},)
 
     @abstractmethod
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return all that the effect could add, at all sensors that it could act on."""
+    def terms(self, situation: Situation, shape: Shape) -> Iterable[Term]:
+        """Return all that the effect could add, at all sensors that it could act on; once, and in the same order."""
 
     def signal(self, situation: Situation, fitted: FittedEffect) -> FloatArray:
         """Return what the effect adds to the rows, (N, 3K + 1), tesla."""

@@ -1,6 +1,6 @@
 """An axis whose reading depends on where the field came from."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -15,6 +15,16 @@ from tam_calibration.units import FloatArray
 _PLAYS = (0.15, 0.4)
 _ROUNDED = (0.1, 0.5)
 """Fields that must be turned back before a loop closes, as parts of the full scale."""
+
+# A curve alone is no loop: it is offered with those that it closes at the ends of the range.
+_LOOPS = {
+    "loop": [Coefficient(f"play {width}", "1") for width in _PLAYS],
+    "rounded loop": [Coefficient(f"width {width}", "1") for width in _ROUNDED],
+    "saturating loop": [
+        Coefficient(name, "T")
+        for name in ("P2", "P3", *(f"P{order} of play {width}" for width in _PLAYS for order in (3, 5)))
+    ],
+}
 
 _STILL = 0.01
 """Part of the full scale below which a change is taken for noise, which must not wear off what is remembered."""
@@ -60,45 +70,28 @@ class Hysteresis(LinearEffect):
             shapes.append({"full_scale_T": scale, "azimuth_rad": float(np.arctan2(y, x)), "elevation_rad": elevation})
         return shapes
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return loops of each axis in its own field, or in the field along a direction of the array."""
+    def terms(self, situation: Situation, shape: Shape) -> Iterator[Term]:
+        """Yield loops of each axis in its own field, or in the field along a direction of the array."""
         scale = shape["full_scale_T"]
-        if "azimuth_rad" not in shape:
-            return self._terms(situation, scale, situation.sensed_T)
-        azimuth, elevation = shape["azimuth_rad"], shape["elevation_rad"]
-        flat = np.cos(elevation)
-        direction = flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)
-        return self._terms(situation, scale, situation.field_T @ np.array(direction)[:, None])
-
-    def _terms(self, situation: Situation, scale: float, drives: FloatArray) -> list[Term]:
-        """Return plays, loops that are rounded and loops that saturate, of each row's own drive or of one for all."""
+        drives = situation.sensed_T
+        if "azimuth_rad" in shape:
+            azimuth, elevation = shape["azimuth_rad"], shape["elevation_rad"]
+            flat = np.cos(elevation)
+            direction = flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)
+            drives = situation.field_T @ np.array(direction)[:, None]
         states = play(drives, scale * np.array([_STILL, *_PLAYS]), situation.memory)
         rounded = [rounded_loop(states[:, :, 0], scale * width, situation.memory) for width in _ROUNDED]
-        # A curve alone is no loop: it is offered with those that it closes at the ends of the range.
-        curves = legvander(drives / scale, 3)[:, :, 2:]
-        bent = legvander(states[:, :, 1:] / scale, 5)[:, :, :, [3, 5]].reshape(*drives.shape, -1)
-        kinds = (
-            ("loop", "1", [f"play {width}" for width in _PLAYS], states[:, :, 1:] - drives[:, :, None]),
-            ("rounded loop", "1", [f"width {width}" for width in _ROUNDED], np.stack(rounded, axis=2)),
-            (
-                "saturating loop",
-                "T",
-                ["P2", "P3", *(f"P{order} of play {width}" for width in _PLAYS for order in (3, 5))],
-                np.concatenate([curves, bent], axis=2),
-            ),
-        )
-        by_drive = [
-            [
-                (name, [Coefficient(own, unit) for own in names], features[:, drive])
-                for name, unit, names, features in kinds
-            ]
-            for drive in range(drives.shape[1])
-        ]
-        return [
-            Term.of_row(situation, row, name, parts, features)
-            for row in range(situation.scalar_row)
-            for name, parts, features in by_drive[row % len(by_drive)]
-        ]
+        for row in range(situation.scalar_row):
+            if row < drives.shape[1]:
+                loops = _loops(scale, drives[:, [row]], states[:, row, 1:], [loop[:, [row]] for loop in rounded])
+            for (name, parts), features in zip(_LOOPS.items(), loops, strict=True):
+                yield Term.of_row(situation, row, name, parts, features)
+
+
+def _loops(scale: float, drive: FloatArray, plays: FloatArray, rounded: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return plays, loops that are rounded and loops that saturate, of one drive (N, 1)."""
+    bent = legvander(plays / scale, 5)[:, :, [3, 5]].reshape(len(drive), -1)
+    return [plays - drive, np.hstack(rounded), np.hstack([legvander(drive[:, 0] / scale, 3)[:, 2:], bent])]
 
 
 def rounded_loop(drive: FloatArray, width: float, memory: Memory | None = None) -> FloatArray:

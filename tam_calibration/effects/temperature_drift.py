@@ -52,19 +52,19 @@ class TemperatureDrift(LinearEffect):
         direct, time = situation.temperature_C - shape["reference_C"], situation.time_s
         constant = shape["time_constant_s"]
         change = lagged(direct, time, constant, situation.memory)
-        parts = [("", change, change**2)]
+        parts = [("", change[:, None], change[:, None] ** 2)]
         if constant > 0:
             slower = lagged(direct, time, _SLOWER * constant, situation.memory)
             # As a difference, so that a single lag is told by its own time constant alone.
-            parts.append(("slower ", slower - change, slower**2 - change**2))
+            parts.append(("slower ", (slower - change)[:, None], (slower**2 - change**2)[:, None]))
         terms = []
         for row in range(situation.scalar_row):
             for kind, first, second in parts:
                 for name, unit, feature in (
                     ("offset", "T/K", first),
-                    ("scale", "1/K", first * situation.sensed_T[:, row]),
+                    ("scale", "1/K", first * situation.sensed_T[:, [row]]),
                     ("quadratic offset", "T/K²", second),
                 ):
                     part = Coefficient(kind + name, unit)
-                    terms.append(Term.of_row(situation, row, part.name, [part], feature[:, None]))
+                    terms.append(Term.of_row(situation, row, part.name, [part], feature))
         return terms

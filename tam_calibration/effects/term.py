@@ -1,8 +1,9 @@
 """What an effect could add to the rows: functions of the situation, each times an unknown coefficient."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
+from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,17 @@ class Term:
         for atom, (row, column) in enumerate(zip(self.rows, self.columns, strict=True)):
             added[:, row] += values[column] * self.features[:, atom]
         return added
+
+
+def thinned(terms: Iterable[Term], stride: int) -> Iterator[Term]:
+    """Yield terms at samples of a distance; those that hold the same features go on sharing them."""
+    known: dict[int, tuple[ref[FloatArray], FloatArray]] = {}
+    for term in terms:
+        whole, own = known.get(id(term.features), (None, term.features))
+        if whole is None or whole() is not term.features:
+            own = term.features[::stride].copy()
+            known[id(term.features)] = ref(term.features), own
+        yield replace(term, features=own)
 
 
 @cache

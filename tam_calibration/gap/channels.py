@@ -14,9 +14,11 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.array import Array
+from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.fitted import Shape
 from tam_calibration.effects.misfit import Misfit
 from tam_calibration.effects.situation import Situation
-from tam_calibration.effects.term import Term
+from tam_calibration.effects.term import Term, thinned
 from tam_calibration.errors import SensorErrors
 from tam_calibration.gap.design import Design, calibration_design
 from tam_calibration.gap.normal import Normal
@@ -129,7 +131,7 @@ class Channels:
             stride,
         )
 
-    @cached_property
+    @property
     def row_direction(self) -> FloatArray:
         """(N, 3K + 1) how a shift of each row moves the scalar minus the length of the field."""
         by_row: FloatArray = self.direction @ self.turn
@@ -142,9 +144,17 @@ class Channels:
         coupling[:-1, :-1] = self.directions @ self.directions.T
         return coupling
 
+    def terms(self, effect: LinearEffect, shape: Shape) -> list[Term]:
+        """Return the terms of an effect at the samples that the normal equations take."""
+        terms = effect.terms(self.situation, shape)
+        return list(terms) if self.stride == 1 else list(thinned(terms, self.stride))
+
     def design(self, terms: Sequence[Term]) -> Design:
-        """Return terms side by side, at the samples that the normal equations take."""
-        return Design.of(terms, self.stride)
+        """Return terms side by side, at the samples that the normal equations take, to which others are thinned."""
+        taken = len(self._taken[0])
+        if any(len(term.features) != taken for term in terms):
+            terms = list(thinned(terms, self.stride))
+        return Design.of(terms)
 
     @cached_property
     def calibration(self) -> Design:
@@ -246,7 +256,7 @@ class Channels:
         """
         every = slice(None, None, self.stride)
         direction = np.sqrt(self.precision[every]) * self.direction[every].T
-        return self.is_counted[every], direction, self.turn.T @ direction, self.row_score[every]
+        return self.is_counted[every], direction, self.turn.T @ direction, self._row_score(every)
 
     def score(self, design: Design, part: slice | None = None) -> FloatArray:
         """Return the score (P,) of the columns of a design: their products with the residuals."""
@@ -256,12 +266,15 @@ class Channels:
         of_atoms = total[design.index, design.rows]
         return of_atoms if design.scatter is None else of_atoms @ design.scatter
 
-    @cached_property
+    @property
     def row_score(self) -> FloatArray:
         """(N, 3K + 1) score of a shift of each row in each sample."""
-        by_row = self.row_direction * (self.precision * self.misfit_T)[:, None]
-        by_row[:, :-1] += self.differential @ self.directions.T
-        by_row[~self.is_counted] = 0
+        return self._row_score(slice(None))
+
+    def _row_score(self, samples: slice) -> FloatArray:
+        by_row = self.direction[samples] @ self.turn * (self.precision * self.misfit_T)[samples, None]
+        by_row[:, :-1] += self.differential[samples] @ self.directions.T
+        by_row[~self.is_counted[samples]] = 0
         return by_row
 
     def normal(self, design: Design, part: slice | None = None) -> Normal:

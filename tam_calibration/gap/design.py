@@ -34,14 +34,14 @@ class Design:
     width: int
 
     @classmethod
-    def of(cls, terms: Sequence[Term], stride: int = 1) -> "Design":
-        """Put terms side by side, at samples of that distance; those that hold the same features share them."""
+    def of(cls, terms: Sequence[Term]) -> "Design":
+        """Put terms side by side; those that hold the same features share them."""
         starts = np.cumsum([0, *(len(term.coefficients) for term in terms)])
         own: dict[int, tuple[int, FloatArray]] = {}
         total = 0
         for term in terms:
             if id(term.features) not in own:
-                own[id(term.features)] = total, term.features[::stride]
+                own[id(term.features)] = total, term.features
                 total += term.features.shape[1]
         return cls(
             np.concatenate([features.T for _, features in own.values()]).T,

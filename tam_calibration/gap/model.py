@@ -53,10 +53,9 @@ class Part:
         return cls(form.effect, form.shape, keys, np.zeros(form.width) if form.values is None else form.values)
 
     def terms(self, channels: Channels) -> list[Term]:
-        """Return the terms in the situation of the channels."""
-        found = {
-            (term.sensor, term.axis, term.name): term for term in self.effect.terms(channels.situation, self.shape)
-        }
+        """Return the terms in the situation of the channels, at all samples."""
+        terms, keys = self.effect.terms(channels.situation, self.shape), set(self.keys)
+        found = {key: term for term in terms if (key := (term.sensor, term.axis, term.name)) in keys}
         return [found[key] for key in self.keys]
 
     def signal(self, terms: Sequence[Term], row_count: int) -> FloatArray:

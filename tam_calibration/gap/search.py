@@ -92,9 +92,7 @@ def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypoth
     """Return an effect with known shape and coefficients as a form."""
     wanted = {(one.sensor, one.axis, one.term): one for one in fitted.contributions}
     terms = [
-        term
-        for term in effect.terms(base.channels.situation, fitted.shape)
-        if (term.sensor, term.axis, term.name) in wanted
+        term for term in base.channels.terms(effect, fitted.shape) if (term.sensor, term.axis, term.name) in wanted
     ]
     values = [
         wanted[term.sensor, term.axis, term.name].values.get(coefficient.name, 0.0)
@@ -124,7 +122,7 @@ class _Offer:
 def _offer(base: Base, effect: LinearEffect, shape: Shape, sensor: int | None = None) -> _Offer | None:
     terms = [
         term
-        for term in effect.terms(base.channels.situation, shape)
+        for term in base.channels.terms(effect, shape)
         if sensor in (None, term.sensor) and (term.sensor != SCALAR or effect.is_of_site or base.channels.has_scalar)
     ]
     if not terms:
@@ -157,7 +155,7 @@ def _refined(base: Base, form: Hypothesis, name: str, tried: list[float]) -> Hyp
     def missed(value: float) -> float:
         nonlocal best
         shape = {**form.shape, name: float(value)}
-        terms = form.effect.terms(base.channels.situation, shape)
+        terms = base.channels.terms(form.effect, shape)
         kept = tuple(term for term in terms if (term.sensor, term.axis, term.name) in keys)
         gain, _ = base.project(base.channels.design(kept)).gain()
         best = max(best, (gain, shape, kept), key=lambda one: one[0])

@@ -48,9 +48,10 @@ def noisy_places(channels: Channels) -> tuple[list[Place], float]:
     """
     counted = channels.is_counted
     total, count = channels.energy, channels.count
+    direction, score = channels.row_direction, channels.row_score
     best: tuple[list[Place], float] = ([], 0.0)
     for place, rows in _candidates(channels):
-        energy, freedom = _energy_along(channels, rows)
+        energy, freedom = _energy_along(channels, direction[:, rows], score[:, rows], rows)
         energy = energy[counted]
         inside, outside = float(energy.sum()), total - float(energy.sum())
         many = freedom * len(energy)
@@ -75,14 +76,14 @@ def _candidates(channels: Channels) -> list[tuple[list[Place], list[int]]]:
     return found
 
 
-def _energy_along(channels: Channels, rows: list[int]) -> tuple[FloatArray, int]:
+def _energy_along(
+    channels: Channels, direction: FloatArray, score: FloatArray, rows: list[int]
+) -> tuple[FloatArray, int]:
     """Return the energy (N,) of each sample that shifts of some rows can explain, and how many channels that is."""
     information = np.broadcast_to(
         channels.coupling[np.ix_(rows, rows)], (len(channels.misfit_T), len(rows), len(rows))
     ).copy()
-    direction = channels.row_direction[:, rows]
     information += channels.precision[:, None, None] * direction[:, :, None] * direction[:, None, :]
-    score = channels.row_score[:, rows]
     size = np.sqrt(np.maximum(np.einsum("nii->ni", information), np.finfo(float).tiny))
     scaled = information / (size[:, :, None] * size[:, None, :])
     solved = np.linalg.solve(scaled + 1e-9 * np.eye(len(rows)), (score / size)[:, :, None])[:, :, 0]

@@ -120,7 +120,7 @@ def test_a_dipole_at_some_distance_is_within_the_terms(turning):
         rotation.inv().apply(field(rotation.apply(at)) - field(np.zeros((1, 3)))) for at in situation.array.positions_m
     ]
     signal = np.einsum("kij,knj->nki", situation.errors.matrix, change).reshape(300, -1)
-    terms = AmbientGradient().terms(situation, {})
+    terms = list(AmbientGradient().terms(situation, {}))
     basis = np.column_stack(
         [term.signal(one, 13)[:, :-1].ravel() for term in terms for one in np.eye(len(term.coefficients))]
     )

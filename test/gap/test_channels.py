@@ -179,3 +179,15 @@ def test_the_misfit_is_told_by_the_same_channels(run, dense):
     assert_allclose(misfit.row_shift_T[9:], score[9:] / information[9:], rtol=1e-5, atol=1e-14)
     assert not misfit.row_shift_T[:9, -1].any() and np.isnan(misfit.common_mode[:9]).all()
     assert_allclose(misfit.channel_count, np.where(np.arange(80) < 9, 9, 10))
+
+
+def test_terms_of_a_long_recording_are_kept_at_the_samples_that_are_fitted(run):
+    """Thinned, with features shared as before, they make the design that those of all samples make."""
+    channels = run(60).channels(stride=7)
+    shape = {"time_s": 30.0}
+    whole, kept = BiasJump().terms(channels.situation, shape), channels.terms(BiasJump(), shape)
+    assert len({id(term.features) for term in kept}) == 1
+    assert all(term.features.shape == (9, 1) for term in kept)
+    for one, other in zip(whole, kept, strict=True):
+        assert_allclose(other.features, one.features[::7])
+    assert_allclose(channels.design(kept).features, channels.design(whole).features)
