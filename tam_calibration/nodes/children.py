@@ -89,6 +89,11 @@ class Children:
         """Names of the processes that are watched."""
         return list(self._processes)
 
+    @property
+    def pids(self) -> dict[str, int]:
+        """Numbers of the processes that are watched, by name."""
+        return {name: process.pid for name, process in self._processes.items()}
+
     def check(self) -> None:
         """Check that all still run.
 

@@ -13,14 +13,10 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
-from tam_calibration.nodes.message_writer import MessageWriter
+from tam_calibration.nodes.message_writer import STAMP, MessageWriter, to_stamp
 from tam_calibration.pointcloud_layout import FLOAT64_SIZE, POINT_FIELD_FLOAT64, SampleLayout, field_offsets
 from tam_calibration.problems import InputError
-from tam_calibration.stream_batch import IntArray
 from tam_calibration.units import FloatArray
-
-_STAMP = slice(4, 12)
-"""Where a serialised message has the stamp of its header."""
 
 _LITTLE_ENDIAN = b"\0\1"
 _AFTER_DATA = 1
@@ -58,8 +54,8 @@ def read_cloud(cloud: PointCloud2) -> tuple[tuple[str, ...], FloatArray]:
 
 def cloud_writer(columns: tuple[str, ...], frame_id: str) -> MessageWriter:
     """Return what serialises clouds of one row that differ in stamp and numbers alone."""
-    template = bytes(serialize_message(make_cloud(Header(frame_id=frame_id), columns, [0.0] * len(columns))))
-    return MessageWriter(template, len(template) - _start_of_data(template, len(columns)))
+    template = serialize_message(make_cloud(Header(frame_id=frame_id), columns, [0.0] * len(columns)))
+    return MessageWriter.of_template(template, _start_of_data(template, len(columns)), len(columns))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +66,14 @@ class Rows:
     ----------
     columns : tuple of str
         Names of the columns.
-    stamps_ns : (N,) array of int
-        Stamp of the cloud of each row, nanoseconds.
+    stamps : list of bytes
+        Stamp of the cloud of each row, as in messages.
     values : (N, columns) array
         The rows; none where the cloud was empty.
     """
 
     columns: tuple[str, ...]
-    stamps_ns: IntArray
+    stamps: list[bytes]
     values: FloatArray
 
 
@@ -87,28 +83,23 @@ class _Shape:
 
     columns: tuple[str, ...]
     between: bytes
+    data: slice
     size: int
 
     @classmethod
     def of(cls, message: bytes, columns: tuple[str, ...]) -> "_Shape":
-        return cls(columns, message[_STAMP.stop : _start_of_data(message, len(columns))], len(message))
+        start = _start_of_data(message, len(columns))
+        data = slice(start, start + FLOAT64_SIZE * len(columns))
+        return cls(columns, message[STAMP.stop : start], data, len(message))
 
     def is_that_of(self, message: bytes) -> bool:
-        is_alike = len(message) == self.size and message.startswith(self.between, _STAMP.stop)
+        is_alike = len(message) == self.size and message.startswith(self.between, STAMP.stop)
         return is_alike and message.startswith(_LITTLE_ENDIAN)
 
     def rows(self, messages: Sequence[bytes]) -> Rows:
-        kind = np.dtype(
-            {
-                "names": ["seconds", "nanoseconds", "row"],
-                "formats": ["<i4", "<u4", ("<f8", len(self.columns))],
-                "offsets": [_STAMP.start, _STAMP.start + 4, _STAMP.stop + len(self.between)],
-                "itemsize": self.size,
-            }
-        )
-        read = np.frombuffer(b"".join(messages), kind)
-        stamps_ns = read["seconds"].astype(np.int64) * 1_000_000_000 + read["nanoseconds"]
-        return Rows(self.columns, stamps_ns, np.ascontiguousarray(read["row"]))
+        data = b"".join([message[self.data] for message in messages])
+        values = np.frombuffer(data, "<f8").reshape(len(messages), -1)
+        return Rows(self.columns, [message[STAMP] for message in messages], values)
 
 
 class CloudReader:
@@ -147,8 +138,8 @@ class CloudReader:
         columns, values = read_cloud(cloud)
         if len(values) == 1 and message.startswith(_LITTLE_ENDIAN):
             self._shape = _Shape.of(message, columns)
-        stamp_ns = cloud.header.stamp.sec * 1_000_000_000 + cloud.header.stamp.nanosec
-        return Rows(columns, np.full(len(values), stamp_ns), values)
+        stamp = to_stamp(cloud.header.stamp.sec * 1_000_000_000 + cloud.header.stamp.nanosec)
+        return Rows(columns, [stamp] * len(values), values)
 
 
 @lru_cache(maxsize=8)

@@ -1,10 +1,10 @@
 """The collector node: joins the topics of the sensors into samples, and watches coverage and losses."""
 
 import math
+import struct
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from tam_calibration.fit.coverage import Coverage, LiveCoverage
 from tam_calibration.message_stream import sensor_stream
 from tam_calibration.nodes.base import ERROR, OK, RELIABLE_STREAM, STALE, STREAM, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import cloud_writer, make_cloud
-from tam_calibration.nodes.message_writer import publish
+from tam_calibration.nodes.message_writer import to_stamp
 from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 from tam_calibration.nodes.signals import Startup
 from tam_calibration.nodes.spinning import spin_nodes
@@ -59,6 +59,7 @@ class Collector(TamNode):
         self._epoch = self._lost = 0
         self._samples = self.offer(PointCloud2, "samples", RELIABLE_STREAM)
         self._writer = cloud_writer(self._layout.columns, self._frame_id)
+        self._row = struct.Struct(f"<{len(self._layout.columns)}d")
         self._subscribe()
         self.create_service(Trigger, "~/reset", self._reset)
 
@@ -162,17 +163,14 @@ class Collector(TamNode):
         )
 
     def _deliver(self, samples: Sequence[Sample]) -> None:
-        for epoch, group in groupby(samples, lambda sample: sample.epoch):
-            if epoch != self._epoch:
-                self._epoch = epoch
+        for sample in samples:
+            if sample.epoch != self._epoch:
+                self._epoch = sample.epoch
                 self._coverage.reset()
-            self._hand_on(list(group))
-
-    def _hand_on(self, samples: Sequence[Sample]) -> None:
-        rows = np.array([(sample.stamp_ns / 1_000_000_000, *sample.values) for sample in samples])
-        self._coverage.add(rows[:, 1 : 1 + 3 * self._layout.sensor_count].reshape(len(rows), -1, 3))
-        if self._samples.get_subscription_count():
-            publish(self._samples, self._writer.messages(rows, np.array([sample.stamp_ns for sample in samples])))
+            self._coverage.add(np.array(sample.values[:3]).reshape(1, 1, 3))
+            if self._samples.get_subscription_count():
+                row = self._row.pack(sample.stamp_ns / 1_000_000_000, *sample.values)
+                self._samples.publish(self._writer.message(to_stamp(sample.stamp_ns), row))
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Forget coverage and losses; an empty cloud tells the calibrator to start over as well."""

@@ -14,7 +14,7 @@ from tam_calibration.correction import Correction, why_left_in
 from tam_calibration.files import calibration_from_yaml, read_calibration
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import CloudReader, Rows, cloud_writer, layout_of
-from tam_calibration.nodes.message_writer import MessageWriter, publish
+from tam_calibration.nodes.message_writer import MessageWriter
 from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 from tam_calibration.nodes.quality import figures
 from tam_calibration.nodes.signals import Startup
@@ -36,7 +36,9 @@ RULES = (
     Rule("calibration_file", "", "Calibration YAML that is loaded at the start; a newer one comes over `calibration`."),
 )
 
-WINDOW_SAMPLES = 500
+WINDOW_BATCHES = 500
+"""Batches, most of a single sample, whose |B| is compared with the scalar."""
+
 SILENCE_S = 2.0
 
 DOUBTFUL_RATIO = 3.0
@@ -59,7 +61,7 @@ class Corrector(TamNode):
         self._problem_of_calibration = self._problem_of_samples = ""
         self._received = self._corrected = 0
         self._heard_s, self._newest_s = -np.inf, np.nan
-        self._squares: deque[float] = deque(maxlen=WINDOW_SAMPLES)
+        self._lengths: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=WINDOW_BATCHES)
         self._reader = CloudReader(partial(self.refuse, "samples"))
         self._offer_outputs(self.value("frame_id"))
         if path := self.value("calibration_file"):
@@ -69,7 +71,7 @@ class Corrector(TamNode):
 
     def health(self) -> Health:
         """Return whether samples are corrected, and how far |B| is from the scalar reference."""
-        residual_T = float(np.sqrt(np.mean(self._squares))) if self._squares else np.nan
+        residual_T = self._residual()
         level, message = self._judge(residual_T)
         values = {
             "received": self._received,
@@ -80,6 +82,15 @@ class Corrector(TamNode):
             "effects_left_in": " ".join(self._left_in),
         }
         return Health(level, message, values | figures(self._calibration, self._newest_s))
+
+    def _residual(self) -> float:
+        """Return the root mean square of |B| − scalar over the newest samples; NaN where there is none, tesla."""
+        if not self._lengths:
+            return np.nan
+        fields, scalars = (np.concatenate(parts) for parts in zip(*self._lengths, strict=True))
+        squares = (np.linalg.norm(fields, axis=1) - scalars) ** 2
+        known = squares[np.isfinite(squares)]
+        return float(np.sqrt(known.mean())) if len(known) else np.nan
 
     def _judge(self, residual_T: float) -> tuple[bytes, str]:
         if self._problem_of_samples:
@@ -116,14 +127,16 @@ class Corrector(TamNode):
         self._correction = correction if correction.takes_off else None
         self._left_in = ()
         self._calibration, self._problem_of_calibration = calibration, ""
-        self._squares.clear()
+        self._lengths.clear()
 
     def _offer_outputs(self, frame_id: str) -> None:
         header = Header(frame_id=frame_id)
         self._center = self.offer(MagneticField, "center", RELIABLE_STREAM)
         self._center_writer = MessageWriter.of(MagneticField(header=header), 12)
         self._gradient = self.offer(Float64MultiArray, "gradient", RELIABLE_STREAM)
-        self._gradient_writer = MessageWriter.of(Float64MultiArray(layout=_GRADIENT_LAYOUT, data=[0.0] * 9), 9)
+        self._gradient_writer = MessageWriter.of_unstamped(
+            Float64MultiArray(layout=_GRADIENT_LAYOUT, data=[0.0] * 9), 9
+        )
         self._field_gradient = self.offer(PointCloud2, "field_gradient", RELIABLE_STREAM)
         self._field_gradient_writer = cloud_writer(FIELD_GRADIENT_COLUMNS, frame_id)
 
@@ -147,38 +160,53 @@ class Corrector(TamNode):
         last = 1 + 3 * layout.sensor_count
         readings = rows.values[:, 1:last].reshape(len(rows.values), -1, 3)
         outputs = calibration.apply(readings)
-        errors = np.tile(calibration.output_standard_errors, (len(outputs), 1))
+        errors = [calibration.output_standard_errors] * len(outputs)
         if self._correction is not None:
             usable = np.flatnonzero(np.isfinite(readings).all(axis=(1, 2)))
             for run in np.split(usable, np.flatnonzero(np.diff(rows.values[usable, 0]) <= 0) + 1):
-                if len(run):
-                    outputs[run], errors[run] = self._without_effects(self._correction, layout, rows.values[run])
+                self._take_off_effects(self._correction, layout, rows.values, run, outputs, errors)
         if layout.scalar:
-            squares = (np.linalg.norm(outputs[:, :3], axis=1) - rows.values[:, last]) ** 2
-            self._squares.extend(squares[np.isfinite(squares)].tolist())
+            self._lengths.append((outputs[:, :3], rows.values[:, last]))
         self._newest_s = float(rows.values[-1, 0])
         self._corrected += len(outputs)
-        self._publish(rows.stamps_ns, outputs, errors)
+        self._publish(rows.stamps, outputs, errors)
 
-    def _without_effects(
-        self, correction: Correction, layout: SampleLayout, rows: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return outputs and standard errors of samples whose time rises."""
-        batch = correction.correct(layout.recording(np.where(np.isfinite(rows), rows, np.nan)))
+    def _take_off_effects(
+        self,
+        correction: Correction,
+        layout: SampleLayout,
+        rows: FloatArray,
+        run: IntArray,
+        outputs: FloatArray,
+        errors: list[FloatArray],
+    ) -> None:
+        """Put in outputs and standard errors of some samples, whose time rises."""
+        if not len(run):
+            return
+        values = rows[run]
+        batch = correction.correct(layout.recording(np.where(np.isfinite(values), values, np.nan)))
         self._left_in = batch.left_in
-        return batch.outputs, batch.standard_errors
+        outputs[run] = batch.outputs
+        for index, own in zip(run, batch.standard_errors, strict=True):
+            errors[index] = own
 
-    def _publish(self, stamps_ns: IntArray, outputs: FloatArray, errors: FloatArray) -> None:
-        if self._center.get_subscription_count():
-            values = np.hstack([outputs[:, :3], center_covariance(errors)])
-            publish(self._center, self._center_writer.messages(values, stamps_ns))
-        if self._array.has_gradient and self._gradient.get_subscription_count():
-            publish(self._gradient, self._gradient_writer.messages(outputs[:, GRADIENT_ROW_MAJOR], None))
-        if self._field_gradient.get_subscription_count():
-            values = np.hstack([outputs, errors])
-            publish(self._field_gradient, self._field_gradient_writer.messages(values, stamps_ns))
+    def _publish(self, stamps: list[bytes], outputs: FloatArray, errors: list[FloatArray]) -> None:
+        tells_center = self._center.get_subscription_count() > 0
+        tells_gradient = self._array.has_gradient and self._gradient.get_subscription_count() > 0
+        tells_both = self._field_gradient.get_subscription_count() > 0
+        for stamp, output, error in zip(stamps, outputs, errors, strict=True):
+            if tells_center:
+                doubles = output[:3].tobytes() + center_covariance(error).tobytes()
+                self._center.publish(self._center_writer.message(stamp, doubles))
+            if tells_gradient:
+                doubles = output[_GRADIENT_ROW_MAJOR].tobytes()
+                self._gradient.publish(self._gradient_writer.message(b"", doubles))
+            if tells_both:
+                doubles = output.tobytes() + error.tobytes()
+                self._field_gradient.publish(self._field_gradient_writer.message(stamp, doubles))
 
 
+_GRADIENT_ROW_MAJOR = np.array(GRADIENT_ROW_MAJOR)
 _GRADIENT_LAYOUT = MultiArrayLayout(
     dim=[MultiArrayDimension(label=label, size=size, stride=stride) for label, size, stride in GRADIENT_DIMENSIONS]
 )

@@ -22,7 +22,7 @@ from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.nodes.attitude_join import AttitudeJoin, Joined
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import CloudReader, cloud_writer, layout_of
-from tam_calibration.nodes.message_writer import MessageWriter, publish
+from tam_calibration.nodes.message_writer import MessageWriter, from_stamp, to_stamp
 from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 from tam_calibration.nodes.signals import Startup
 from tam_calibration.nodes.source_rows import source_rows
@@ -165,7 +165,7 @@ class Localizer(TamNode):
                 self._problem_of_samples = str(problem)
                 continue
             attitudes = rows.values[:, -4:] if has_attitude else np.full((len(rows.values), 4), np.nan)
-            for stamp_ns, attitude in zip(rows.stamps_ns.tolist(), attitudes, strict=True):
+            for stamp_ns, attitude in zip(map(from_stamp, rows.stamps), attitudes, strict=True):
                 joined += self._join.push_attitude(stamp_ns, attitude)
         self._answer(joined)
 
@@ -177,7 +177,7 @@ class Localizer(TamNode):
                 continue
             self._problem_of_samples, self._heard_s = "", time.monotonic()
             self._received += len(rows.values)
-            for stamp_ns, row in zip(rows.stamps_ns.tolist(), rows.values, strict=True):
+            for stamp_ns, row in zip(map(from_stamp, rows.stamps), rows.values, strict=True):
                 joined += (
                     self._join.push_outputs(stamp_ns, row) if self._needs_attitude else [Joined(stamp_ns, row, None)]
                 )
@@ -250,12 +250,14 @@ class Localizer(TamNode):
 
     def _tell(self, joined: Sequence[Joined], solutions: EulerSolutions) -> None:
         self._statuses.update(map(Status, solutions.status.tolist()))
-        stamps_ns = np.array([one.stamp_ns for one in joined])
+        stamps = [to_stamp(one.stamp_ns) for one in joined]
         if self._source.get_subscription_count():
-            at = solutions.is_located
-            publish(self._source, self._source_writer.messages(solutions.position_m[at], stamps_ns[at]))
+            for index in np.flatnonzero(solutions.is_located):
+                point = solutions.position_m[index].tobytes()
+                self._source.publish(self._source_writer.message(stamps[index], point))
         if self._estimate.get_subscription_count():
-            publish(self._estimate, self._estimate_writer.messages(source_rows(solutions), stamps_ns))
+            for stamp, row in zip(stamps, source_rows(solutions), strict=True):
+                self._estimate.publish(self._estimate_writer.message(stamp, row.tobytes()))
 
 
 def spin(startup: Startup) -> None:

@@ -1,16 +1,21 @@
-"""Messages that are published as serialised bytes: a template is made once, stamps and numbers are filled in."""
+"""Messages that are published as serialised bytes: all but stamp and numbers is serialised once.
 
-from collections.abc import Sequence
+Filling in one costs half a microsecond, making and serialising a message object thirty. Byte order is little-endian, as
+on all platforms of ROS 2.
+"""
+
+import struct
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 
-from tam_calibration.files.cdr import fill
 from tam_calibration.pointcloud_layout import FLOAT64_SIZE
-from tam_calibration.stream_batch import IntArray
-from tam_calibration.units import FloatArray
+
+STAMP = slice(4, 12)
+"""Where a serialised message has the stamp of its header."""
+
+_STAMP = struct.Struct("<iI")
 
 
 @dataclass(frozen=True)
@@ -19,26 +24,41 @@ class MessageWriter:
 
     Parameters
     ----------
-    template : bytes
-        Such a message, serialised.
-    from_end : int
-        Bytes from the first of these doubles to its end.
+    before_stamp, before_doubles, after_doubles : bytes
+        What such a message has before its stamp, from there to its doubles, and behind them.
     """
 
-    template: bytes
-    from_end: int
+    before_stamp: bytes
+    before_doubles: bytes
+    after_doubles: bytes
 
     @classmethod
     def of(cls, message: Any, doubles: int) -> "MessageWriter":
-        """Return the writer of messages like this one whose last doubles, so many, differ."""
-        return cls(bytes(serialize_message(message)), FLOAT64_SIZE * doubles)
+        """Return the writer of messages like this one, with a header, whose last doubles, so many, differ."""
+        template = serialize_message(message)
+        return cls.of_template(template, len(template) - FLOAT64_SIZE * doubles, doubles)
 
-    def messages(self, values: FloatArray, stamps_ns: IntArray | None) -> Sequence[bytes]:
-        """Return a message for each row of (N, doubles) values and its stamp in nanoseconds; None: it has no header."""
-        return list(map(bytes, fill(self.template, self.from_end, values, stamps_ns)))
+    @classmethod
+    def of_template(cls, template: bytes, start: int, doubles: int) -> "MessageWriter":
+        """Return the writer of messages like a serialised one whose doubles, so many, begin at a place in it."""
+        return cls(template[: STAMP.start], template[STAMP.stop : start], template[start + FLOAT64_SIZE * doubles :])
+
+    @classmethod
+    def of_unstamped(cls, message: Any, doubles: int) -> "MessageWriter":
+        """Return the writer of messages like this one, without a header, whose last doubles, so many, differ."""
+        return cls(serialize_message(message)[: -FLOAT64_SIZE * doubles], b"", b"")
+
+    def message(self, stamp: bytes, doubles: bytes) -> bytes:
+        """Return a serialised message with a stamp, empty for one without header, and doubles."""
+        return b"".join((self.before_stamp, stamp, self.before_doubles, doubles, self.after_doubles))
 
 
-def publish(publisher: Publisher, messages: Sequence[bytes]) -> None:
-    """Publish serialised messages."""
-    for message in messages:
-        publisher.publish(message)
+def to_stamp(stamp_ns: int) -> bytes:
+    """Return a stamp as it is in messages."""
+    return _STAMP.pack(*divmod(stamp_ns, 1_000_000_000))
+
+
+def from_stamp(stamp: bytes) -> int:
+    """Return a stamp of a message in nanoseconds."""
+    seconds, nanoseconds = _STAMP.unpack(stamp)
+    return int(seconds * 1_000_000_000 + nanoseconds)
