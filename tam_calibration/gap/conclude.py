@@ -1,40 +1,27 @@
 """From a search to the verdict."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
-from tam_calibration.effects.effect import ALL, Finding, FittedEffect
-from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
+from tam_calibration.effects.effect import Finding, FittedEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.channels import Channels
+from tam_calibration.gap.choice import Step
 from tam_calibration.gap.design import Design
 from tam_calibration.gap.hypotheses import Evidence
-from tam_calibration.gap.looking import CLEAN, Step
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.probability import probabilities
 from tam_calibration.gap.regression import Base
-from tam_calibration.gap.result import Cause, Considered, Gap, Residue, Size, Verdict, Where
-from tam_calibration.gap.search import Hypothesis, Place, places_of
+from tam_calibration.gap.residue import residue_of
+from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
+from tam_calibration.gap.search import Hypothesis, Place
 from tam_calibration.gap.shares import shares_of
-from tam_calibration.gap.size import LARGEST_NOISE, measure, noise_variance
-from tam_calibration.gap.standing import LEAST_EVIDENCE, open_part, sensors_of
+from tam_calibration.gap.size import measure, noise_variance
+from tam_calibration.gap.standing import LEAST_EVIDENCE
 from tam_calibration.gap.steps import Search
-from tam_calibration.gap.where import locate, main_places, sensors_and_axes
-from tam_calibration.units import FloatArray
-
-SMALLEST_GAP = 0.1
-"""In noise floors; what is smaller is no gap, however certain."""
-
-_PARTLY_CLOSED = 0.6
-
-_LEFT = 0.22
-"""Part of a gap's amplitude that true causes visibly leave in their own sensors at most."""
-
-_MANY = 3
-"""Causes, jumps counted singly, that together imitate much: they may leave half as much."""
+from tam_calibration.gap.verdict import noisier_rows, statement, verdict_on
+from tam_calibration.gap.where import locate, sensors_and_axes
 
 _AS_GOOD = 10.0
 _NEARLY_ALL = 0.97
@@ -50,13 +37,13 @@ _OF_FEW, _FEW = ("saturation", "outliers"), 3
 def conclude(found: Search) -> Gap:
     """Return the gap that a search found."""
     variance = noise_variance(found.model, found.remaining, LEAST_EVIDENCE)
-    noisier = None if found.steps else _noisier(found.nominal)
+    noisier = None if found.steps else noisier_rows(found.nominal)
     if noisier is not None:
         variance = min(variance, noisier.floor)
     whole_nominal, whole = found.nominal.of_all_samples(), found.model.of_all_samples()
     size = measure(whole_nominal, whole, variance)
     base = found.nominal.base()
-    verdict = _verdict(found, size, variance, noisier is not None)
+    verdict = verdict_on(found, size, variance, noisier is not None)
     chances = probabilities(found, verdict)
     causes = _causes(found, whole, size, chances, variance)
     if verdict in ("no_gap", "unexplained"):
@@ -77,41 +64,9 @@ def conclude(found: Search) -> Gap:
         considered,
         chances,
         next_recording(found, verdict, causes, variance),
-        _statement(verdict, size, where, causes),
-        _residue(whole_nominal, whole, whole_nominal.channels(), variance),
+        statement(verdict, size, where, causes),
+        residue_of(whole_nominal, whole, whole_nominal.channels(), variance),
     )
-
-
-def _noisier(nominal: Model) -> Excess | None:
-    """Return the excess of variance of some rows over the others, whatever makes it."""
-    channels = nominal.channels()
-    excess = best_excess(Moments.of(channels.misfit), channels.situation)
-    if excess is None or excess.gain - excess.parameter_count * np.log(channels.count) < LEAST_EVIDENCE:
-        return None
-    return excess
-
-
-def _verdict(found: Search, size: Size, variance: float, is_noisier: bool) -> Verdict:
-    if size.before < SMALLEST_GAP:
-        return "no_gap"
-    strongest = max((rival.delta_bic for rival in found.remaining), default=0.0)
-    left = open_part(found.nominal.base(), found.model.base(), found.remaining)
-    if not found.steps:
-        is_even = strongest < LEAST_EVIDENCE and variance < LARGEST_NOISE**2 and not is_noisier
-        return "no_gap" if is_even else "unexplained"
-    if size.closed < _PARTLY_CLOSED or _stands_in(found, size):
-        return "unexplained"
-    return "explained" if size.closed >= 1 - CLEAN or left < CLEAN else "partly_explained"
-
-
-def _stands_in(found: Search, size: Size) -> bool:
-    """Whether causes leave more in their own sensors than true ones would: they stand in for something else."""
-    most = _LEFT if len(found.steps) < _MANY else _LEFT / 2
-    strongest = max(found.remaining, key=lambda one: one.delta_bic, default=None)
-    if size.closed >= 1 - most**2 or strongest is None or strongest.delta_bic < LEAST_EVIDENCE:
-        return False
-    own = {place for step in found.steps for place in sensors_of(places_of(step.accepted.form))}
-    return ALL in own or sensors_of(main_places(found.model.base(), strongest)) <= own
 
 
 def _causes(
@@ -219,70 +174,3 @@ def _considered(found: Search, causes: tuple[Cause, ...]) -> tuple[Considered, .
             cause.fitted.effect, "supported", "the data ask for it", cause.delta_bic, cause.r2_cv
         )
     return tuple(result[name] for name in sorted(result))
-
-
-def _statement(verdict: Verdict, size: Size, where: Where, causes: tuple[Cause, ...]) -> str:
-    if verdict == "no_gap":
-        return "No gap: what the calibration leaves is noise."
-    told = f"A gap of {size.before:.2g} times the noise floor in {_named(where)}"
-    if verdict == "unexplained":
-        return f"{told} that no effect of the library explains."
-    names = " and ".join(dict.fromkeys(cause.fitted.effect.replace("_", " ") for cause in causes))
-    part = "explained" if verdict == "explained" else "partly explained"
-    return f"{told}, {part} by {names}: {100 * size.closed:.0f} % of it closes."
-
-
-def _named(where: Where) -> str:
-    """Return the place in words."""
-    numbers = [str(one) for one in where.sensors if isinstance(one, int)]
-    parts = []
-    if numbers:
-        parts.append(f"sensor{'s' * (len(numbers) > 1)} {', '.join(numbers)}")
-    if "scalar" in where.sensors:
-        parts.append("the scalar magnetometer")
-    return " and ".join(parts) or "all sensors"
-
-
-def _residue(nominal: Model, model: Model, before: Channels, variance: float) -> Residue:
-    after = model.base().channels
-    array = nominal.array
-    assert array.vector_noise_T is not None
-    generator = np.random.default_rng(0)
-    situation = before.situation
-    scale = float(np.sqrt(variance))
-    noise = generator.normal(size=(situation.sample_count, situation.sensor_count, 3)) * (
-        scale * array.vector_noise_T[None, :, None]
-    )
-    direction = situation.field_T / situation.intensity_T[:, None]
-    field_T: FloatArray = nominal.intensity_T * direction
-    scalar = None
-    if nominal.recording.scalar_T is not None:
-        drawn = generator.normal(size=situation.sample_count) * (scale * (array.scalar_noise_T or 0.0))
-        field_T, scalar = situation.field_T, np.where(before.precision > 0, situation.intensity_T + drawn, np.nan)
-    readings = situation.errors.distort(field_T) + noise
-    twin = Channels.at(
-        replace(nominal.recording, readings_T=readings, scalar_T=scalar), array, nominal.errors, nominal.intensity_T
-    )
-
-    told = before.misfit.row_information
-    typical = np.array([np.median(row[row > 0]) if row.any() else np.inf for row in told.T])
-
-    def shifts(channels: Channels) -> FloatArray:
-        information = channels.misfit.row_information
-        shift: FloatArray = channels.misfit.row_shift_T * np.sqrt(information / typical)
-        shift[information == 0] = np.nan
-        return shift
-
-    left = shifts(after)
-    left[~model.is_counted] = np.nan
-    floor = scale / np.sqrt(typical)
-    return Residue(
-        situation.time_s,
-        direction,
-        shifts(before),
-        left,
-        shifts(twin),
-        floor,
-        nominal.recording.temperature_C,
-        nominal.recording.current_A,
-    )

@@ -1,23 +1,20 @@
 """A search for causes from one start: what is accepted, the strongest first, and what of it holds."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from math import log
 
-from tam_calibration.effects.effect import Finding, LinearEffect
+from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import installed_effects
+from tam_calibration.gap.choice import Step, absorbed, choose, is_new
 from tam_calibration.gap.hypotheses import Evidence, evidence_of, examine, rivals, sharpened, usable
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.noise_gain import noise_gain
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
 from tam_calibration.gap.search import Hypothesis, given_form, places_of, restricted
 from tam_calibration.gap.standing import (
-    AGAINST_RIVAL,
     LEAST_EVIDENCE,
-    NOISE,
-    beats,
     energy_explained,
     holds,
     open_part,
@@ -33,46 +30,12 @@ _HOPELESS = 0.5
 """Part of the gap that no causes may leave open."""
 
 _MOST_CAUSES = 4
-_LATER_EVIDENCE = 40.0
-"""ΔBIC from which a further cause counts."""
-
-_NOISE_WORTH = 0.3
-"""Noise explains any excess: its evidence is worth less than that of what says how it comes."""
-
-_LEAST_FIRST_SHARE = 0.3
-_LEAST_SHARE = 0.08
-"""Part of the energy that anything explains that the first cause must explain, and each further one."""
-
-_OF_NOISE = 0.5
-"""Part of what a cause gains that it may gain by averaging noise."""
-
-_AMONG_SEVERAL = 0.35
-"""Part of a rival's energy that a cause must explain before all causes are known."""
 
 _STARTS = 4
 """Effects from which a search starts, at most."""
 
 _START_PART = 0.25
 """Part of the first's evidence that another start must have."""
-
-_JUMP = "bias_jump"
-_REPEATED = {_JUMP, "periodic_interference", NOISE, "outliers"}
-"""Effects that may happen more than once, each time in another form."""
-
-_MOST_JUMPS = 3
-"""Times at which one sensor's bias jumps; what comes and goes more often is a loose part or contact, and no jump."""
-
-_SAME_TIME = 3.0
-"""Sampling steps within which two jumps are one."""
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One step of the search: what was accepted, and all that was weighed."""
-
-    accepted: Evidence
-    weighed: tuple[Evidence, ...]
-    rivals: tuple[Evidence, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,10 +126,10 @@ class Looking:
         while len(steps) < _MOST_CAUSES:
             base = self._beside(steps)[1]
             weighed, unknown = (self._weigh(base, len(steps)), ()) if steps else self.weigh_first()
-            accepted = first if first is not None and not steps else _choose(base, weighed, unknown, steps, explained)
+            accepted = first if first is not None and not steps else choose(base, weighed, unknown, steps, explained)
             if accepted is None:
                 break
-            steps.append(Step(_absorbed(accepted, steps), weighed, unknown))
+            steps.append(Step(absorbed(accepted, steps), weighed, unknown))
             explained = max(explained, energy_explained(accepted, base))
         return steps
 
@@ -214,7 +177,7 @@ class Looking:
             offers = [examine(base, self._effects[name]) for name in dict.fromkeys(names)]
             sharp = sharpened(base, [offer for offer in offers if isinstance(offer, Evidence)])
             rest = [one for one in kept if one is not step]
-            fitting = [offer for offer in sharp if _is_new(offer, rest, base) or offer.effect == step.accepted.effect]
+            fitting = [offer for offer in sharp if is_new(offer, rest, base) or offer.effect == step.accepted.effect]
             best = max(fitting, key=lambda offer: offer.delta_bic, default=step.accepted)
             if best.effect != step.accepted.effect:
                 kept[index] = Step(best, step.weighed, step.rivals)
@@ -228,75 +191,3 @@ class Looking:
         alone = [restricted(self.first_base, one.form, sensor) for sensor in sensors] if len(sensors) > 1 else []
         best = max((form for form in alone if form is not None), key=lambda form: form.selection.gain, default=None)
         return None if best is None else evidence_of(self.first_base, best)
-
-
-def _choose(
-    base: Base, weighed: Sequence[Evidence], unknown: Sequence[Evidence], steps: Sequence[Step], explained: float
-) -> Evidence | None:
-    """Return the strongest effect that is no mere trifle and no poor stand-in for a function without physics."""
-    most = max((energy_explained(one, base) for one in (*weighed, *unknown)), default=0.0)
-    least = (_LEAST_SHARE if steps else _LEAST_FIRST_SHARE) * max(most, explained)
-    # Noise is what remains when nothing else explains about as much.
-    for candidate in sorted(
-        weighed, key=lambda one: (-one.is_certain, -one.delta_bic * (_NOISE_WORTH if one.effect == NOISE else 1.0))
-    ):
-        if candidate.delta_bic < (_LATER_EVIDENCE if steps else LEAST_EVIDENCE):
-            continue
-        if isinstance(candidate.form, Finding) and not _gives_up_more(candidate.form, base):
-            continue
-        if energy_explained(candidate, base) < least or not _is_new(candidate, steps, base):
-            continue
-        tolerance = AGAINST_RIVAL if isinstance(candidate.form, Finding) else _AMONG_SEVERAL
-        if not (candidate.is_certain or beats(base, candidate, unknown, tolerance)):
-            continue
-        if isinstance(candidate.form, Finding):
-            return candidate
-        own = noise_gain(base, candidate.form)
-        if candidate.delta_bic - own > LEAST_EVIDENCE and own < _OF_NOISE * candidate.gain:
-            return candidate
-    return None
-
-
-def _is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
-    """Whether a candidate may come beside the causes accepted."""
-    if candidate.effect in {step.accepted.effect for step in steps} - _REPEATED:
-        return False
-    sensors = sensors_of(places_of(candidate.form))
-    there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
-    if any(_is_nested(candidate, other) for other in there):
-        return False
-    return candidate.effect != _JUMP or _jumps([candidate, *there], base.channels.situation.step_s) <= _MOST_JUMPS
-
-
-def _is_nested(one: Evidence, other: Evidence) -> bool:
-    """Whether one of two is a special case of the other."""
-    effects = [form.effect for form in (one.form, other.form) if isinstance(form, Hypothesis)]
-    return len(effects) == 2 and bool({one.effect, other.effect} & {name for own in effects for name in own.within})
-
-
-def _jumps(causes: Sequence[Evidence], step_s: float) -> int:
-    """Return the number of times at which biases jump."""
-    forms = [one.form for one in causes if one.effect == _JUMP]
-    times = sorted(time for form in forms if isinstance(form, Hypothesis) for time in form.shape.values())
-    return sum(
-        later - time > _SAME_TIME * step_s for time, later in zip(times, [*times[1:], float("inf")], strict=True)
-    )
-
-
-def _absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
-    """Return noise or spikes in sensors that saturate or are rounded as part of that: what is left there is of it."""
-    if not isinstance(accepted.form, Finding) or accepted.is_certain:
-        return accepted
-    sensors = sensors_of(places_of(accepted.form))
-    for step in steps:
-        before = step.accepted
-        if not (before.is_certain and isinstance(before.form, Finding)):
-            continue
-        if sensors <= sensors_of(places_of(before.form)):
-            return replace(accepted, effect=before.effect, form=replace(accepted.form, fitted=before.form.fitted))
-    return accepted
-
-
-def _gives_up_more(finding: Finding, base: Base) -> bool:
-    """Whether a finding gives up samples that are still counted, or gives up none at all."""
-    return finding.flagged is None or bool((finding.flagged & base.channels.is_counted).any())

@@ -1,0 +1,81 @@
+"""The verdict on a gap, and the sentence that says it."""
+
+import numpy as np
+
+from tam_calibration.effects.effect import ALL
+from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
+from tam_calibration.gap.looking import CLEAN
+from tam_calibration.gap.model import Model
+from tam_calibration.gap.result import Cause, Size, Verdict, Where
+from tam_calibration.gap.search import places_of
+from tam_calibration.gap.size import LARGEST_NOISE
+from tam_calibration.gap.standing import LEAST_EVIDENCE, open_part, sensors_of
+from tam_calibration.gap.steps import Search
+from tam_calibration.gap.where import main_places
+
+SMALLEST_GAP = 0.1
+"""In noise floors; what is smaller is no gap, however certain."""
+
+_PARTLY_CLOSED = 0.6
+
+_LEFT = 0.22
+"""Part of a gap's amplitude that true causes visibly leave in their own sensors at most."""
+
+_MANY = 3
+"""Causes, jumps counted singly, that together imitate much: they may leave half as much."""
+
+
+def noisier_rows(nominal: Model) -> Excess | None:
+    """Return the excess of variance of some rows over the others, whatever makes it."""
+    channels = nominal.channels()
+    excess = best_excess(Moments.of(channels.misfit), channels.situation)
+    if excess is None or excess.gain - excess.parameter_count * np.log(channels.count) < LEAST_EVIDENCE:
+        return None
+    return excess
+
+
+def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> Verdict:
+    """Return the verdict on a search; some rows may be noisier than the others without a cause for it."""
+    if size.before < SMALLEST_GAP:
+        return "no_gap"
+    strongest = max((rival.delta_bic for rival in found.remaining), default=0.0)
+    left = open_part(found.nominal.base(), found.model.base(), found.remaining)
+    if not found.steps:
+        is_even = strongest < LEAST_EVIDENCE and variance < LARGEST_NOISE**2 and not is_noisier
+        return "no_gap" if is_even else "unexplained"
+    if size.closed < _PARTLY_CLOSED or _stands_in(found, size):
+        return "unexplained"
+    return "explained" if size.closed >= 1 - CLEAN or left < CLEAN else "partly_explained"
+
+
+def _stands_in(found: Search, size: Size) -> bool:
+    """Whether causes leave more in their own sensors than true ones would: they stand in for something else."""
+    most = _LEFT if len(found.steps) < _MANY else _LEFT / 2
+    strongest = max(found.remaining, key=lambda one: one.delta_bic, default=None)
+    if size.closed >= 1 - most**2 or strongest is None or strongest.delta_bic < LEAST_EVIDENCE:
+        return False
+    own = {place for step in found.steps for place in sensors_of(places_of(step.accepted.form))}
+    return ALL in own or sensors_of(main_places(found.model.base(), strongest)) <= own
+
+
+def statement(verdict: Verdict, size: Size, where: Where, causes: tuple[Cause, ...]) -> str:
+    """Return the verdict in one sentence."""
+    if verdict == "no_gap":
+        return "No gap: what the calibration leaves is noise."
+    told = f"A gap of {size.before:.2g} times the noise floor in {_named(where)}"
+    if verdict == "unexplained":
+        return f"{told} that no effect of the library explains."
+    names = " and ".join(dict.fromkeys(cause.fitted.effect.replace("_", " ") for cause in causes))
+    part = "explained" if verdict == "explained" else "partly explained"
+    return f"{told}, {part} by {names}: {100 * size.closed:.0f} % of it closes."
+
+
+def _named(where: Where) -> str:
+    """Return the place in words."""
+    numbers = [str(one) for one in where.sensors if isinstance(one, int)]
+    parts = []
+    if numbers:
+        parts.append(f"sensor{'s' * (len(numbers) > 1)} {', '.join(numbers)}")
+    if "scalar" in where.sensors:
+        parts.append("the scalar magnetometer")
+    return " and ".join(parts) or "all sensors"
