@@ -12,6 +12,9 @@ from tam_calibration.effects.fitted import SCALAR
 from tam_calibration.effects.situation import Situation
 from tam_calibration.units import FloatArray
 
+Key = tuple[int, int | None, str]
+"""Sensor, axis and name of a term."""
+
 
 @dataclass(frozen=True)
 class Coefficient:
@@ -59,12 +62,24 @@ class Term:
         sensor, axis = (SCALAR, None) if row == situation.scalar_row else divmod(row, 3)
         return cls(sensor, axis, name, tuple(coefficients), features, *_of_row(row, len(coefficients)))
 
+    @property
+    def key(self) -> Key:
+        """What tells it from the other terms of an effect."""
+        return self.sensor, self.axis, self.name
+
     def signal(self, values: FloatArray, row_count: int) -> FloatArray:
         """Return what coefficients (P,) add to the rows, (N, row_count), tesla."""
         added = np.zeros((len(self.features), row_count))
         for atom, (row, column) in enumerate(zip(self.rows, self.columns, strict=True)):
             added[:, row] += values[column] * self.features[:, atom]
         return added
+
+
+def chosen(terms: Iterable[Term], keys: Sequence[Key]) -> list[Term]:
+    """Return those of an effect's terms that have some keys, in the order of these."""
+    wanted = set(keys)
+    found = {term.key: term for term in terms if term.key in wanted}
+    return [found[key] for key in keys]
 
 
 def thinned(terms: Iterable[Term], stride: int) -> Iterator[Term]:

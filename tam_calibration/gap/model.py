@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tam_calibration.array import Array
 from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, LinearEffect, Shape, Term
 from tam_calibration.effects.moved_sphere import moved_sphere
+from tam_calibration.effects.term import Key, chosen
 from tam_calibration.errors import SensorErrors
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.nominal import start, stepped, without_jump
@@ -43,20 +44,17 @@ class Part:
 
     effect: LinearEffect
     shape: Shape
-    keys: tuple[tuple[int, int | None, str], ...]
+    keys: tuple[Key, ...]
     values: FloatArray
 
     @classmethod
     def of(cls, form: Hypothesis) -> "Part":
         """Accept a hypothesis, with values to start from where it has them."""
-        keys = tuple((term.sensor, term.axis, term.name) for term in form.terms)
-        return cls(form.effect, form.shape, keys, np.zeros(form.width) if form.values is None else form.values)
+        return cls(form.effect, form.shape, form.keys, np.zeros(form.width) if form.values is None else form.values)
 
     def terms(self, channels: Channels) -> list[Term]:
         """Return the terms in the situation of the channels, at all samples."""
-        terms, keys = self.effect.terms(channels.situation, self.shape), set(self.keys)
-        found = {key: term for term in terms if (key := (term.sensor, term.axis, term.name)) in keys}
-        return [found[key] for key in self.keys]
+        return chosen(self.effect.terms(channels.situation, self.shape), self.keys)
 
     def signal(self, terms: Sequence[Term], row_count: int) -> FloatArray:
         """Return what the effect adds to the rows, (N, row_count), tesla."""

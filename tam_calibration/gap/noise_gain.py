@@ -33,7 +33,8 @@ def noise_gain(base: Base, form: Hypothesis) -> float:
     noisy = replace(situation, field_T=situation.field_T - rows[:, :-1] @ channels.turn[:3, :-1].T)
     projected = base.project(channels.design(form.terms))
     values = projected.inverse()[0] @ projected.score
-    answer = _signal(form.moved(noisy), values, rows.shape[1]) - _signal(form, values, rows.shape[1])
+    # Of a long recording a form holds the samples that are fitted only.
+    answer = _signal(form.moved(noisy), values, rows.shape[1]) - _signal(form.moved(situation), values, rows.shape[1])
     part = _energy(base, rows - answer) / max(_energy(base, rows), np.finfo(float).tiny)
     return -channels.count * log(part) if 0 < part < 1 else 0.0
 

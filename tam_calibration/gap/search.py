@@ -6,6 +6,7 @@ from heapq import nlargest
 import numpy as np
 
 from tam_calibration.effects.effect import SCALAR, Finding, FittedEffect, LinearEffect, Shape, Situation, Term
+from tam_calibration.effects.term import Key, chosen
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.selection import Choice, Selection, evidence
 from tam_calibration.units import FloatArray
@@ -47,10 +48,13 @@ class Hypothesis:
     values: FloatArray | None = None
 
     def moved(self, situation: Situation) -> "Hypothesis":
-        """Return the same terms of the same shape in another situation."""
-        found = {(term.sensor, term.axis, term.name): term for term in self.effect.terms(situation, self.shape)}
-        terms = tuple(found[term.sensor, term.axis, term.name] for term in self.terms)
-        return replace(self, terms=terms)
+        """Return the same terms of the same shape in another situation, at all of its samples."""
+        return replace(self, terms=tuple(chosen(self.effect.terms(situation, self.shape), self.keys)))
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """Of the terms."""
+        return tuple(term.key for term in self.terms)
 
     @property
     def width(self) -> int:
@@ -148,15 +152,13 @@ def _refined(base: Base, form: Hypothesis, name: str, tried: list[float]) -> Hyp
 
     here = tried.index(form.shape[name])
     bounds = tried[max(here - 1, 0)], tried[min(here + 1, len(tried) - 1)]
-    keys = {(term.sensor, term.axis, term.name) for term in form.terms}
 
     best = form.selection.gain, form.shape, form.terms
 
     def missed(value: float) -> float:
         nonlocal best
         shape = {**form.shape, name: float(value)}
-        terms = base.channels.terms(form.effect, shape)
-        kept = tuple(term for term in terms if (term.sensor, term.axis, term.name) in keys)
+        kept = tuple(chosen(base.channels.terms(form.effect, shape), form.keys))
         gain, _ = base.project(base.channels.design(kept)).gain()
         best = max(best, (gain, shape, kept), key=lambda one: one[0])
         return -gain
