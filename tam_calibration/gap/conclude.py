@@ -17,7 +17,7 @@ from tam_calibration.gap.residue import residue_of
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
 from tam_calibration.gap.search import Hypothesis, Place
 from tam_calibration.gap.shares import shares_of
-from tam_calibration.gap.size import measure, noise_variance
+from tam_calibration.gap.size import LARGEST_NOISE, measure, noise_variance
 from tam_calibration.gap.standing import LEAST_EVIDENCE
 from tam_calibration.gap.steps import Search
 from tam_calibration.gap.verdict import noisier_rows, statement, verdict_on
@@ -39,7 +39,7 @@ def conclude(found: Search) -> Gap:
     variance = noise_variance(found.model, found.remaining, LEAST_EVIDENCE)
     noisier = None if found.steps else noisier_rows(found.nominal)
     if noisier is not None:
-        variance = min(variance, noisier.floor)
+        variance = min(variance, max(noisier.floor, LARGEST_NOISE**-2))
     whole_nominal, whole = found.nominal.of_all_samples(), found.model.of_all_samples()
     size = measure(whole_nominal, whole, variance)
     base = found.nominal.base()

@@ -14,7 +14,7 @@ from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.effects.term import Key, chosen
 from tam_calibration.errors import SensorErrors
 from tam_calibration.gap.channels import Channels
-from tam_calibration.gap.nominal import start, stepped, without_jump
+from tam_calibration.gap.nominal import start, stepped, wild_samples, without_jump
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.search import Hypothesis
 from tam_calibration.gap.selection import columns_of
@@ -110,8 +110,15 @@ class Model:
 
     @classmethod
     def nominal(cls, recording: Recording, array: Array) -> "Model":
-        """Fit the calibration alone, or beside a jump so large that the calibration is not found in spite of it."""
+        """Fit the calibration alone, or beside what is so large that the calibration is not found in spite of it.
+
+        That is a few readings beyond all others, or a jump.
+        """
         stride = recording.sample_count // _ENOUGH_SAMPLES + 1
+        wild = wild_samples(recording)
+        if wild.any():
+            tame = cls.nominal(recording.take(~wild), array)
+            return replace(tame, recording=recording, stride=stride)
         noisy, errors, intensity = start(recording, array)
         plain = cls(recording, noisy, errors, intensity, stride=stride).settled()
         if not plain._is_gross():

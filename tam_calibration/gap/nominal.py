@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.linalg import norm
+from numpy.typing import NDArray
 
 from tam_calibration.array import Array
 from tam_calibration.effects.bias_jump import BiasJump
@@ -21,6 +22,8 @@ from tam_calibration.units import FloatArray
 
 _LEAST_RADIUS = 0.1
 _SURE_HAND = 1e-3
+_WILD, _MOST_WILD = 4.0, 0.02
+"""Times the median length from which a reading is wild, and the part of the samples up to which these are few."""
 
 
 def start(recording: Recording, array: Array) -> tuple[Array, SensorErrors, float]:
@@ -69,6 +72,13 @@ def _spheres(recording: Recording) -> tuple[SensorErrors, float]:
     scale = np.maximum(radius, _LEAST_RADIUS * mean) / intensity
     matrix = scale[:, None, None] * np.eye(3)
     return SensorErrors.from_matrix(matrix, np.array([center for center, _ in found])), intensity
+
+
+def wild_samples(recording: Recording) -> NDArray[np.bool_]:
+    """Return the samples (N,) in which a sensor reads far beyond what it mostly does, where these are few."""
+    length = norm(recording.readings_T, axis=2)
+    wild: NDArray[np.bool_] = (length > _WILD * np.median(length, axis=0)).any(axis=1)
+    return wild if wild.sum() <= _MOST_WILD * len(wild) else np.zeros_like(wild)
 
 
 def without_jump(recording: Recording, jump: FittedEffect) -> Recording:

@@ -137,9 +137,6 @@ def test_a_deep_saturation_is_named(run):
     assert "saturation" in {cause.fitted.effect for cause in gap.causes}
 
 
-@pytest.mark.xfail(
-    strict=True, reason="one reading beyond all others tilts the calibration, and hysteresis explains it"
-)
 def test_a_single_gross_spike_is_an_outlier(run):
     """One reading of a millitesla in one sensor."""
     made = run(SAMPLES)
