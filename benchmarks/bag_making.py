@@ -9,7 +9,7 @@ from tam_calibration.files.bag_writing import TYPESTORE
 from tam_calibration.recording import Recording
 
 RATE_HZ = 100
-START_S = 1.7e9
+START_S, DAY_S = 1.7e9, 86_400.0
 STORAGES = {
     "sqlite3": (StoragePlugin.SQLITE3, CompressionMode.NONE),
     "sqlite3, zstd by file": (StoragePlugin.SQLITE3, CompressionMode.FILE),
@@ -20,14 +20,14 @@ STORAGES = {
 }
 
 
-def make_recording(samples: int, scalar: bool = True) -> Recording:
-    """Return readings in all directions, four sensors, 1 nT of noise."""
-    rng = np.random.default_rng(1)
+def make_recording(samples: int, scalar: bool = True, seed: int = 1) -> Recording:
+    """Return readings in all directions, four sensors, 1 nT of noise; each seed a day of its own."""
+    rng = np.random.default_rng(seed)
     direction = rng.normal(size=(samples, 1, 3))
     field = 5e-5 * direction / np.linalg.norm(direction, axis=2, keepdims=True)
     readings = field + 1e-9 * rng.normal(size=(samples, 4, 3))
     intensity = 5e-5 + 1e-10 * rng.normal(size=samples) if scalar else None
-    return Recording(START_S + np.arange(samples) / RATE_HZ, readings, intensity)
+    return Recording(START_S + DAY_S * seed + np.arange(samples) / RATE_HZ, readings, intensity)
 
 
 def copy(source: Path, path: Path, storage: StoragePlugin, compression: CompressionMode) -> None:

@@ -10,6 +10,9 @@ from threading import Thread
 
 from tam_calibration.fleet.task import Task, process
 
+PRELOADED = (process.__module__, "tam_calibration.files.bag_corrected", "scipy.optimize", "scipy.spatial.transform")
+"""What every task loads sooner or later: loaded once, before the processes are forked."""
+
 
 def run_here(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, str]]:
     """Do tasks in so many processes; yield each as it is done, with what kept its result from being written.
@@ -32,7 +35,7 @@ def run_here(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, str]]:
 def _in_pool(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, BaseException | None]]:
     # Forked from a process that has imported everything once, not from this one with its threads.
     context = get_context("forkserver")
-    context.set_forkserver_preload([process.__module__])
+    context.set_forkserver_preload(list(PRELOADED))
     pool = ProcessPoolExecutor(jobs, context, initializer=_begin)
     try:
         futures = {pool.submit(process, task): task for task in tasks}
