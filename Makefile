@@ -1,6 +1,7 @@
 # make demo    the whole chain once: simulate, play over DDS, calibrate, compare; writes demo_output/
 # make test    every check and test
 # make check   format, lint and types only
+# make bench   every figure of speed beside what it is compared with: a quarter of an hour; writes benchmarks/results/
 # make colcon  build and test as a ROS 2 machine does, in build/ and install/
 # make clean   remove what these wrote, except the environment .venv
 # Each sets up .venv by itself; another interpreter than python3: make test PYTHON=python3.12
@@ -10,7 +11,7 @@ BIN := .venv/bin
 READY := .venv/ready
 MAKEFLAGS += --no-print-directory
 
-.PHONY: demo test check colcon clean
+.PHONY: demo test check bench colcon clean
 
 demo: $(READY)
 	@$(BIN)/tam demo
@@ -24,6 +25,11 @@ check: $(READY)
 	@$(BIN)/ruff format --check --quiet .
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/mypy --no-error-summary
+
+bench: $(READY)
+	@$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]' \
+		|| echo "The fits of other packages cannot be installed and are left out"
+	@$(BIN)/python benchmarks/run_all.py
 
 colcon: $(READY)
 	@PATH="$(CURDIR)/$(BIN):$$PATH"; colcon build && colcon test && colcon test-result

@@ -16,21 +16,18 @@ call by call.
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from time import process_time
 
 import click
 import numpy as np
 from numpy.linalg import inv, solve, svd
-from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 from scipy.optimize import minimize
+from spread import Row, show
 
 from tam_calibration.array import Array
 from tam_calibration.errors import SensorErrors
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.files.whole import write_whole
 from tam_calibration.fit import lossless, maximum_likelihood
 from tam_calibration.recording import Recording
 from tam_calibration.simulation import simulate
@@ -46,7 +43,6 @@ METHODS: dict[str, Callable[[Recording, Array], object]] = {
 }
 ASKED = {"lossless": 20.0, "maximum_likelihood": 5.0}
 NOISE_OVER_FIELD = 2e-5
-RESULTS = Path(__file__).parent / "results" / "speed.csv"
 
 
 @click.command(help=__doc__)
@@ -54,26 +50,12 @@ RESULTS = Path(__file__).parent / "results" / "speed.csv"
 def main(seconds: float) -> None:
     """Run the benchmark."""
     rows = [row for size in track(SIZES, description="sizes") for row in compare(size, seconds)]
-    table = Table(title="CPU time of the published procedure over ours")
-    for column in ("samples", "method", "published, ms", "ours, ms", "ratio", "10 % to 90 %", "asked"):
-        table.add_column(column, justify="right")
-    for size, method, published, ours, ratio, low, high in rows:
-        spread, asked = f"{low:.1f} to {high:.1f}", f"≥ {ASKED[method]:.0f}" if method in ASKED else ""
-        table.add_row(f"{size}", method, f"{published:.2f}", f"{ours:.2f}", f"{ratio:.1f}", spread, asked)
-    Console(width=120).print(table)
-    RESULTS.parent.mkdir(exist_ok=True)
-    with write_whole(RESULTS) as path:
-        header = "samples,method,published_ms,ours_ms,ratio,ratio_10_percent,ratio_90_percent"
-        lines = [
-            "# python benchmarks/speed.py",
-            header,
-            *(f'{row[0]},"{row[1]}",' + ",".join(map(str, row[2:])) for row in rows),
-        ]
-        path.write_text("\n".join(lines) + "\n")
+    title = "Fits: CPU time of the published procedure over ours"
+    show(title, f"python benchmarks/speed.py --seconds {seconds:g}", "speed.csv", rows)
 
 
-def compare(size: int, seconds: float) -> list[tuple[int, str, float, float, float, float, float]]:
-    """Return for each method the medians of the CPU times in ms and of their ratio, with its spread."""
+def compare(size: int, seconds: float) -> list[Row]:
+    """Return for each method the ratio of the CPU times, and the times."""
     run = simulate(replace(read_scenario("wu_table_1"), sample_count=size))
     recording, array = run.recording, run.scenario.array
     calls = {"published": lambda: published(recording)} | {
@@ -83,12 +65,12 @@ def compare(size: int, seconds: float) -> list[tuple[int, str, float, float, flo
     while len(times["published"]) < 3 or sum(map(sum, times.values())) < seconds:
         for name, call in calls.items():
             times[name].append(_measure(call))
-    rows = []
-    for name in METHODS:
-        ratio, low, high = np.quantile(np.array(times["published"]) / np.array(times[name]), [0.5, 0.1, 0.9])
-        theirs, ours = (1e3 * float(np.median(times[each])) for each in ("published", name))
-        rows.append((size, name, theirs, ours, float(ratio), float(low), float(high)))
-    return rows
+    case = f"{size} samples"
+    rows = [
+        Row(case, f"published over {name}", np.array(times["published"]) / np.array(times[name]), ASKED.get(name, 0.0))
+        for name in METHODS
+    ]
+    return rows + [Row(case, f"{name}, ms", 1e3 * np.array(each)) for name, each in times.items()]
 
 
 def _measure(call: Callable[[], object]) -> float:
