@@ -5,9 +5,11 @@ want - is joined by searching in sorted stamps. A batch with anything else goes 
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tam_calibration.stream_batch import (
     EARLIER,
@@ -21,7 +23,7 @@ from tam_calibration.stream_batch import (
     StreamMessages,
     width_of,
 )
-from tam_calibration.synchronisation import Sample, Synchroniser
+from tam_calibration.synchronisation import REMEMBERED, Sample, Synchroniser
 from tam_calibration.units import FloatArray
 
 
@@ -78,7 +80,10 @@ class BatchSynchroniser(Synchroniser):
             if stamp_ns > self._newest:
                 self._advance(stamp_ns)
         keys = pace.keys[: np.searchsorted(pace.keys, self._limit(partners), "right")]
-        matches = [queue.match(keys) for queue in partners]
+        matches = self._without_the_next(keys, pace, [queue.match(keys) for queue in partners])
+        if matches is None:
+            self._newest, self._horizon, self._hold_horizon, self._epoch_start = before
+            return None
         is_sample = np.logical_and.reduce([match.found for match in matches[: len(self._sensors) - 1]], axis=0)
         is_sample = np.broadcast_to(is_sample, keys.shape)
         if any(match.wanted_twice(is_sample) for match in matches):
@@ -87,6 +92,9 @@ class BatchSynchroniser(Synchroniser):
         matches = self._without_what_came_later(keys, pace, partners, matches, arrivals)
         values = [pace.values[: len(keys)][is_sample], *(match.values(is_sample) for match in matches)]
         self._account(keys, is_sample, pace, matches)
+        if len(keys):
+            self._intervals.extend(np.diff(keys, prepend=max(self._previous, LONG_AGO)).tolist())
+            self._previous = int(keys[-1])
         tail, tail_values = self._to_arrays(self._complete())
         return np.concatenate([keys[is_sample], tail]), np.concatenate([np.hstack(values), tail_values])
 
@@ -108,6 +116,33 @@ class BatchSynchroniser(Synchroniser):
             if queue.stream.awaited
         ]
         return max(min(limits, default=NEVER), LONG_AGO)
+
+    def _without_the_next(self, keys: IntArray, pace: Queue, matches: Sequence[Match]) -> list[Match] | None:
+        """Return the matches without messages that are nearer to the next sample; None where that is not known yet."""
+        if not len(keys):
+            return list(matches)
+        shortest = self._shortest_intervals(keys)
+        following = np.append(pace.keys[1:], NEVER)[: len(keys)]
+        kept = []
+        for match in matches:
+            if match.queue.is_held or not match.found.any():
+                kept.append(match)
+                continue
+            found = match.queue.keys[match.index]
+            is_doubtful = match.found & (found > keys) & (2 * (found - keys) >= shortest)
+            if (is_doubtful & (following == NEVER)).any():
+                return None
+            is_of_next = is_doubtful & (np.abs(following - found) < found - keys)
+            kept.append(replace(match, found=match.found & ~is_of_next))
+        return kept
+
+    def _shortest_intervals(self, keys: IntArray) -> IntArray:
+        """Return the shortest of the intervals that are remembered at each sample; 0 where they are too few."""
+        earlier = [min(interval, NEVER) for interval in self._intervals]
+        intervals = np.diff(keys, prepend=max(self._previous, LONG_AGO))
+        padded = np.concatenate([np.zeros(REMEMBERED - len(earlier)), earlier, intervals]).astype(np.int64)
+        shortest: IntArray = sliding_window_view(padded, REMEMBERED + 1).min(axis=1)
+        return shortest
 
     def _without_what_came_later(
         self,

@@ -1,10 +1,13 @@
 """Joining the messages of several topics into samples by their stamps: one algorithm for live nodes and for bags.
 
 Sensor 1 sets the pace: each of its messages makes a sample with the nearest message of every other sensor within a
-tolerance. The streams arrive each in its own order but interleaved in any way; the samples do not depend on how,
-as long as no stream lags behind another by more than the patience. Time is that of the stamps: no clock is read.
+tolerance, unless that message is nearer to the next one of sensor 1: after a loss no stream takes what belongs to the
+next sample, whatever the tolerance. The streams arrive each in its own order but interleaved in any way; the samples do
+not depend on how, as long as no stream lags behind another by more than the patience. Time is that of the stamps: no
+clock is read.
 """
 
+from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
@@ -18,6 +21,9 @@ MAXIMUM_AGE_NS = {
     "attitude": 200_000_000,
 }
 """How old the newest value of a held channel may be."""
+
+REMEMBERED = 16
+"""Intervals between samples, the shortest of which tells when a message may be of the next sample."""
 
 # Stamps of successive epochs are set apart by more than any stamp, so that one number orders all messages.
 _EPOCH = 1 << 64
@@ -51,7 +57,7 @@ class Synchroniser:
     layout : SampleLayout
         Number of sensors, and the channels that a sample holds.
     tolerance_ns : int
-        Greatest difference of stamps within a sample; less than half the time between samples.
+        Greatest difference of stamps within a sample.
     patience_ns : int
         How far in stamps a stream may lag behind the newest sensor before samples go without it. Stamps that step
         back by more begin a new epoch.
@@ -94,6 +100,8 @@ class Synchroniser:
         self._streams: dict[str, Stream] = {stream.name: stream for stream in [*self._sensors, *channels]}
         self._epoch = 0
         self._newest = self._horizon = self._hold_horizon = self._last_delivered = self._epoch_start = _BEFORE_ALL
+        self._previous = _BEFORE_ALL
+        self._intervals: deque[int] = deque(maxlen=REMEMBERED)
         self._waits_for: Stream = self._sensors[0]
 
     @property
@@ -212,6 +220,8 @@ class Synchroniser:
         self._waits_for = pacemaker
         while pacemaker.buffer and (partners := self._find_partners(pacemaker.buffer[0][0])) is not None:
             key, values = pacemaker.buffer.popleft()
+            self._intervals.append(key - self._previous)
+            self._previous = key
             for stream, message in zip(self._partners, partners, strict=False):
                 stream.losses.missing += message is None
             if None in partners[: len(self._sensors) - 1]:
@@ -233,10 +243,25 @@ class Synchroniser:
             if not is_decided:
                 self._waits_for = stream
                 return None
+            if message is not None and self._is_doubtful(key, message[0]):
+                pending = self._sensors[0].buffer
+                if len(pending) == 1 and not self._is_overdue(self._sensors[0]):
+                    self._waits_for = self._sensors[0]
+                    return None
+                if len(pending) > 1 and abs(pending[1][0] - message[0]) < message[0] - key:
+                    message = None
             partners.append(message)
             if message is None and stream.name not in CHANNEL_COLUMNS:
                 break
         return partners
+
+    def _is_doubtful(self, key: int, found: int) -> bool:
+        """Return whether a message that was found for a sample is so late that it may be of the next one."""
+        if found <= key:
+            return False
+        if len(self._intervals) < REMEMBERED:
+            return True
+        return 2 * (found - key) >= min(key - self._previous, *self._intervals)
 
     def _join(self, key: int, values: Sequence[float], partners: list[Message | None]) -> Sample:
         joined = list(values)

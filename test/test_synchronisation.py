@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tam_calibration.pointcloud_layout import SampleLayout
-from tam_calibration.synchronisation import Sample, Synchroniser
+from tam_calibration.synchronisation import REMEMBERED, Sample, Synchroniser
 
 MS = 1_000_000
 PERIOD = 10 * MS
@@ -217,3 +217,42 @@ def test_samples_do_not_depend_on_the_interleaving(seed):
         order = [(sample.epoch, sample.stamp_ns) for sample in samples]
         assert order == sorted(set(order))
     assert results[0] == results[1] == results[2]
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    seed=st.integers(0, 2**32),
+    tolerance_ns=st.integers(MS // 10, 40 * MS),
+    loss=st.sampled_from([0.02, 0.1, 0.4]),
+    jitter_ns=st.sampled_from([0, MS, PERIOD // 5]),
+)
+def test_a_loss_makes_no_stream_late(seed, tolerance_ns, loss, jitter_ns):
+    """Whatever the tolerance and what is lost, a sample has the messages of its own period where they came."""
+    random = Random(seed)
+    layout = SampleLayout(3, scalar=True)
+    streams, came = [], {}
+    for name in ("tam_1", "tam_2", "tam_3", "scalar"):
+        kept = [index for index in range(120) if random.random() > loss]
+        came[name] = set(kept)
+        stamps = {index: index * PERIOD + random.randint(0, jitter_ns) for index in kept}
+        width = 1 if name == "scalar" else 3
+        streams.append([(stamp, (name, stamp, (float(index),) * width)) for index, stamp in stamps.items()])
+    messages = arrive(random, streams)
+    samples = push_all(Synchroniser(layout, tolerance_ns, PATIENCE, expected=["scalar"]), messages)
+    for sample in samples:
+        index = int(sample.values[0])
+        for name, value in zip(("tam_2", "tam_3", "scalar"), sample.values[3::3], strict=True):
+            own = index in came[name] and jitter_ns <= tolerance_ns
+            assert value == index if own else value != index or jitter_ns > tolerance_ns
+
+
+def test_a_late_message_costs_no_delay():
+    """A message less than half an interval later than sensor 1's completes its sample, once the interval is known."""
+    synchroniser = Synchroniser(SampleLayout(2), 10 * PERIOD)
+    counts = [
+        len(synchroniser.push(*message(name, index * PERIOD + late)))
+        for index in range(40)
+        for name, late in (("tam_1", 0), ("tam_2", 4 * MS))
+    ]
+    assert counts[2 * REMEMBERED + 2 :] == [0, 1] * (39 - REMEMBERED)
+    assert sum(counts) == 40
