@@ -28,6 +28,8 @@ from tam_calibration.units import FloatArray
 
 _PIECE = 8192
 
+_LAST_MISFIT: "WeakKeyDictionary[Channels, Misfit]" = WeakKeyDictionary()
+
 
 @dataclass(frozen=True, eq=False)
 class Channels:
@@ -188,9 +190,15 @@ class Channels:
         """Sum of the squares of all channels that count."""
         return float((self.energy_per_sample * self.is_counted)[:: self.stride].sum())
 
-    @cached_property
+    @property
     def misfit(self) -> Misfit:
-        """What effects that are not found by regression look at."""
+        """What effects that are not found by regression look at; it is large, and only that asked for last is kept."""
+        if self not in _LAST_MISFIT:
+            _LAST_MISFIT.clear()
+            _LAST_MISFIT[self] = self._misfit()
+        return _LAST_MISFIT[self]
+
+    def _misfit(self) -> Misfit:
         root = np.sqrt(self.precision)
         return Misfit(
             self.recording,

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from math import log
 
 from tam_calibration.effects.effect import LinearEffect
@@ -59,7 +58,7 @@ class Looking:
         self._effects, missing = usable(installed_effects(), without, self.first_base.channels)
         self._considered = {one.effect: one for one in missing}
         self._first: tuple[tuple[Evidence, ...], tuple[Evidence, ...]] | None = None
-        self._fitted = lru_cache(maxsize=_MOST_CAUSES)(self._fit)
+        self._known: dict[tuple[Evidence, ...], tuple[Model, Base]] = {}
 
     @property
     def gross(self) -> Evidence | None:
@@ -136,6 +135,14 @@ class Looking:
     def _beside(self, steps: Sequence[Step], step: Step | None = None) -> tuple[Model, Base]:
         """Return the model with all causes, or all but one, and its base."""
         return self._fitted(tuple(other.accepted for other in steps if other is not step))
+
+    def _fitted(self, causes: tuple[Evidence, ...]) -> tuple[Model, Base]:
+        """Return the model with some causes, and its base; those asked for last are kept, for long ones take memory."""
+        fit = self._known.pop(causes) if causes in self._known else self._fit(causes)
+        if len(self._known) == _MOST_CAUSES:
+            del self._known[next(iter(self._known))]
+        self._known[causes] = fit
+        return fit
 
     def _fit(self, causes: tuple[Evidence, ...]) -> tuple[Model, Base]:
         if not causes:

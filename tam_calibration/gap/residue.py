@@ -22,7 +22,6 @@ def residue_of(nominal: Model, model: Model, before: Channels, variance: float) 
     variance : float
         Of the channels' white noise, in what is stated.
     """
-    after = model.base().channels
     array = nominal.array
     assert array.vector_noise_T is not None
     generator = np.random.default_rng(0)
@@ -42,8 +41,7 @@ def residue_of(nominal: Model, model: Model, before: Channels, variance: float) 
         replace(nominal.recording, readings_T=readings, scalar_T=scalar), array, nominal.errors, nominal.intensity_T
     )
 
-    told = before.misfit.row_information
-    typical = np.array([np.median(row[row > 0]) if row.any() else np.inf for row in told.T])
+    typical = np.array([np.median(row[row > 0]) if row.any() else np.inf for row in before.misfit.row_information.T])
 
     def shifts(channels: Channels) -> FloatArray:
         information = channels.misfit.row_information
@@ -51,16 +49,15 @@ def residue_of(nominal: Model, model: Model, before: Channels, variance: float) 
         shift[information == 0] = np.nan
         return shift
 
-    left = shifts(after)
+    found, left = shifts(before), shifts(model.base().channels)
     left[~model.is_counted] = np.nan
-    floor = scale / np.sqrt(typical)
     return Residue(
         situation.time_s,
         direction,
-        shifts(before),
+        found,
         left,
         shifts(twin),
-        floor,
+        scale / np.sqrt(typical),
         nominal.recording.temperature_C,
         nominal.recording.current_A,
     )
