@@ -17,7 +17,7 @@ _NUISANCE_COUNT = 9
 """Harmonics up to degree 2: a calibration error makes any of them."""
 
 _DEGREES = (3, 4, 5, 6)
-_AXIS_ORDERS = ((3,), (4,), (5, 6), (7, 8))
+_AXIS_ORDERS = ((3,), (4,), (5, 6), (7, 8), (9, 10), (11, 12))
 _GRID = 400
 _AXES = 3
 _APART = 0.3
@@ -62,7 +62,7 @@ class ScalarHeadingError(LinearEffect):
         return [{}, *({"azimuth_rad": azimuth, "elevation_rad": elevation} for azimuth, elevation in _axes(misfit))]
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return spherical harmonics of degrees 3 to 6, or Legendre polynomials about an axis of degrees 3 to 8."""
+        """Return spherical harmonics of degrees 3 to 6, or Legendre polynomials about an axis of degrees 3 to 12."""
         direction = situation.field_T / situation.intensity_T[:, None]
         row = situation.scalar_row
         if "azimuth_rad" in shape:

@@ -12,6 +12,8 @@ from tam_calibration.gap.selection import Choice, Selection, evidence
 from tam_calibration.units import FloatArray
 
 _REFINEMENTS = 14
+_TURNS = 40
+_FIRST_TURN_RAD, _FINEST_TURN_RAD = 0.4, 0.005
 
 _FULLY_SELECTED = 2
 """Shapes, the most promising ones, of which the terms are selected."""
@@ -85,11 +87,19 @@ def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
 
 
 def refined(base: Base, form: Hypothesis) -> Hypothesis:
-    """Return the form with each parameter of its shape moved to where the chosen terms explain most."""
-    for name in () if form.effect.has_exact_shapes else form.effect.shape_units:
-        values = sorted({shape[name] for shape in form.tried if name in shape})
-        form = _refined(base, form, name, values)
-    return form
+    """Return the form with the parameters of its shape moved to where the chosen terms explain most.
+
+    Each for itself between its neighbours among those tried, the two angles of a direction together.
+    """
+    if form.effect.has_exact_shapes:
+        return form
+    tried = {name: sorted({shape[name] for shape in form.tried if name in shape}) for name in form.shape}
+    names = [name for name in form.effect.shape_units if len(tried.get(name, ())) > 1]
+    angles = [name for name in names if form.effect.shape_units[name] == "rad"]
+    for name in names:
+        if name not in angles:
+            form = _refined(base, form, name, tried[name])
+    return _turned(base, form, angles) if angles else form
 
 
 def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypothesis:
@@ -145,30 +155,58 @@ def _selected(effect: LinearEffect, offer: _Offer) -> Hypothesis | None:
 
 
 def _refined(base: Base, form: Hypothesis, name: str, tried: list[float]) -> Hypothesis:
-    """Return the form with one parameter of its shape moved to where the chosen terms explain most."""
-    if name not in form.shape or len(tried) < 2:
-        return form
+    """Return the form with one parameter of its shape moved between its neighbours."""
     from scipy.optimize import minimize_scalar
 
     here = tried.index(form.shape[name])
     bounds = tried[max(here - 1, 0)], tried[min(here + 1, len(tried) - 1)]
+    best = _Best(base, form)
+    minimize_scalar(
+        lambda value: -best.gain_at({name: float(value)}),
+        bounds=bounds,
+        method="bounded",
+        options={"maxiter": _REFINEMENTS},
+    )
+    return best.form
 
-    best = form.selection.gain, form.shape, form.terms
 
-    def missed(value: float) -> float:
-        nonlocal best
-        shape = {**form.shape, name: float(value)}
-        kept = tuple(chosen(base.channels.terms(form.effect, shape), form.keys))
-        gain, _ = base.project(base.channels.design(kept)).gain()
-        best = max(best, (gain, shape, kept), key=lambda one: one[0])
-        return -gain
+def _turned(base: Base, form: Hypothesis, angles: list[str]) -> Hypothesis:
+    """Return the form with a direction turned; its angles go on beyond their ends."""
+    from scipy.optimize import minimize
 
-    minimize_scalar(missed, bounds=bounds, method="bounded", options={"maxiter": _REFINEMENTS})
-    gain, shape, terms = best
-    if shape is form.shape:
-        return form
-    count = base.channels.count
-    more = twice_log_likelihood_ratio(base.energy, gain, count)
-    more -= twice_log_likelihood_ratio(base.energy, form.selection.gain, count)
-    selection = replace(form.selection, gain=gain, delta_bic=form.selection.delta_bic + more)
-    return replace(form, shape=shape, terms=terms, selection=selection)
+    start = np.array([form.shape[name] for name in angles])
+    simplex = start + _FIRST_TURN_RAD * np.vstack([np.zeros(len(start)), np.eye(len(start))])
+    best = _Best(base, form)
+    minimize(
+        lambda values: -best.gain_at(dict(zip(angles, values.tolist(), strict=True))),
+        start,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "maxfev": _TURNS, "xatol": _FINEST_TURN_RAD, "fatol": np.inf},
+    )
+    return best.form
+
+
+class _Best:
+    """The form with the largest gain among the shapes that were tried."""
+
+    def __init__(self, base: Base, form: Hypothesis) -> None:
+        self._base, self._start = base, form
+        self._gain, self._shape, self._terms = form.selection.gain, form.shape, form.terms
+
+    def gain_at(self, change: Shape) -> float:
+        """Return the energy that the terms explain with some parameters changed."""
+        shape = {**self._start.shape, **change}
+        terms = tuple(chosen(self._base.channels.terms(self._start.effect, shape), self._start.keys))
+        gain, _ = self._base.project(self._base.channels.design(terms)).gain()
+        if gain > self._gain:
+            self._gain, self._shape, self._terms = gain, shape, terms
+        return gain
+
+    @property
+    def form(self) -> Hypothesis:
+        """The best form, with its evidence."""
+        selection, energy, count = self._start.selection, self._base.energy, self._base.channels.count
+        more = twice_log_likelihood_ratio(energy, self._gain, count)
+        more -= twice_log_likelihood_ratio(energy, selection.gain, count)
+        selection = replace(selection, gain=self._gain, delta_bic=selection.delta_bic + more)
+        return replace(self._start, shape=self._shape, terms=self._terms, selection=selection)

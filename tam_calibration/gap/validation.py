@@ -8,7 +8,7 @@ import numpy as np
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.design import Design
 from tam_calibration.gap.normal import Normal
-from tam_calibration.gap.regression import pseudo_inverse
+from tam_calibration.gap.regression import VISIBLE, pseudo_inverse
 from tam_calibration.units import FloatArray
 
 FOLDS = 5
@@ -58,5 +58,5 @@ def held_out_energy(
 def _energy(train: Normal, test: Normal, width: int) -> float:
     """Return the energy of the test samples under the fit of the first columns to the training samples."""
     first = slice(0, width)
-    step = pseudo_inverse(train.information[first, first]) @ train.score[first]
+    step = pseudo_inverse(train.information[first, first], VISIBLE) @ train.score[first]
     return float(test.energy - 2 * step @ test.score[first] + step @ test.information[first, first] @ step)
