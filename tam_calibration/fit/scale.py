@@ -81,7 +81,8 @@ def sphere_center(points: FloatArray) -> FloatArray:
     mean = columns.mean(axis=-1, keepdims=True)
     columns = columns - mean
     square = np.einsum("...in,...in->...n", columns, columns)[..., None]
-    size = np.maximum(np.sqrt(square.mean(axis=-2, keepdims=True)), np.finfo(float).tiny)
+    # No smaller than what has a cube, so that points that are all the same have a centre too.
+    size = np.maximum(np.sqrt(square.mean(axis=-2, keepdims=True)), np.cbrt(np.finfo(float).tiny))
     # The mean takes the constant out of the normal equations of the centre.
     normal, right = columns @ np.swapaxes(columns, -1, -2) / size**2, columns @ square / (2 * size**3)
     values, vectors = np.linalg.eigh(normal)

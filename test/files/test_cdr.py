@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from tam_calibration.files.cdr import fill, read_float64s, read_stamped_doubles
+from tam_calibration.files.cdr import fill, read_float64, read_float64s, read_stamp_and_doubles, read_stamped_doubles
 from tam_calibration.files.raw_messages import RawMessages
 from tam_calibration.problems import InputError
 
@@ -86,3 +88,39 @@ def test_copies_have_their_own_stamps_and_numbers():
         assert read.header.frame_id == "frame"
         np.testing.assert_array_equal([read.magnetic_field.x, read.magnetic_field.y, read.magnetic_field.z], row)
         assert read.magnetic_field_covariance.tolist() == list(range(9))
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    frame_id=st.text(max_size=20),
+    vector=st.tuples(*[st.floats(allow_nan=False)] * 3),
+    little_endian=st.booleans(),
+    length=st.integers(0, 120),
+)
+def test_one_message_is_read_as_many_are(frame_id, vector, little_endian, length):
+    """A message by itself gives the numbers that it gives in a block, and is refused where that is."""
+    message = field(frame_id.replace("\0", ""))
+    message.magnetic_field.x, message.magnetic_field.y, message.magnetic_field.z = vector
+    whole = bytes(STORE.serialize_cdr(message, FIELD, little_endian=little_endian))
+    stamp_ns, values = read_stamp_and_doubles(whole, 3)
+    stamps, rows = read_stamped_doubles(RawMessages.of([0], [0], [whole]), 3)
+    assert (stamp_ns, values) == (stamps[0], tuple(rows[0].tolist())) == (17_999_999_999, vector)
+    part = RawMessages.of([0], [0], [whole[:length]])
+    try:
+        read_stamped_doubles(part, 3)
+    except InputError as problem:
+        with pytest.raises(InputError, match=str(problem)):
+            read_stamp_and_doubles(whole[:length], 3)
+    else:
+        read_stamp_and_doubles(whole[:length], 3)
+
+
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_one_number_without_stamp_is_read(little_endian):
+    """A message std_msgs/Float64 by itself; a damaged one is refused."""
+    name = "std_msgs/msg/Float64"
+    message = bytes(STORE.serialize_cdr(STORE.types[name](-4.5), name, little_endian=little_endian))
+    assert read_float64(message) == -4.5
+    for bad in (message[:-1], b"", bytes(100)[:2] + b"x", b"\7\7" + message[2:]):
+        with pytest.raises(InputError, match="damaged"):
+            read_float64(bad)
