@@ -37,7 +37,7 @@ RULES = (
     Rule(
         "tolerance_s",
         TOLERANCE_S,
-        "Greatest difference of stamps within a sample [s]; less than half the time between samples.",
+        "Greatest difference of stamps within a sample [s].",
         bounds=(0.0, 10.0),
     ),
     Rule("silence_s", 2.0, "Time without a message after which a sensor is reported [s].", bounds=(0.1, 3600.0)),

@@ -18,7 +18,10 @@ CLOCK_PERIOD_NS = 10_000_000
 SENSOR_TYPE = "sensor_msgs/msg/MagneticField"
 
 SETTLE_S = 0.3
-"""Subscribers match a publisher a little later than it matches them, and take the last messages a little later."""
+"""Subscribers match a publisher a little later than it matches them, and take the last messages a little later.
+
+The player sleeps for that, and between messages: it receives nothing that could wake it, and no one tells it of either.
+"""
 
 
 class Player(Node):

@@ -96,9 +96,10 @@ def rows_of(solutions):
     return source_rows(solutions)
 
 
-def test_each_sample_is_located_as_offline(bench, passing, outputs, calibration_file):
+@pytest.mark.parametrize("batch_s", [0.0, 0.1])
+def test_each_sample_is_located_as_offline(bench, passing, outputs, calibration_file, batch_s):
     """In a fixed frame, with the regional field fitted: every sample has its answer, equal to one call for all."""
-    settings = {"regional_samples": FIRST, "attitude_noise_rad": 1e-4, "fixed_frame": "level"}
+    settings = {"regional_samples": FIRST, "attitude_noise_rad": 1e-4, "fixed_frame": "level", "batch_s": batch_s}
     feed = Feed(bench, calibration_file=calibration_file, **settings)
     rows = feed.play(passing, outputs)
     calibration = read_calibration(calibration_file)
