@@ -26,8 +26,8 @@ PATIENCE_NS = 5_000_000_000
 CAPACITY = 1 << 24
 """More messages of a topic than wait within that patience."""
 
-BATCH = 1 << 18
-"""Messages that are joined at once: what the patience holds back of them is then a small part."""
+BATCH = 1 << 16
+"""Messages that are joined at once: more leaves the caches, of fewer the patience would hold back a large part."""
 
 log = logging.getLogger(__name__)
 
