@@ -1,0 +1,211 @@
+"""Fixtures with ROS: a domain that no other test uses, nodes as processes and a client of them."""
+
+import fcntl
+import os
+import tempfile
+import time
+from importlib.resources import files
+from itertools import count
+from pathlib import Path
+
+import pytest
+
+NO_ROS = "rclpy is not installed: pip install 'tam_calibration[ros]'"
+
+
+@pytest.fixture
+def ros_domain(monkeypatch, tmp_path_factory):
+    """Give the test a ROS domain that no other test of this machine uses, and a place for logs; return that place."""
+    pytest.importorskip("rclpy", reason=NO_ROS)
+    logs = tmp_path_factory.mktemp("ros")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_LOG_DIR", str(logs))
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(files("tam_calibration") / "config" / "fastdds.xml"))
+    domain, lock = _lock_domain()
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    yield logs
+    os.close(lock)
+
+
+def _lock_domain():
+    for domain in range(1, 102):
+        lock = os.open(Path(tempfile.gettempdir()) / f"ros_domain_{domain}.lock", os.O_RDWR | os.O_CREAT)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(lock)
+        else:
+            return domain, lock
+    raise RuntimeError("all ROS domains from 1 to 101 are taken")
+
+
+def figures_of(status):
+    """Return the figures of a status as a dictionary."""
+    return {value.key: value.value for value in status.values}
+
+
+class Bench:
+    """A ROS client in the test, and the processes that it watches."""
+
+    def __init__(self, logs):
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.signals import SignalHandlerOptions
+
+        self.logs = logs
+        self.children = []
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node("bench", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self._health = None
+        self._sensor_topics = []
+
+    def close(self):
+        """End the processes and check that each ended well."""
+        codes = [children.end() for children in self.children]
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+        assert all(code == 0 for each in codes for code in each.values()), codes
+
+    def start(self, commands):
+        """Start processes of the Python interpreter: a mapping of names to arguments."""
+        from tam_calibration.nodes.children import Children
+
+        children = Children(commands, self.logs / str(len(self.children))).__enter__()
+        self.children.append(children)
+        return children
+
+    def start_nodes(self, **parameters):
+        """Start nodes, each with its parameters, and wait until they are seen."""
+        commands = {
+            name: ["-m", f"tam_calibration.nodes.{name}", "--ros-args"]
+            + [part for key, value in own.items() for part in ("-p", f"{key}:={value}")]
+            for name, own in parameters.items()
+        }
+        children = self.start(commands)
+        self.spin_until(lambda: set(commands) <= set(self.node.get_node_names()), f"{list(commands)} are seen")
+        return children
+
+    def spin_until(self, condition, what, timeout_s=15.0):
+        """Spin until a condition holds; fail at once, with its output, when a process has ended."""
+        limit = time.monotonic() + timeout_s
+        while not condition():
+            for children in self.children:
+                children.check()
+            assert time.monotonic() < limit, f"not within {timeout_s} s: {what}"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def listen(self, message_type, topic, latched=False):
+        """Return a list to which the messages of a topic are appended, once a publisher has been matched."""
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        quality = QoSProfile(depth=1000)
+        if latched:
+            quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        received = []
+        self.node.create_subscription(message_type, topic, received.append, quality)
+        self.spin_until(lambda: self.node.count_publishers(topic), f"{topic} is published")
+        return received
+
+    def call(self, service):
+        """Call a Trigger service and return its response."""
+        from std_srvs.srv import Trigger
+
+        client = self.node.create_client(Trigger, service)
+        self.spin_until(client.service_is_ready, f"{service} is there")
+        future = client.call_async(Trigger.Request())
+        self.spin_until(future.done, f"{service} answers")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def health(self, name, condition, what):
+        """Spin until a node's next status and figures in /diagnostics fulfil a condition, and return both."""
+        from diagnostic_msgs.msg import DiagnosticArray
+
+        if self._health is None:
+            self._health = self.listen(DiagnosticArray, "/diagnostics")
+        self._health.clear()
+        found = []
+
+        def is_found():
+            statuses = [status for message in self._health for status in message.status if name in ("", status.name)]
+            found[:] = [(each, figures) for each in statuses if condition(each, figures := figures_of(each))]
+            return found
+
+        self.spin_until(is_found, what)
+        return found[-1]
+
+    def connect(self, **subscribers):
+        """Wait until nodes have matched so many subscribers of their topics, and the collector all sensors."""
+        missing = {
+            name: {(f"subscribers./{topic}", str(number)) for topic, number in topics.items()}
+            for name, topics in subscribers.items()
+        }
+        missing["collector"] |= {(f"publishers./{topic}", "1") for topic in self._sensor_topics}
+
+        def is_connected(status, figures):
+            if missing.get(status.name, set()) <= figures.items():
+                missing.pop(status.name, None)
+            return not missing
+
+        self.health("", is_connected, f"{subscribers} are connected")
+
+    def publish_sensors(self, sensors=(1, 2, 3, 4), scalar=True):
+        """Return a function that publishes samples of a recording on the sensors' topics."""
+        from sensor_msgs.msg import MagneticField
+
+        topics = [f"tam_{sensor}/magnetic_field" for sensor in sensors] + ["scalar/intensity"] * scalar
+        publishers = [self.node.create_publisher(MagneticField, topic, 1000) for topic in topics]
+        self.spin_until(lambda: all(each.get_subscription_count() for each in publishers), "the sensors are subscribed")
+        self._sensor_topics += topics
+        columns = [sensor - 1 for sensor in sensors]
+
+        def publish(recording, index):
+            lap, row = divmod(index, recording.sample_count)
+            fields = recording.readings_T[row, columns].tolist()
+            if scalar:
+                fields.append([float(recording.scalar_T[row]), 0.0, 0.0])
+            for publisher, field in zip(publishers, fields, strict=True):
+                publisher.publish(_message(recording.time_s[row] + 10 * lap, field))
+
+        return publish
+
+    def stream(self, recording, publishers):
+        """Publish samples at 100 Hz while the bench spins, by each function of a list."""
+        indices = count()
+
+        def publish_next():
+            index = next(indices)
+            for publish in publishers:
+                publish(recording, index)
+
+        self.node.create_timer(0.01, publish_next)
+
+    def play(self, recording, publish, samples, first=0, last=None):
+        """Publish samples one after another, no faster than they come back as messages on `samples`."""
+        before = len(samples)
+        for done, index in enumerate(range(first, recording.sample_count if last is None else last)):
+            publish(recording, index)
+            self.spin_until(lambda done=done: len(samples) >= before + done - 20, f"sample {index} comes back")
+        self.spin_until(lambda: len(samples) == before + done + 1, "all samples come back")
+
+
+def _message(time_s, field):
+    from geometry_msgs.msg import Vector3
+    from rclpy.time import Time
+    from sensor_msgs.msg import MagneticField
+
+    message = MagneticField(magnetic_field=Vector3(x=field[0], y=field[1], z=field[2]))
+    message.header.stamp = Time(nanoseconds=round(time_s * 1e9)).to_msg()
+    return message
+
+
+@pytest.fixture
+def bench(ros_domain):
+    """Return a ROS client; at the end its processes must end with exit code 0."""
+    bench = Bench(ros_domain)
+    yield bench
+    bench.close()
