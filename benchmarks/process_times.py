@@ -30,10 +30,10 @@ class ProcessTimes:
         self._closing.set()
         self._thread.join()
 
-    @property
-    def busiest_s(self) -> float:
-        """Processor time of the process that used most, seconds; a tenth of a second at its end may be missing."""
-        return max((end - self._begin.get(process, 0.0) for process, end in self._end.items()), default=0.0)
+    def busiest_s(self, count: int) -> list[float]:
+        """Return the times of the processes that used most, the most first; their last tenth of a second may lack."""
+        used = (end - self._begin.get(process, 0.0) for process, end in self._end.items())
+        return sorted(used, reverse=True)[:count]
 
     def _watch(self) -> None:
         while not self._closing.wait(PERIOD_S):
