@@ -98,8 +98,9 @@ def _draw_wish(rng: Generator, plan: Plan) -> Wish:
     motions = [motion for motion in MOTIONS if all(motion in entry.motions for entry in entries)]
     few = plan.kind == "short"
     recorded = {channel for channel in CHANNELS if rng.random() < 0.5} | {entry.channel for entry in entries} - {""}
+    drawn = int(rng.integers(60, 201)) if few else int(360 * (4000 / 360) ** rng.random())
     return Wish(
-        samples=int(rng.integers(60, 201)) if few else int(360 * (4000 / 360) ** rng.random()),
+        samples=plan.samples or drawn,
         sensor_count=sensor_count,
         motions=tuple(motions),
         with_scalar=not without or any(entry.scalar_needed for entry in entries),

@@ -13,11 +13,12 @@ GAPS = (0.3, 1.0, 3.0)
 
 @dataclass(frozen=True)
 class Plan:
-    """What a case shall be: its kind, its causes' names and the gap of each."""
+    """What a case shall be: its kind, its causes' names and gaps; how many samples, where that is not drawn."""
 
     kind: str
     effects: tuple[str, ...]
     gaps: tuple[float, ...]
+    samples: int | None = None
 
 
 def plan_cases(kinds: tuple[str, ...], count: int, seed: int) -> list[Plan]:

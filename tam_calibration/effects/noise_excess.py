@@ -12,9 +12,9 @@ import numpy as np
 
 from tam_calibration.effects.effect import ALL, Contribution, Finding, FittedEffect, FoundEffect, Misfit, Situation
 from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
-from tam_calibration.effects.places import row_deviations
+from tam_calibration.effects.places import row_deviations, rows_of
 from tam_calibration.effects.quantization import find_lattices
-from tam_calibration.effects.saturation import inside_range, rows_of
+from tam_calibration.effects.saturation import inside_range
 from tam_calibration.effects.spikes import without_spikes
 from tam_calibration.units import FloatArray
 

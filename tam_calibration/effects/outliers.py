@@ -21,8 +21,7 @@ from tam_calibration.effects.effect import (
     Misfit,
     Situation,
 )
-from tam_calibration.effects.places import Place, everywhere, explained_energy, places, row_deviations
-from tam_calibration.effects.saturation import rows_of
+from tam_calibration.effects.places import Place, everywhere, explained_energy, places, row_deviations, rows_of
 from tam_calibration.effects.spikes import Spikes, find_spikes
 from tam_calibration.units import FloatArray
 

@@ -5,8 +5,9 @@ from itertools import combinations
 
 import numpy as np
 
-from tam_calibration.effects.fitted import ALL, SCALAR
+from tam_calibration.effects.fitted import ALL, SCALAR, Contribution
 from tam_calibration.effects.misfit import Misfit
+from tam_calibration.effects.situation import Situation
 from tam_calibration.units import FloatArray
 
 _RIDGE = 1e-9
@@ -50,6 +51,15 @@ def places(sensor_count: int) -> list[Place]:
 def everywhere(sensor_count: int) -> Place:
     """Return the place of what acts on all sensors alike."""
     return Place(ALL, (), tuple(range(3 * sensor_count)))
+
+
+def rows_of(part: Contribution, situation: Situation) -> list[int]:
+    """Return the rows on which a contribution acts."""
+    if part.sensor == SCALAR:
+        return [situation.scalar_row]
+    sensors = range(situation.sensor_count) if part.sensor == ALL else [part.sensor]
+    axes = range(3) if part.axis is None else [part.axis]
+    return [3 * sensor + axis for sensor in sensors for axis in axes]
 
 
 def row_scores(misfit: Misfit) -> FloatArray:

@@ -28,8 +28,7 @@ from tam_calibration.effects.effect import (
     Misfit,
     Situation,
 )
-from tam_calibration.effects.places import row_deviations
-from tam_calibration.effects.saturation import rows_of
+from tam_calibration.effects.places import row_deviations, rows_of
 from tam_calibration.units import FloatArray
 
 _FINEST = 0.5

@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.effect import (
-    ALL,
-    SCALAR,
     Contribution,
     Finding,
     FittedEffect,
@@ -22,6 +20,7 @@ from tam_calibration.effects.effect import (
     Misfit,
     Situation,
 )
+from tam_calibration.effects.places import rows_of
 from tam_calibration.units import FloatArray
 
 _LONE_DEPTH, _LONE_OTHERS, _LONE_SAMPLES = 8.0, 5.0, 100
@@ -97,15 +96,6 @@ class Saturation(FoundEffect):
             touched = rows_of(part, situation)
             rows[:, touched] = np.clip(rows[:, touched], low, high)
         return rows
-
-
-def rows_of(part: Contribution, situation: Situation) -> list[int]:
-    """Return the rows on which a contribution acts."""
-    if part.sensor == SCALAR:
-        return [situation.scalar_row]
-    sensors = range(situation.sensor_count) if part.sensor == ALL else [part.sensor]
-    axes = range(3) if part.axis is None else [part.axis]
-    return [3 * sensor + axis for sensor in sensors for axis in axes]
 
 
 def find_limits(misfit: Misfit) -> list[_Limit]:
