@@ -28,7 +28,7 @@ ALL: dict[str, list[str]] = {
     "localizer": ["--seconds", "20"],
     "bags": ["--large"],
     "speed": ["--seconds", "10"],
-    "rivals": ["--runs", "20"],
+    "rivals": [],
     "batch": ["--seconds", "20"],
 }
 """The benchmarks by the names of their files, in the order in which they run, each with its options."""
