@@ -6,6 +6,7 @@ from typing import Any
 
 NO_GAP = "no_gap"
 EXPLAINED = "explained"
+PARTLY_EXPLAINED = "partly_explained"
 UNEXPLAINED = "unexplained"
 NONE = "none"
 """The hypothesis that it is none of the library's effects."""
@@ -61,7 +62,7 @@ class Outcome:
     @cached_property
     def causes(self) -> list[dict[str, Any]]:
         """Causes that the answer names, the first one first; none when it says that there is no gap or no cause."""
-        return list(self.answer.get("causes") or []) if self.verdict in (EXPLAINED, "partly_explained") else []
+        return list(self.answer.get("causes") or []) if self.verdict in (EXPLAINED, PARTLY_EXPLAINED) else []
 
     @property
     def named(self) -> list[str]:

@@ -7,11 +7,14 @@ from functools import cached_property
 from statistics import median
 
 from tam_calibration.blind.catalogue import CATALOGUE
-from tam_calibration.blind.outcome import EXPLAINED, NO_GAP, UNEXPLAINED, Outcome
+from tam_calibration.blind.outcome import EXPLAINED, NO_GAP, PARTLY_EXPLAINED, UNEXPLAINED, Outcome
 from tam_calibration.blind.rates import Bin, Rate, calibration_error, reliability_curve
 
 LEAST_PROBABILITY = 0.01
 """What is given less is no statement; the many that are given nothing would make any curve look good."""
+
+_KNOWN = ("single", "outside", "clean", "pair")
+"""Kinds of cases whose key says what is true."""
 
 LARGE, SMALL = "g ≥ 1", "g = 0.3"
 
@@ -113,9 +116,21 @@ class Score:
     @cached_property
     def reliability(self) -> list[Bin]:
         """What came true over the probabilities told, where the key knows the truth."""
-        known = [one for one in self.outcomes if one.kind in ("single", "outside", "clean", "pair")]
+        known = [one for one in self.outcomes if one.kind in _KNOWN]
         told = [pair for one in known for pair in one.told_and_true() if pair[0] >= LEAST_PROBABILITY]
         return reliability_curve(told) if told else []
+
+    @cached_property
+    def by_verdict(self) -> dict[str, Rate]:
+        """How often what a verdict says is true: that there is no gap, the first cause, or that it is none of these."""
+        right: dict[str, Callable[[Outcome], bool]] = {
+            NO_GAP: lambda one: one.kind == "clean",
+            EXPLAINED: lambda one: one.first_is_right,
+            PARTLY_EXPLAINED: lambda one: one.first_is_right,
+            UNEXPLAINED: lambda one: one.kind == "outside",
+        }
+        known = [one for one in self.outcomes if one.kind in _KNOWN]
+        return {name: Rate.of(judge(one) for one in known if one.verdict == name) for name, judge in right.items()}
 
     @cached_property
     def confusion(self) -> dict[str, Counter[str]]:

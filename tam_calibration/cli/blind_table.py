@@ -73,6 +73,7 @@ def remarks(score: Score, times_s: Mapping[str, float]) -> list[str]:
     strict, forgiving = score.false_attribution
     lines = [
         f"a wrong effect named first: {_of(strict)}, with nested partners forgiven {_of(forgiving)}",
+        f"what a verdict says is true: {', '.join(f'{name} {_of(rate)}' for name, rate in score.by_verdict.items())}",
         f"gap told over gap visible, median of single effects: {score.gap_told:.2f}",
     ]
     if times_s:

@@ -126,6 +126,20 @@ def test_outside_the_library():
     assert result.false_attribution[0].hits == 1
 
 
+def test_how_often_a_verdict_is_true():
+    """Each verdict says something else, of which the key says whether it is so; short recordings do not count."""
+    result = score(
+        (key(), answer("bias_jump")),
+        (key(), answer("temperature_drift")),
+        (key(), answer("bias_jump", verdict="unexplained")),
+        (key("outside", ("pressure_chirp",)), answer("", verdict="unexplained")),
+        (key("clean", ()), answer("", verdict="no_gap")),
+        (key("short"), answer("bias_jump")),
+    )
+    counts = {name: (rate.hits, rate.cases) for name, rate in result.by_verdict.items()}
+    assert counts == {"no_gap": (1, 1), "explained": (1, 2), "partly_explained": (0, 0), "unexplained": (1, 2)}
+
+
 def test_amplitude_left():
     """The amplitude left is the root of the energy left; the worst effect is named."""
     result = score(
