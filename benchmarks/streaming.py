@@ -127,7 +127,7 @@ def light(nodes: Nodes, repeats: int, gather_s: float, most_percent: tuple[float
         pieces = in_pieces(samples(nodes.calibration, repeats * count, rate), repeats)
         spent = [run(bench, piece, rate, children.pids) for piece in pieces]
         percent = {name: [100 * rate * each[name] for each in spent] for name in spent[0]}
-        together = np.add(percent["stream"], percent["localizer"])
+        together = np.add(percent["stream"], percent["localizer"]).tolist()
         name = "processor time of collector, corrector and localizer, % of a core"
         yield figure(case, "all nodes", name, together, most_percent)
         for process, values in percent.items():
