@@ -180,11 +180,16 @@ class Corrector(TamNode):
         outputs: FloatArray,
         errors: list[FloatArray],
     ) -> None:
-        """Put in outputs and standard errors of some samples, whose time rises."""
+        """Put in outputs and standard errors of some samples, whose time rises; NaN where they are none."""
         if not len(run):
             return
         values = rows[run]
-        batch = correction.correct(layout.recording(np.where(np.isfinite(values), values, np.nan)))
+        try:
+            batch = correction.correct(layout.recording(np.where(np.isfinite(values), values, np.nan)))
+        except InputError as problem:
+            self.refuse("samples", str(problem))
+            outputs[run] = np.nan
+            return
         self._left_in = batch.left_in
         outputs[run] = batch.outputs
         for index, own in zip(run, batch.standard_errors, strict=True):

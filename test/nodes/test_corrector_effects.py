@@ -96,3 +96,26 @@ def test_drift_is_taken_off_as_offline_and_a_silent_temperature_is_told(bench, d
     sensors(later, 250)
     bench.spin_until(lambda: len(outputs) == 251, "the next is corrected")
     bench.health("corrector", lambda status, _: "stays in" not in status.message, "all is well again")
+
+
+def test_a_sample_that_is_none_is_counted(bench, drifting, calibration_file):
+    """An attitude of four zeros, which no collector makes, gives NaN and a warning; the next sample is corrected."""
+    from rclpy.time import Time
+    from std_msgs.msg import Header
+
+    from tam_calibration.nodes.base import RELIABLE_STREAM
+    from tam_calibration.nodes.cloud import make_cloud
+
+    bench.start_nodes(corrector={"calibration_file": calibration_file})
+    outputs = bench.listen(sensor_msgs.PointCloud2, "field_gradient")
+    publisher = bench.node.create_publisher(sensor_msgs.PointCloud2, "samples", RELIABLE_STREAM)
+    wanted = {"publishers./samples": "1", "subscribers./field_gradient": "1"}
+    bench.health("corrector", lambda _, figures: wanted.items() <= figures.items(), "all are connected")
+    for index, attitude in enumerate(([0.0] * 4, [0.0, 0.0, 0.0, 1.0])):
+        row = [drifting.time_s[index], *drifting.readings_T[index].ravel(), 5e-5, drifting.temperature_C[index], 0.0]
+        header = Header(stamp=Time(nanoseconds=index + 1).to_msg())
+        publisher.publish(make_cloud(header, LAYOUT.columns, [*map(float, row), *attitude]))
+    bench.spin_until(lambda: len(outputs) == 2, "both are answered")
+    first, second = rows_of(outputs)
+    assert np.isnan(first[:9]).all() and np.isfinite(second).all()
+    bench.health("corrector", lambda _, figures: figures.get("unusable.samples") == "1", "it is counted")
