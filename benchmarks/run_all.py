@@ -4,9 +4,10 @@ The benchmarks of ``ALL`` run one after another, each in a process of its own wi
 prints its table and keeps it under ``benchmarks/results/``. At the end all that is asked of them stands in one table,
 and with it the test that kills ``tam batch`` at ten random moments. About a quarter of an hour on two cores.
 
-Not here, as they take up to hours, or tell accuracy and not speed: ``large.py`` (ten million samples), ``limit.py``,
-``localization.py``, ``localization_moving.py``, ``blind.py``, ``wu_table_1.py``, ``ambient_gradient.py``,
-``gradient_truth.py``, ``slow_scalar.py`` and ``papers_gap.py``: each is a command of its own, named in its docstring.
+Not here, as they take up to hours, or tell accuracy and not speed: ``large.py`` (ten million samples),
+``diagnosis.py`` (an hour of data), ``limit.py``, ``localization.py``, ``localization_moving.py``, ``blind.py``,
+``wu_table_1.py``, ``ambient_gradient.py``, ``gradient_truth.py``, ``slow_scalar.py`` and ``papers_gap.py``: each is a
+command of its own, named in its docstring.
 """
 
 import csv
@@ -25,6 +26,7 @@ from spread import RESULTS, machine
 ALL: dict[str, list[str]] = {
     "imports": [],
     "streaming": [],
+    "receivers": [],
     "localizer": ["--seconds", "20"],
     "bags": ["--large"],
     "speed": ["--seconds", "10"],
