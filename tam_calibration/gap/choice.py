@@ -62,15 +62,20 @@ def choose(
             continue
         if energy_explained(candidate, base) < least or not is_new(candidate, steps, base):
             continue
-        tolerance = AGAINST_RIVAL if isinstance(candidate.form, Finding) else _AMONG_SEVERAL
-        if not (candidate.is_certain or beats(base, candidate, unknown, tolerance)):
-            continue
-        if isinstance(candidate.form, Finding):
-            return candidate
-        own = noise_gain(base, candidate.form)
-        if candidate.delta_bic - own > LEAST_EVIDENCE and own < _OF_NOISE * candidate.gain:
+        if is_plausible(base, candidate, unknown):
             return candidate
     return None
+
+
+def is_plausible(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> bool:
+    """Whether a candidate may be one of several causes: no poor stand-in for a rival, and no average of noise."""
+    tolerance = AGAINST_RIVAL if isinstance(candidate.form, Finding) else _AMONG_SEVERAL
+    if not (candidate.is_certain or beats(base, candidate, unknown, tolerance)):
+        return False
+    if isinstance(candidate.form, Finding):
+        return True
+    own = noise_gain(base, candidate.form)
+    return candidate.delta_bic - own > LEAST_EVIDENCE and own < _OF_NOISE * candidate.gain
 
 
 def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:

@@ -6,7 +6,7 @@ from math import log
 
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.gap.choice import Step, absorbed, choose, is_new
+from tam_calibration.gap.choice import Step, absorbed, choose, is_new, is_plausible
 from tam_calibration.gap.hypotheses import Evidence, evidence_of, examine, rivals, sharpened, usable
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
@@ -25,8 +25,8 @@ Progress = Callable[[str, float], None]
 CLEAN = 0.1
 """Part of the gap that causes may leave open and still explain it."""
 
-_HOPELESS = 0.5
-"""Part of the gap that no causes may leave open."""
+_HOPELESS_AFTER_ONE, _HOPELESS = 0.8, 0.5
+"""Part of the gap that the first cause may not leave open, nor may several."""
 
 _MOST_CAUSES = 4
 
@@ -83,13 +83,10 @@ class Looking:
     def found(self, first: Evidence | None) -> Outcome:
         """Return the causes that hold of those found from a start, or from the strongest."""
         steps = self._forward(first)
-        unknown = self.weigh_first()[1]
-        if not steps or open_part(self.first_base, self._beside(steps)[1], rivals(self._beside(steps)[1])) > _HOPELESS:
-            kept = []
-        else:
-            kept = self._swapped(self._holding(steps))
+        is_hopeless = not steps or self._open(steps) > _HOPELESS
+        kept = [] if is_hopeless else self._swapped(self._holding(steps))
         model, base = self._beside(kept)
-        unknown = tuple(rivals(base)) if kept else unknown
+        unknown = tuple(rivals(base)) if kept else self.weigh_first()[1]
         count = base.channels.count
         spent = base.rank - self.first_base.rank + sum(finding.parameter_count for finding in model.findings)
         evidence = -count * log(base.energy / count) - spent * log(count)
@@ -104,6 +101,8 @@ class Looking:
         ranked = sorted(self.weigh_first()[0], key=lambda one: -one.delta_bic)
         others = [one for one in ranked if one is not first and one.delta_bic > _START_PART * first.delta_bic]
         starts = [] if found.is_clean else [self._alone(one) or one for one in others[:_STARTS]]
+        unknown = self.weigh_first()[1]
+        starts = [one for one in starts if is_plausible(self.first_base, one, unknown)]
         alone = self._alone(first)
         return starts if alone is None else [alone, *starts]
 
@@ -123,6 +122,8 @@ class Looking:
         steps: list[Step] = []
         explained = 0.0
         while len(steps) < _MOST_CAUSES:
+            if steps and self._open(steps) > (_HOPELESS_AFTER_ONE if len(steps) == 1 else _HOPELESS):
+                break
             base = self._beside(steps)[1]
             weighed, unknown = (self._weigh(base, len(steps)), ()) if steps else self.weigh_first()
             accepted = first if first is not None and not steps else choose(base, weighed, unknown, steps, explained)
@@ -131,6 +132,11 @@ class Looking:
             steps.append(Step(absorbed(accepted, steps), weighed, unknown))
             explained = max(explained, energy_explained(accepted, base))
         return steps
+
+    def _open(self, steps: Sequence[Step]) -> float:
+        """Return the part of the gap that causes leave open."""
+        base = self._beside(steps)[1]
+        return open_part(self.first_base, base, rivals(base))
 
     def _beside(self, steps: Sequence[Step], step: Step | None = None) -> tuple[Model, Base]:
         """Return the model with all causes, or all but one, and its base."""

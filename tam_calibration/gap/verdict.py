@@ -18,11 +18,11 @@ SMALLEST_GAP = 0.1
 
 _PARTLY_CLOSED = 0.6
 
-_LEFT = 0.22
-"""Part of a gap's amplitude that true causes visibly leave in their own sensors at most."""
+_OPEN = 0.08
+"""Part of a gap that a true cause leaves open in its own sensors at most, where it is the only one."""
 
-_MANY = 3
-"""Causes, jumps counted singly, that together imitate much: they may leave half as much."""
+_LEFT = {2: 0.22, 3: 0.11, 4: 0.11}
+"""Part of a gap's amplitude that several leave out of sample, jumps counted singly: many together imitate much."""
 
 
 def noisier_rows(nominal: Model) -> Excess | None:
@@ -43,18 +43,18 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
     if not found.steps:
         is_even = strongest < LEAST_EVIDENCE and variance < LARGEST_NOISE**2 and not is_noisier
         return "no_gap" if is_even else "unexplained"
-    if size.closed < _PARTLY_CLOSED or _stands_in(found, size):
+    is_much = left > _OPEN if len(found.steps) == 1 else size.closed < 1 - _LEFT[len(found.steps)] ** 2
+    if size.closed < _PARTLY_CLOSED or (is_much and _is_at_home(found)):
         return "unexplained"
     return "explained" if size.closed >= 1 - CLEAN or left < CLEAN else "partly_explained"
 
 
-def _stands_in(found: Search, size: Size) -> bool:
-    """Whether causes leave more in their own sensors than true ones would: they stand in for something else."""
-    most = _LEFT if len(found.steps) < _MANY else _LEFT / 2
+def _is_at_home(found: Search) -> bool:
+    """Whether what causes visibly leave is in their own sensors: if it is much, they stand in for something else."""
     strongest = max(found.remaining, key=lambda one: one.delta_bic, default=None)
-    if size.closed >= 1 - most**2 or strongest is None or strongest.delta_bic < LEAST_EVIDENCE:
+    if strongest is None or strongest.delta_bic < LEAST_EVIDENCE:
         return False
-    own = {place for step in found.steps for place in sensors_of(places_of(step.accepted.form))}
+    own = {sensor for step in found.steps for sensor in sensors_of(places_of(step.accepted.form))}
     return ALL in own or sensors_of(main_places(found.model.base(), strongest)) <= own
 
 
