@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
+from spread import machine
 from std_msgs.msg import Header
 
 from tam_calibration.array import Array
@@ -153,7 +154,7 @@ def show(bench: Bench, array: Array, attitude: FloatArray, outputs: FloatArray, 
     for figure in figures:
         table.add_row(figure.name, f"{figure.value:.4g}", figure.asked_in_words, figure.verdict)
     Console().print(table)
-    lines = ["# python benchmarks/localizer.py", "case,method,figure,value,standard_error,asked,met"]
+    lines = [f"# python benchmarks/localizer.py on {machine()}", "case,method,figure,value,standard_error,asked,met"]
     with write_whole(RESULTS) as part:
         part.write_text("\n".join([*lines, *(figure.line for figure in figures)]) + "\n")
 
