@@ -19,6 +19,7 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import MagneticField
+from spread import machine
 from streaming_bench import SENSOR_TOPICS
 
 from tam_calibration.files.whole import write_whole
@@ -120,7 +121,10 @@ def main(seconds: float, way: str | None) -> None:
                 figures.append(Figure(f"5 × {rate_hz:g} Hz", name, "processor time for a message, µs", value))
                 print(f"{rate_hz:6g} Hz  {name:28}  {value:6.1f} µs", file=sys.stderr)
     with write_whole(RESULTS) as part:
-        lines = ["# python benchmarks/receivers.py", "case,method,figure,value,standard_error,asked,met"]
+        lines = [
+            f"# python benchmarks/receivers.py on {machine()}",
+            "case,method,figure,value,standard_error,asked,met",
+        ]
         part.write_text("\n".join([*lines, *(figure.line for figure in figures)]) + "\n")
 
 

@@ -7,11 +7,9 @@ latencies are those of the clock, so that they count in full: their load is told
 """
 
 import os
-import platform
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -23,6 +21,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rich.console import Console
 from rich.table import Table
 from sensor_msgs.msg import MagneticField, PointCloud2
+from spread import machine
 from streaming_bench import IMU_TOPIC, SENSOR_TOPICS, Bench, in_pieces, run, samples
 
 from tam_calibration.calibration import Calibration
@@ -188,9 +187,7 @@ def show(figures: Sequence[Figure], console: Console) -> None:
         error = f"{each.standard_error:.2g}" if np.isfinite(each.standard_error) else ""
         table.add_row(each.case, each.method, each.name, f"{each.value:.4g}", error, each.asked_in_words, each.verdict)
     console.print(table)
-    machine = f"{os.cpu_count()} cores {platform.machine()}, Linux {platform.release()}"
-    versions = f"Python {platform.python_version()}, numpy {np.__version__}, rclpy {version('ros-jazzy-rclpy')}"
-    lines = [f"# python benchmarks/streaming.py {' '.join(sys.argv[1:])}".rstrip(), f"# {machine}; {versions}"]
+    lines = [f"# {' '.join(['python benchmarks/streaming.py', *sys.argv[1:]])} on {machine()}"]
     with write_whole(RESULTS) as part:
         header = "case,method,figure,value,standard_error,asked,met"
         part.write_text("\n".join([*lines, header, *(each.line for each in figures)]) + "\n")
