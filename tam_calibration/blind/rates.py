@@ -8,6 +8,7 @@ from statistics import NormalDist
 import numpy as np
 
 WITHIN_95 = NormalDist().inv_cdf(0.975)
+_BINS = 10
 
 
 @dataclass(frozen=True)
@@ -48,12 +49,12 @@ class Bin:
     count: int
 
 
-def reliability_curve(told: Sequence[tuple[float, bool]], bins: int = 10) -> list[Bin]:
+def reliability_curve(told: Sequence[tuple[float, bool]]) -> list[Bin]:
     """Return the curve of what came true over what was told, in bins of equal width that are not empty."""
     values = np.array([value for value, _ in told])
     hits = np.array([hit for _, hit in told], dtype=float)
-    index = np.minimum((values * bins).astype(int), bins - 1)
-    groups = [index == number for number in range(bins)]
+    index = np.minimum((values * _BINS).astype(int), _BINS - 1)
+    groups = [index == number for number in range(_BINS)]
     return [Bin(float(values[one].mean()), float(hits[one].mean()), int(one.sum())) for one in groups if one.any()]
 
 

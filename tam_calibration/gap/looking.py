@@ -30,7 +30,7 @@ _HOPELESS_AFTER_ONE, _HOPELESS = 0.8, 0.5
 
 _MOST_CAUSES = 4
 
-_STARTS = 4
+_STARTS = 2
 """Effects from which a search starts, at most."""
 
 _START_PART = 0.25
