@@ -9,6 +9,7 @@ from tam_calibration.effects.effect import ALL, Finding
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.search import Hypothesis, Place, places_of
+from tam_calibration.gap.unknown import FunctionOfDirection
 from tam_calibration.gap.where import main_places
 
 LEAST_EVIDENCE = 12.0
@@ -34,7 +35,7 @@ def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     gain, rank = base.project(base.channels.design(form.terms)).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
     alone = Evidence(cause.effect, form, gain - rank * log(base.channels.count), gain)
-    if alone.delta_bic < LEAST_EVIDENCE or _is_elsewhere(base, alone, unknown):
+    if alone.delta_bic < LEAST_EVIDENCE or _is_elsewhere(base, alone, unknown) or _is_of_direction(alone, unknown):
         return False
     return beats(base, alone, unknown, AGAINST_RIVAL)
 
@@ -74,6 +75,11 @@ def _is_elsewhere(base: Base, cause: Evidence, unknown: Iterable[Evidence]) -> b
         and not sensors & sensors_of(main_places(base, one))
         for one in unknown
     )
+
+
+def _is_of_direction(cause: Evidence, unknown: Iterable[Evidence]) -> bool:
+    """Whether more speaks for some function of the direction, though it pays for more coefficients: no time matters."""
+    return any(one.effect == FunctionOfDirection.name and one.delta_bic > cause.delta_bic for one in unknown)
 
 
 def _energy_of(gain: float, energy: float, count: float) -> float:
