@@ -35,7 +35,10 @@ def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     gain, rank = base.project(base.channels.design(form.terms)).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
     alone = Evidence(cause.effect, form, gain - rank * log(base.channels.count), gain)
-    if alone.delta_bic < LEAST_EVIDENCE or _is_elsewhere(base, alone, unknown) or _is_of_direction(alone, unknown):
+    if alone.delta_bic < LEAST_EVIDENCE or _is_elsewhere(base, alone, unknown):
+        return False
+    follows_field_alone = not (form.effect.is_free_in_time or form.effect.channels)
+    if follows_field_alone and _is_of_direction(alone, unknown):
         return False
     return beats(base, alone, unknown, AGAINST_RIVAL)
 
