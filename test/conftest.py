@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 import pytest
-from ros_bench import bench, ros_domain  # noqa: F401
+from ros_bench import bench, ros_domain  # noqa: F401  fixtures are found by their names here
 
 from tam_calibration.array import Array
 from tam_calibration.errors import SensorErrors
