@@ -1,7 +1,11 @@
 """A figure beside what is asked of it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
+
+from rich.console import Console
+from rich.table import Table
 
 ANYTHING = (0.0, inf)
 
@@ -33,3 +37,12 @@ class Figure:
         """The row of a CSV file: case, method, figure, value, standard error, asked, met."""
         words = f'"{self.case}","{self.method}","{self.name}"'
         return f"{words},{self.value:.6g},{self.standard_error:.2g},{self.asked_in_words},{self.verdict}"
+
+
+def show(figures: Sequence[Figure], title: str, method: str) -> None:
+    """Print figures in a table; what their methods are is the heading of the second column."""
+    table = Table("case", method, "figure", "measured", "asked", "met", title=title)
+    for figure in figures:
+        value = f"{figure.value:.3g}"
+        table.add_row(figure.case, figure.method, figure.name, value, figure.asked_in_words, figure.verdict)
+    Console(width=140).print(table)

@@ -20,10 +20,8 @@ from time import process_time
 
 import click
 import numpy as np
-from asked import ANYTHING, Figure
-from rich.console import Console
+from asked import ANYTHING, Figure, show
 from rich.progress import track
-from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.array import Array
@@ -85,7 +83,7 @@ def main(cases: int) -> None:
         elapsed, peak = _apart(name)
         figures.append(Figure(case, name, "processor time [s]", elapsed, asked=(0.0, ASKED_HOUR_SECONDS)))
         figures.append(Figure(case, name, "peak memory [MiB]", peak, asked=(0.0, ASKED_HOUR_MIB)))
-    show(figures)
+    show(figures, "What a diagnosis costs", "kind")
     with write_whole(RESULTS) as path:
         header = "case,kind,figure,value,standard_error,asked,met"
         lines = [f"# python benchmarks/diagnosis.py --cases {cases}", header, *(figure.line for figure in figures)]
@@ -144,15 +142,6 @@ def measure_hour(cause: str) -> tuple[float, float]:
     begin = process_time()
     diagnose(recording, Array.cross(0.5, vector_noise_T=NOISE_T, scalar_noise_T=NOISE_T / 5))
     return process_time() - begin, getrusage(RUSAGE_SELF).ru_maxrss / 1024
-
-
-def show(figures: list[Figure]) -> None:
-    """Print all figures."""
-    table = Table("case", "kind", "figure", "measured", "asked", "met", title="What a diagnosis costs")
-    for figure in figures:
-        value = f"{figure.value:.3g}"
-        table.add_row(figure.case, figure.method, figure.name, value, figure.asked_in_words, figure.verdict)
-    Console(width=140).print(table)
 
 
 if __name__ == "__main__":

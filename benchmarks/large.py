@@ -22,10 +22,8 @@ from typing import Any
 
 import click
 import numpy as np
-from asked import ANYTHING, Figure
+from asked import ANYTHING, Figure, show
 from click.testing import CliRunner
-from rich.console import Console
-from rich.table import Table
 
 from tam_calibration.cli.main import main as tam
 from tam_calibration.files import read_array, write_array
@@ -68,7 +66,7 @@ def main(folder: Path | None) -> None:
         ratio = seconds[method, ON_DISK[-1]] / seconds[method, ON_DISK[0]]
         name = f"time per sample over that of {ON_DISK[0]:.0e}"
         figures.append(Figure(f"{ON_DISK[-1]:.0e} samples on disk", method, name, ratio, asked=(0.0, ASKED_LINEAR)))
-    show(figures)
+    show(figures, "Long recordings", "method")
     RESULTS.parent.mkdir(exist_ok=True)
     with write_whole(RESULTS) as path:
         header = "case,method,figure,value,standard_error,asked,met"
@@ -153,15 +151,6 @@ def stream(folder: Path, method: str) -> tuple[float, float]:
 
 def _peak() -> float:
     return getrusage(RUSAGE_SELF).ru_maxrss * 1024
-
-
-def show(figures: list[Figure]) -> None:
-    """Print all figures."""
-    table = Table("case", "method", "figure", "measured", "asked", "met", title="Long recordings")
-    for figure in figures:
-        value = f"{figure.value:.3g}"
-        table.add_row(figure.case, figure.method, figure.name, value, figure.asked_in_words, figure.verdict)
-    Console(width=140).print(table)
 
 
 if __name__ == "__main__":

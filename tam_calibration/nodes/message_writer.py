@@ -1,7 +1,7 @@
 """Messages that are published as serialised bytes: all but stamp and numbers is serialised once.
 
-Filling in one costs half a microsecond, making and serialising a message object thirty. Byte order is little-endian, as
-on all platforms of ROS 2.
+Filling in one is far cheaper than making and serialising a message object. Byte order is little-endian, as on all
+platforms of ROS 2.
 """
 
 import struct
