@@ -25,12 +25,17 @@ def slow(run):
     return replace(made, recording=recording, array=replace(made.array, vector_noise_T=np.array([4e-9])))
 
 
-def test_what_averages_noise_is_no_effect(slow):
-    """Eddy currents gain much of a slow turn by averaging neighbours, and all of it is taken for that."""
-    base = slow.model().base()
+@pytest.mark.parametrize("stride", [1, 2])
+def test_what_averages_noise_is_no_effect(slow, stride):
+    """Eddy currents gain much of a slow turn by averaging neighbours, also where a part of the samples is fitted."""
+    base = slow.model(stride=stride).base()
     form = best_form(base, effect_named("eddy_current"))
     assert form.selection.gain > 0.05 * base.energy
     assert noise_gain(base, form) > 0.9 * form.selection.delta_bic
+
+
+def test_what_averages_noise_is_no_gap(slow):
+    """The diagnosis of such a turn names nothing."""
     assert diagnose(slow.recording, slow.array).verdict == "no_gap"
 
 
