@@ -12,8 +12,8 @@ _LEAST_CHANGE_K = 0.2
 _SHORTEST, _LONGEST, _COUNT = 1 / 200, 1 / 3, 5
 """Time constants as parts of the record's span."""
 
-_SLOWER = 6.0
-"""Ratio of a second time constant to the first."""
+_INNER_SHARES = (0.0, 0.5)
+"""Of the time constant; a half is the most, as the order of the two does not matter."""
 
 
 class TemperatureDrift(LinearEffect):
@@ -28,7 +28,16 @@ class TemperatureDrift(LinearEffect):
     )
     channels: ClassVar[tuple[str, ...]] = ("temperature_C",)
     excitation: ClassVar[str] = "let the temperature change by some kelvin, up and down, while the array turns"
-    shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s", "reference_C": "°C"}
+    shape_units: ClassVar[dict[str, str]] = {
+        "time_constant_s": "s",
+        "inner_share": "1",
+        "reference_C": "°C",
+        "start_s": "s",
+    }
+    """Heat passes two layers: of the sum of their time constants the inner one has a share, none where it is not given.
+
+    Where a start is given the sensor had not settled by then.
+    """
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the temperature is constant, where it is."""
@@ -39,32 +48,31 @@ class TemperatureDrift(LinearEffect):
         return None
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
-        """Return lags from none to a third of the record."""
+        """Return lags from none to a third of the record, of one layer and of two alike."""
         assert situation.temperature_C is not None
         span = float(situation.time_s[-1] - situation.time_s[0])
-        constants = [0.0, *np.geomspace(_SHORTEST * span, _LONGEST * span, _COUNT).tolist()]
-        reference = float(np.mean(situation.temperature_C))
-        return [{"time_constant_s": constant, "reference_C": reference} for constant in constants]
+        reference = {"reference_C": float(np.mean(situation.temperature_C))}
+        constants = np.geomspace(_SHORTEST * span, _LONGEST * span, _COUNT).tolist()
+        lags = [
+            {"time_constant_s": constant, "inner_share": share} for constant in constants for share in _INNER_SHARES
+        ]
+        start = {"start_s": float(situation.time_s[0])}
+        return [{"time_constant_s": 0.0} | reference, *(lag | reference | start for lag in lags)]
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return drifts of offset and scale, the second order of the offset, and the same with a slower lag."""
+        """Return drifts of offset and scale, the second order of the offset, and how the start settles."""
         assert situation.temperature_C is not None
-        direct, time = situation.temperature_C - shape["reference_C"], situation.time_s
-        constant = shape["time_constant_s"]
-        change = lagged(direct, time, constant, situation.memory)
-        parts = [("", change[:, None], change[:, None] ** 2)]
-        if constant > 0:
-            slower = lagged(direct, time, _SLOWER * constant, situation.memory)
-            # As a difference, so that a single lag is told by its own time constant alone.
-            parts.append(("slower ", (slower - change)[:, None], (slower**2 - change**2)[:, None]))
-        terms = []
-        for row in range(situation.scalar_row):
-            for kind, first, second in parts:
-                for name, unit, feature in (
-                    ("offset", "T/K", first),
-                    ("scale", "1/K", first * situation.sensed_T[:, [row]]),
-                    ("quadratic offset", "T/K²", second),
-                ):
-                    part = Coefficient(kind + name, unit)
-                    terms.append(Term.of_row(situation, row, part.name, [part], feature))
-        return terms
+        inner = shape.get("inner_share", 0.0) * shape["time_constant_s"]
+        outer = shape["time_constant_s"] - inner
+        change = situation.temperature_C - shape["reference_C"]
+        for constant in (outer, inner):
+            change = lagged(change, situation.time_s, constant, situation.memory)
+        parts = [("offset", "T/K", change), ("quadratic offset", "T/K²", change**2)]
+        if "start_s" in shape:
+            since = situation.time_s - shape["start_s"]
+            parts.append(("start", "T", np.where(since < 0, 0.0, np.exp(-np.maximum(since, 0.0) / outer))))
+        return [
+            Term.of_row(situation, row, name, [Coefficient(name, unit)], feature[:, None])
+            for row in range(situation.scalar_row)
+            for name, unit, feature in (*parts, ("scale", "1/K", change * situation.sensed_T[:, row]))
+        ]

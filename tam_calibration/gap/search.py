@@ -1,5 +1,6 @@
 """The best form of one hypothesis: over the shapes of an effect, the terms that the data ask for."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from heapq import nlargest
 
@@ -12,8 +13,13 @@ from tam_calibration.gap.selection import Choice, Selection, evidence
 from tam_calibration.units import FloatArray
 
 _REFINEMENTS = 14
-_TURNS = 40
-_FIRST_TURN_RAD, _FINEST_TURN_RAD = 0.4, 0.005
+_MOVES = 40
+_FIRST_TURN_RAD = 0.4
+_FIRST_STEP = 0.5
+"""Of the way to a neighbour."""
+
+_FINEST_STEP = 0.0125
+"""Of the first one."""
 
 _FULLY_SELECTED = 2
 """Shapes, the most promising ones, of which the terms are selected."""
@@ -87,19 +93,21 @@ def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
 
 
 def refined(base: Base, form: Hypothesis) -> Hypothesis:
-    """Return the form with the parameters of its shape moved to where the chosen terms explain most.
+    """Return the form with the parameters of its shape moved, together, to where the chosen terms explain most.
 
-    Each for itself between its neighbours among those tried, the two angles of a direction together.
+    A direction may turn anywhere; other parameters stay between the neighbours of the best among those tried.
     """
     if form.effect.has_exact_shapes:
         return form
     tried = {name: sorted({shape[name] for shape in form.tried if name in shape}) for name in form.shape}
-    names = [name for name in form.effect.shape_units if len(tried.get(name, ())) > 1]
-    angles = [name for name in names if form.effect.shape_units[name] == "rad"]
-    for name in names:
-        if name not in angles:
-            form = _refined(base, form, name, tried[name])
-    return _turned(base, form, angles) if angles else form
+    spans = {
+        name: _Span.of(form.shape[name], tried[name], form.effect.shape_units[name] == "rad")
+        for name in form.effect.shape_units
+        if len(tried.get(name, ())) > 1
+    }
+    if not spans:
+        return form
+    return (_moved if len(spans) == 1 else _moved_together)(base, form, spans)
 
 
 def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypothesis:
@@ -154,34 +162,65 @@ def _selected(effect: LinearEffect, offer: _Offer) -> Hypothesis | None:
     return Hypothesis(effect, offer.shape, tuple(offer.choice.terms[index] for index in selection.terms), selection)
 
 
-def _refined(base: Base, form: Hypothesis, name: str, tried: list[float]) -> Hypothesis:
-    """Return the form with one parameter of its shape moved between its neighbours."""
+@dataclass(frozen=True)
+class _Span:
+    """Where a parameter of a shape is looked for: from where, in which first step, between which ends."""
+
+    start: float
+    step: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, value: float, tried: list[float], is_angle: bool) -> "_Span":
+        if is_angle:
+            return cls(value, _FIRST_TURN_RAD, -np.inf, np.inf)
+        here = tried.index(value)
+        low, high = tried[max(here - 1, 0)], tried[min(here + 1, len(tried) - 1)]
+        return cls(value, _FIRST_STEP * (high - value or low - value), low, high)
+
+
+def _moved(base: Base, form: Hypothesis, spans: Mapping[str, _Span]) -> Hypothesis:
+    """Return the form with the one parameter of its shape that is free moved between its neighbours."""
     from scipy.optimize import minimize_scalar
 
-    here = tried.index(form.shape[name])
-    bounds = tried[max(here - 1, 0)], tried[min(here + 1, len(tried) - 1)]
+    ((name, span),) = spans.items()
     best = _Best(base, form)
     minimize_scalar(
         lambda value: -best.gain_at({name: float(value)}),
-        bounds=bounds,
+        bounds=(span.low, span.high),
         method="bounded",
         options={"maxiter": _REFINEMENTS},
     )
     return best.form
 
 
-def _turned(base: Base, form: Hypothesis, angles: list[str]) -> Hypothesis:
-    """Return the form with a direction turned; its angles go on beyond their ends."""
+def _moved_together(base: Base, form: Hypothesis, spans: Mapping[str, _Span]) -> Hypothesis:
+    """Return the form with several parameters of its shape moved, each in units of its first step."""
     from scipy.optimize import minimize
 
-    start = np.array([form.shape[name] for name in angles])
-    simplex = start + _FIRST_TURN_RAD * np.vstack([np.zeros(len(start)), np.eye(len(start))])
     best = _Best(base, form)
+
+    def shape(steps: FloatArray) -> Shape:
+        return {
+            name: span.start + span.step * step
+            for (name, span), step in zip(spans.items(), steps.tolist(), strict=True)
+        }
+
+    ends = [
+        sorted(((span.low - span.start) / span.step, (span.high - span.start) / span.step)) for span in spans.values()
+    ]
     minimize(
-        lambda values: -best.gain_at(dict(zip(angles, values.tolist(), strict=True))),
-        start,
+        lambda steps: -best.gain_at(shape(steps)),
+        np.zeros(len(spans)),
         method="Nelder-Mead",
-        options={"initial_simplex": simplex, "maxfev": _TURNS, "xatol": _FINEST_TURN_RAD, "fatol": np.inf},
+        bounds=ends,
+        options={
+            "initial_simplex": np.vstack([np.zeros(len(spans)), np.eye(len(spans))]),
+            "maxfev": _MOVES,
+            "xatol": _FINEST_STEP,
+            "fatol": np.inf,
+        },
     )
     return best.form
 

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
 
 from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.memory import Memory
 from tam_calibration.effects.temperature_drift import TemperatureDrift
 
-SHAPE = {"time_constant_s": 4.0, "reference_C": 20.0}
+SHAPE = {"time_constant_s": 4.0, "inner_share": 0.3, "reference_C": 20.0, "start_s": 0.0}
 EFFECT = TemperatureDrift()
 
 
@@ -20,23 +21,47 @@ def test_coefficients_come_back(turning, refitted):
     assert error.max() < 0.1
 
 
-def test_a_mixture_of_lags_is_within_the_terms(turning, refitted):
-    """A second, slower lag is told from the first."""
-    deviation, _ = refitted(EFFECT, turning(), SHAPE, (0, 1, "offset"), (0, 1, "slower offset"))
+def test_heat_passes_both_layers(turning):
+    """The change is that of two first-order lags in a row, by a library's integration, to the square of a step."""
+    situation = turning()
+    outer_s, inner_s = 2.8, 1.2
+
+    def rate(time, state):
+        outside = np.interp(time, situation.time_s, situation.temperature_C)
+        return [(outside - state[0]) / outer_s, (state[0] - state[1]) / inner_s]
+
+    start = [situation.temperature_C[0]] * 2
+    span = (situation.time_s[0], situation.time_s[-1])
+    inside = solve_ivp(rate, span, start, t_eval=situation.time_s, rtol=1e-8, max_step=0.05).y[1]
+    offset = next(term for term in EFFECT.terms(situation, SHAPE) if term.name == "offset")
+    assert_allclose(offset.features[:, 0], inside - SHAPE["reference_C"], atol=3e-4)
+
+
+def test_a_start_that_was_not_settled_is_told_from_the_drift(turning, refitted):
+    """What the sensor still felt of the time before the record dies away, and is nothing before its start."""
+    situation = turning()
+    deviation, _ = refitted(EFFECT, situation, SHAPE, (0, 1, "offset"), (0, 1, "start"))
     assert np.abs(deviation).max() < 4
+    later = replace(situation, time_s=situation.time_s - 1e6)
+    terms = [term for term in EFFECT.terms(later, SHAPE) if term.name == "start"]
+    assert terms and all(not term.features.any() for term in terms)
 
 
 def test_the_reference_temperature_adds_nothing(turning):
     """At its reference temperature a sensor reads as calibrated."""
     situation = turning(samples=50)
     at_rest = replace(situation, temperature_C=np.full(50, SHAPE["reference_C"]))
-    assert all(not term.features.any() for term in EFFECT.terms(at_rest, SHAPE))
+    assert all(not term.features.any() for term in EFFECT.terms(at_rest, SHAPE) if term.name != "start")
 
 
 def test_it_goes_on_from_batch_to_batch(turning):
     """Taken off while samples arrive it is what it is in the whole recording."""
     situation = turning()
-    fitted = FittedEffect(EFFECT.name, SHAPE, (Contribution(2, 1, "slower offset", {"slower offset": 1e-9}),))
+    fitted = FittedEffect(
+        EFFECT.name,
+        SHAPE,
+        (Contribution(2, 1, "offset", {"offset": 1e-9}), Contribution(2, 1, "start", {"start": 1e-9})),
+    )
     memory, parts = Memory(), []
     for batch in (slice(0, 1), slice(1, 300), slice(300, 1200)):
         memory.rewind()
@@ -59,5 +84,5 @@ def test_lags_reach_from_none_to_a_third_of_the_record(turning, left_by):
     constants = [shape["time_constant_s"] for shape in shapes]
     assert constants[0] == 0
     assert_allclose(constants[-1], 0.05 * 1199 / 3)
-    assert len(constants) <= 8
+    assert len(constants) <= 12
     assert {shape["reference_C"] for shape in shapes} == {float(np.mean(situation.temperature_C))}

@@ -46,7 +46,7 @@ def sentence(found, gap):
 @pytest.fixture(scope="module")
 def doubtful():
     """Return a steady rise of temperature so short and small that a jump explains its drift as well."""
-    return diagnosed(effects=(drift(2.5e-10),), temperature=Temperature(18, 22))
+    return diagnosed(effects=(drift(2.8e-10),), temperature=Temperature(18, 22))
 
 
 @pytest.fixture(scope="module")

@@ -102,7 +102,7 @@ def test_a_shipped_scenario_has_an_effect():
     [
         (FittedEffect("magic", {}, ()), {}, "no effect 'magic': choose one of ambient_gradient"),
         (DRIFT, {"temperature": None}, "temperature_drift follows the temperature: add temperature to the scenario"),
-        (replace(DRIFT, shape={}), {}, "temperature_drift needs the value 'reference_C'"),
+        (replace(DRIFT, shape={}), {}, "temperature_drift needs the value 'time_constant_s'"),
         (
             replace(NOISE, contributions=(Contribution(7, None, "noise", {"standard deviation": 1e-9}),)),
             {},
@@ -116,7 +116,7 @@ def test_a_shipped_scenario_has_an_effect():
         (
             replace(DRIFT, contributions=(Contribution(1, 0, "ofset", {"offset": 1e-9}),)),
             {},
-            "'ofset' is none of the terms of temperature_drift: they are offset, scale",
+            "'ofset' is none of the terms of temperature_drift: they are offset, quadratic offset, scale",
         ),
         (
             replace(DRIFT, contributions=(Contribution(1, None, "offset", {"offset": 1e-9}),)),
