@@ -12,7 +12,7 @@ from tam_calibration.gap.regression import Base
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
-_MOST_SHAPES = 9
+_MOST_SHAPES = 12
 """Of an effect that are tried on a simulated recording."""
 
 
