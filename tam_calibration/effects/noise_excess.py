@@ -30,6 +30,9 @@ _LINE = 0.4
 _DIRECTED = 0.35
 """Correlation of the excess at neighbouring directions, far in time, from which on it follows the direction."""
 
+_SIZE_DIRECTED = 0.2
+"""Part of the variance of the squared excess that the direction of the field tells from which on it is a gain."""
+
 _LARGEST_SHARED = 1.2
 """Noise of all sensors alike, in what the data sheet states, up to which the sheet is merely wrong."""
 
@@ -41,6 +44,9 @@ _MOST_NEIGHBOURS = 20_000
 
 _HEAVY = 3.0
 """Excess kurtosis, with the variance of the surroundings taken out, from which on it is spikes."""
+
+_FLAT = -0.6
+"""The same from which downwards it goes to and fro between few values."""
 
 _LEAST_SAMPLES = 30
 _BLOCK = 50
@@ -132,8 +138,13 @@ def _objection(misfit: Misfit, excess: Excess) -> str | None:
     direction = (misfit.situation.field_T / misfit.situation.intensity_T[:, None])[counted]
     if _directed(deviation, direction) > max(_DIRECTED * surplus, chance):
         return "the excess follows the direction of the field"
-    if _kurtosis(deviation) > _HEAVY:
+    if _size_directed(deviation, direction) > _SIZE_DIRECTED:
+        return "the size of the excess follows the direction of the field"
+    kurtosis = _kurtosis(deviation)
+    if kurtosis > _HEAVY:
         return "the excess comes as spikes"
+    if kurtosis < min(_FLAT, -_CERTAIN * float(np.sqrt(24 / len(deviation)))):
+        return "the excess goes between few values"
     return None
 
 
@@ -172,6 +183,16 @@ def _directed(deviation: FloatArray, direction: FloatArray) -> float:
     nearest = near[np.arange(len(values)), np.argmax(is_far, axis=1)]
     products = (values * values[nearest])[found]
     return float(np.mean(products)) if len(products) > _LEAST_SAMPLES else 0.0
+
+
+def _size_directed(deviation: FloatArray, direction: FloatArray) -> float:
+    """Return the part of the squared deviation's variance that the second order of the direction tells, adjusted."""
+    squares = np.column_stack([direction**2, direction * np.roll(direction, 1, axis=1)])
+    size = deviation**2
+    left = size - squares @ np.linalg.lstsq(squares, size)[0]
+    free = len(size) - squares.shape[1]
+    part = np.var(left) * len(size) / (free * max(float(np.var(size)), np.finfo(float).tiny))
+    return float(1.0 - part)
 
 
 def _kurtosis(deviation: FloatArray) -> float:

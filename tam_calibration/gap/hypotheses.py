@@ -21,7 +21,7 @@ CHANNEL_NAMES = {
 }
 """What people call the channels of a recording."""
 
-_PROMISING = 0.75
+_PROMISING = 0.9
 """Part of the strongest evidence from which it pays to refine a shape."""
 
 

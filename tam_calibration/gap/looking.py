@@ -25,13 +25,19 @@ Progress = Callable[[str, float], None]
 CLEAN = 0.1
 """Part of the gap that causes may leave open and still explain it."""
 
-_HOPELESS_AFTER_ONE, _HOPELESS = 0.8, 0.5
-"""Part of the gap that the first cause may not leave open, nor may several."""
+_HOPELESS = (0.8, 0.25, 0.12)
+"""Part of the gap that one, two and three causes may leave open, so that it is worth looking for another."""
 
-_MOST_CAUSES = 4
+_STAND_IN = 0.25
+"""Part of the gap that all causes may not leave open."""
+
+_MOST_CAUSES = len(_HOPELESS) + 1
 
 _STARTS = 2
 """Effects from which a search starts, at most."""
+
+_SWAP_PART = 0.3
+"""Part of a cause's evidence that an effect must have had to come in its place."""
 
 _START_PART = 0.25
 """Part of the first's evidence that another start must have."""
@@ -83,7 +89,7 @@ class Looking:
     def found(self, first: Evidence | None) -> Outcome:
         """Return the causes that hold of those found from a start, or from the strongest."""
         steps = self._forward(first)
-        is_hopeless = not steps or self._open(steps) > _HOPELESS
+        is_hopeless = not steps or self._open(steps) > _STAND_IN
         kept = [] if is_hopeless else self._swapped(self._holding(steps))
         model, base = self._beside(kept)
         unknown = tuple(rivals(base)) if kept else self.weigh_first()[1]
@@ -122,7 +128,7 @@ class Looking:
         steps: list[Step] = []
         explained = 0.0
         while len(steps) < _MOST_CAUSES:
-            if steps and self._open(steps) > (_HOPELESS_AFTER_ONE if len(steps) == 1 else _HOPELESS):
+            if steps and self._open(steps) > _HOPELESS[len(steps) - 1]:
                 break
             base = self._beside(steps)[1]
             weighed, unknown = (self._weigh(base, len(steps)), ()) if steps else self.weigh_first()
@@ -171,7 +177,7 @@ class Looking:
         return holds(base, step.accepted, self.weigh_first()[1] if len(steps) == 1 else rivals(base))
 
     def _swapped(self, steps: Sequence[Step]) -> list[Step]:
-        """Return the causes, each replaced by the effect that explains most beside the others."""
+        """Return the causes, each replaced by the effect, and the form of it, that explains most beside the others."""
         kept = list(steps)
         if len(kept) < 2:
             return kept
@@ -184,16 +190,15 @@ class Looking:
                 one.effect
                 for one in (*step.weighed, step.accepted)
                 if isinstance(one.form, Hypothesis)
-                and one.delta_bic > LEAST_EVIDENCE
+                and one.delta_bic > max(LEAST_EVIDENCE, _SWAP_PART * step.accepted.delta_bic)
                 and (one.effect not in others or one.effect == step.accepted.effect)
             ]
             offers = [examine(base, self._effects[name]) for name in dict.fromkeys(names)]
             sharp = sharpened(base, [offer for offer in offers if isinstance(offer, Evidence)])
             rest = [one for one in kept if one is not step]
-            fitting = [offer for offer in sharp if is_new(offer, rest, base) or offer.effect == step.accepted.effect]
+            fitting = [offer for offer in sharp if is_new(offer, rest, base)]
             best = max(fitting, key=lambda offer: offer.delta_bic, default=step.accepted)
-            if best.effect != step.accepted.effect:
-                kept[index] = Step(best, step.weighed, step.rivals)
+            kept[index] = Step(best, step.weighed, step.rivals)
         return kept
 
     def _alone(self, one: Evidence) -> Evidence | None:

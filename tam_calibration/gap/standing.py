@@ -5,7 +5,8 @@ from math import expm1, log, sqrt
 
 import numpy as np
 
-from tam_calibration.effects.effect import ALL, Finding
+from tam_calibration.effects.effect import ALL, Finding, FoundEffect
+from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.search import Hypothesis, Place, places_of
@@ -30,7 +31,7 @@ _AS_MUCH = 0.9
 def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     """Whether a cause holds at the base of all other causes against functions without physics there."""
     if isinstance(cause.form, Finding):
-        return cause.effect != NOISE or beats(base, cause, unknown, AGAINST_RIVAL)
+        return cause.effect != NOISE or (_is_found(base, NOISE) and beats(base, cause, unknown, AGAINST_RIVAL))
     form = cause.form.moved(base.channels.situation)
     gain, rank = base.project(base.channels.design(form.terms)).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
@@ -67,6 +68,12 @@ def energy_explained(one: Evidence, base: Base) -> float:
 def sensors_of(places: Iterable[Place]) -> set[int]:
     """Return the sensors of places."""
     return {sensor for sensor, _ in places}
+
+
+def _is_found(base: Base, name: str) -> bool:
+    """Whether an effect that is found without regression is found at a base, whatever was found beside other causes."""
+    effect = effect_named(name)
+    return isinstance(effect, FoundEffect) and isinstance(effect.find(base.channels.misfit), Finding)
 
 
 def _is_elsewhere(base: Base, cause: Evidence, unknown: Iterable[Evidence]) -> bool:

@@ -53,8 +53,8 @@ def search(
     nominal = Model.nominal(filled(recording), array)
     looking = Looking(nominal, frozenset(without), tell)
     best = looking.found(looking.gross)
-    for number, start in enumerate(looking.other_starts(best)):
-        if number > 0 and best.is_clean:
+    for start in looking.other_starts(best):
+        if best.is_clean:
             break
         best = max(best, looking.found(start), key=lambda one: (one.is_clean, one.evidence))
     weighed, unknown = looking.weigh_first()

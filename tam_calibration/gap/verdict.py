@@ -7,7 +7,7 @@ from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
 from tam_calibration.gap.looking import CLEAN
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Cause, Size, Verdict, Where
-from tam_calibration.gap.search import places_of
+from tam_calibration.gap.search import Hypothesis, places_of
 from tam_calibration.gap.size import LARGEST_NOISE
 from tam_calibration.gap.standing import LEAST_EVIDENCE, open_part, sensors_of
 from tam_calibration.gap.steps import Search
@@ -21,8 +21,8 @@ _PARTLY_CLOSED = 0.6
 _OPEN = 0.08
 """Part of a gap that a true cause leaves open in its own sensors at most, where it is the only one."""
 
-_LEFT = {2: 0.22, 3: 0.11, 4: 0.11}
-"""Part of a gap's amplitude that several leave out of sample, jumps counted singly: many together imitate much."""
+_LEFT, _LEFT_BY_MANY, _MANY = 0.22, 0.11, 3
+"""Part of a gap's amplitude that several leave out of sample, and that many do, for these together imitate much."""
 
 
 def noisier_rows(nominal: Model) -> Excess | None:
@@ -43,10 +43,17 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
     if not found.steps:
         is_even = strongest < LEAST_EVIDENCE and variance < LARGEST_NOISE**2 and not is_noisier
         return "no_gap" if is_even else "unexplained"
-    is_much = left > _OPEN if len(found.steps) == 1 else size.closed < 1 - _LEFT[len(found.steps)] ** 2
+    is_much = left > _OPEN if len(found.steps) == 1 else size.closed < 1 - _most_left(found) ** 2
     if size.closed < _PARTLY_CLOSED or (is_much and _is_at_home(found)):
         return "unexplained"
     return "explained" if size.closed >= 1 - CLEAN or left < CLEAN else "partly_explained"
+
+
+def _most_left(found: Search) -> float:
+    """Return the part of a gap's amplitude that several true causes leave at most; jumps, being sharp, less."""
+    forms = [step.accepted.form for step in found.steps]
+    is_exact = all(isinstance(form, Hypothesis) and form.effect.has_exact_shapes for form in forms)
+    return _LEFT_BY_MANY if is_exact or len(forms) >= _MANY else _LEFT
 
 
 def _is_at_home(found: Search) -> bool:

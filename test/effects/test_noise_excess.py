@@ -10,6 +10,11 @@ from tam_calibration.effects.noise_excess import NoiseExcess
 EXCESS = NoiseExcess()
 
 
+def to_and_fro(time_s):
+    """Return one of two states at each time, at random."""
+    return np.random.default_rng(4).choice([-1.0, 1.0], len(time_s))
+
+
 def noise(sensor, axis=None, size=1e-9):
     """Return what the effect does at one place."""
     return Contribution(sensor, axis, "noise", {"standard deviation": size})
@@ -102,11 +107,13 @@ def test_noise_for_a_while_counts(bench):
         (lambda time, direction: np.where(time > 90, 6e-9, -6e-9), "a course in time"),
         (lambda time, direction: 6e-9 * np.sin(2 * np.pi * time / 61), "a course in time"),
         (lambda time, direction: 4e-9 * np.sin(2 * np.pi * 3.217 * time), "a line of the spectrum"),
-        (lambda time, direction: 9e-9 * np.sin(5 * direction), "the direction of the field"),
+        (lambda time, direction: 9e-9 * np.sin(5 * direction), "follows the direction of the field"),
+        (lambda time, direction: 9e-9 * direction * to_and_fro(time), "the size of the excess follows the direction"),
+        (lambda time, direction: 6e-9 * to_and_fro(time), "goes between few values"),
     ],
 )
 def test_what_has_a_regular_cause_is_no_noise(bench, course, sentence):
-    """A jump, a slow drift, a line and a function of the direction are told apart from noise."""
+    """A jump, a slow drift, a line, a function of the direction, a gain and an offset of two states are no noise."""
     made = bench(moves=False)
     rows, situation = made.rows_T.copy(), made.situation
     rows[:, 4] += course(situation.time_s, situation.field_T[:, 1] / situation.intensity_T)
