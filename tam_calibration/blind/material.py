@@ -23,12 +23,15 @@ from tam_calibration.units import FloatArray
 FINE = 8000
 """Steps of the heat's integration."""
 
+MODES = 40
+"""Of the diffusion of heat; faster ones follow at once."""
+
 SMALL_STEP = 0.02
 """Of the field that magnetises, as a share of the intensity."""
 
 
 def temperature_drift(rng: Generator, scene: Scene) -> Disturbance:
-    """Heat goes through the housing into the sensor; bias and gain follow its temperature, with a quadratic part."""
+    """Heat warms the housing and diffuses into the sensor; bias and gain follow, with a quadratic part."""
     fine_s = np.linspace(-0.2 * scene.duration_s, scene.duration_s, FINE)
     outside_C = scene.temperature(fine_s)
     everywhere = scene.sensor_count > 1 and rng.random() < 0.25
@@ -36,13 +39,13 @@ def temperature_drift(rng: Generator, scene: Scene) -> Disturbance:
     rows, parameters = {}, {}
     for sensor in chosen:
         lags_s = scene.duration_s * 10 ** rng.uniform(-2.3, -1.0, 2)
-        inside_C = _low_pass(_low_pass(outside_C, lags_s[0], fine_s), lags_s[1], fine_s)
+        inside_C = _diffused(_low_pass(outside_C, lags_s[0], fine_s), lags_s[1], fine_s)
         warm = (np.interp(scene.time_s, fine_s, inside_C) - inside_C.mean())[:, None] / np.ptp(inside_C)
         bias, gain = rng.normal(size=3), rng.normal(size=3) * rng.uniform(0.2, 1.0)
         bend = rng.uniform(-0.5, 0.5, (2, 3))
         core = (scene.readings_T[:, sensor] - scene.bias_T[sensor]) / scene.intensity_T.mean()
         rows[sensor] = _of_like_size(rng, bias * (warm + bend[0] * warm**2) + gain * core * (warm + bend[1] * warm**2))
-        parameters[f"time_constants_s_{sensor + 1}"] = numbers(lags_s)
+        parameters[f"delays_s_{sensor + 1}"] = numbers(lags_s)
     sensors = (ALL,) if everywhere else tuple(sensor + 1 for sensor in chosen)
     change = proportional(of_sensors(scene, rows))
     return Disturbance("temperature_drift", sensors, (), change, "nT", parameters)
@@ -57,6 +60,15 @@ def _low_pass(values: FloatArray, time_constant_s: float, time_s: FloatArray) ->
     """Follow a function of time with one time constant, exactly for what is constant over a step."""
     keep = np.exp(-(time_s[1] - time_s[0]) / time_constant_s)
     return np.asarray(lfilter([1 - keep], [1, -keep], values - values[0]) + values[0])
+
+
+def _diffused(values: FloatArray, delay_s: float, time_s: FloatArray) -> FloatArray:
+    """Let a temperature diffuse through a slab whose far side loses no heat, by its modes (Carslaw & Jaeger, § 3.4)."""
+    order = np.arange(MODES)
+    time_constant_s = 2 * delay_s / ((order + 0.5) * np.pi) ** 2
+    part = (-1.0) ** order * 2 / ((order + 0.5) * np.pi)
+    modes = sum(one * _low_pass(values, tau, time_s) for one, tau in zip(part, time_constant_s, strict=True))
+    return np.asarray(modes + (1 - part.sum()) * values)
 
 
 def hysteresis(rng: Generator, scene: Scene) -> Disturbance:

@@ -30,6 +30,9 @@ _JUMP = "bias_jump"
 _REPEATED = {_JUMP, "periodic_interference", NOISE, "outliers"}
 """Effects that may happen more than once, each time in another form."""
 
+_OF_EACH_SENSOR = {"temperature_drift"}
+"""Effects that each sensor may have in a form of its own, so that two forms tell what several sensors do."""
+
 _MOST_JUMPS = 3
 """Times at which one sensor's bias jumps; what comes and goes more often is a loose part or contact, and no jump."""
 
@@ -80,7 +83,10 @@ def is_plausible(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -
 
 def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     """Whether a candidate may come beside the causes accepted."""
-    if candidate.effect in {step.accepted.effect for step in steps} - _REPEATED:
+    alike = [step.accepted for step in steps if step.accepted.effect == candidate.effect]
+    if candidate.effect in _OF_EACH_SENSOR:
+        alike = alike if len(alike) > 1 else [one for one in alike if len(sensors_of(places_of(one.form))) == 1]
+    if alike and candidate.effect not in _REPEATED:
         return False
     sensors = sensors_of(places_of(candidate.form))
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]

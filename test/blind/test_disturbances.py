@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.linalg import solve_banded
 
 from tam_calibration.blind import electronics, surroundings
 from tam_calibration.blind.catalogue import CATALOGUE
-from tam_calibration.blind.material import _bouc_wen, _low_pass, _preisach
+from tam_calibration.blind.material import _bouc_wen, _diffused, _low_pass, _preisach
 from tam_calibration.blind.outside import OUTSIDE
 
 DRAWS = {name: entry.draw for name, entry in CATALOGUE.items()} | OUTSIDE
@@ -81,3 +82,19 @@ def test_heat_follows_with_its_time_constant():
     time_s = np.linspace(0, 10, 10001)
     outside = np.where(time_s > 0, 1.0, 0.0)
     assert_allclose(np.interp(2.0, time_s, _low_pass(outside, 2.0, time_s)), 1 - np.exp(-1), rtol=1e-3)
+
+
+def test_heat_diffuses_as_by_finite_differences():
+    """Through a slab of one hundred cells whose far side loses no heat, implicit in time."""
+    time_s, delay_s, cells = np.linspace(0, 60, 6001), 5.0, 100
+    outside = np.interp(time_s, [0, 1, 30, 31, 60], [0, 1, 1, -1, 0.5])
+    rate = time_s[1] / (2 * delay_s) * cells**2
+    bands = np.full((3, cells), -rate)
+    bands[1] = 1 + 2 * rate
+    bands[1, 0], bands[1, -1] = 1 + 3 * rate, 1 + rate
+    inside, far = np.zeros(cells), [0.0]
+    for value in outside[1:]:
+        inside[0] += 2 * rate * value
+        inside = solve_banded((1, 1), bands, inside)
+        far.append(inside[-1])
+    assert_allclose(_diffused(outside, delay_s, time_s), far, atol=2e-3)
