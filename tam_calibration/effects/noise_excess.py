@@ -30,8 +30,14 @@ _LINE = 0.4
 _DIRECTED = 0.35
 """Correlation of the excess at neighbouring directions, far in time, from which on it follows the direction."""
 
-_SIZE_DIRECTED = 0.2
-"""Part of the variance of the squared excess that the direction of the field tells from which on it is a gain."""
+_SIZE_DIRECTED, _SIZE_OF_RATE = 0.2, 0.08
+"""Part of the variance of the squared excess that the field's direction, or its change, tells of what is no noise."""
+
+_SHARED_SCALE = 0.15
+"""Part of the excess that neighbours foretell as a scale factor, beyond an offset, from which on it is no noise."""
+
+_SPAN, _RIDGE = 8, 0.3
+"""Neighbouring samples on either side, and what keeps their regressions from following noise."""
 
 _LARGEST_SHARED = 1.2
 """Noise of all sensors alike, in what the data sheet states, up to which the sheet is merely wrong."""
@@ -138,8 +144,18 @@ def _objection(misfit: Misfit, excess: Excess) -> str | None:
     direction = (misfit.situation.field_T / misfit.situation.intensity_T[:, None])[counted]
     if _directed(deviation, direction) > max(_DIRECTED * surplus, chance):
         return "the excess follows the direction of the field"
-    if _size_directed(deviation, direction) > _SIZE_DIRECTED:
+    squares = np.column_stack([direction**2, direction * np.roll(direction, 1, axis=1)])
+    if _told(deviation**2, squares) > _SIZE_DIRECTED:
         return "the size of the excess follows the direction of the field"
+    changes = [
+        np.gradient(direction, axis=0),
+        np.diff(direction, 2, axis=0, prepend=direction[:1], append=direction[-1:]),
+    ]
+    rates = np.column_stack([np.ones(len(direction)), *(np.sum(change**2, axis=1) for change in changes)])
+    if _told(deviation**2, rates) > _SIZE_OF_RATE:
+        return "the size of the excess follows the rate of the field"
+    if _foretold(deviation, direction) - _foretold(deviation, direction[:, :0]) > _SHARED_SCALE:
+        return "neighbouring samples share a scale factor"
     kurtosis = _kurtosis(deviation)
     if kurtosis > _HEAVY:
         return "the excess comes as spikes"
@@ -185,14 +201,23 @@ def _directed(deviation: FloatArray, direction: FloatArray) -> float:
     return float(np.mean(products)) if len(products) > _LEAST_SAMPLES else 0.0
 
 
-def _size_directed(deviation: FloatArray, direction: FloatArray) -> float:
-    """Return the part of the squared deviation's variance that the second order of the direction tells, adjusted."""
-    squares = np.column_stack([direction**2, direction * np.roll(direction, 1, axis=1)])
-    size = deviation**2
-    left = size - squares @ np.linalg.lstsq(squares, size)[0]
-    free = len(size) - squares.shape[1]
-    part = np.var(left) * len(size) / (free * max(float(np.var(size)), np.finfo(float).tiny))
-    return float(1.0 - part)
+def _told(values: FloatArray, functions: FloatArray) -> float:
+    """Return the part of the variance of values (N,) that functions (N, P) tell, adjusted for their number."""
+    left = values - functions @ np.linalg.lstsq(functions, values)[0]
+    free = len(values) - functions.shape[1]
+    return float(1 - np.var(left) * len(values) / (free * max(np.var(values), np.finfo(float).tiny)))
+
+
+def _foretold(deviation: FloatArray, direction: FloatArray) -> float:
+    """Return the part of the variance that regressions of the samples around each one on the direction foretell."""
+    functions = np.column_stack([np.ones(len(direction)), direction])
+    products = functions[:, :, None] * np.column_stack([functions, deviation])[:, None, :]
+    total = np.cumsum(np.pad(products, ((_SPAN + 1, _SPAN), (0, 0), (0, 0))), axis=0)
+    around = total[2 * _SPAN + 1 :] - total[: -2 * _SPAN - 1] - products
+    squares = around[:, :, :-1] + _RIDGE * np.eye(functions.shape[1])
+    foretold = np.einsum("nj,nj->n", functions, np.linalg.solve(squares, around[:, :, -1:])[:, :, 0])
+    covariance = np.cov(foretold, deviation)
+    return float(max(covariance[0, 1], 0) ** 2 / max(covariance[0, 0] * covariance[1, 1], np.finfo(float).tiny))
 
 
 def _kurtosis(deviation: FloatArray) -> float:

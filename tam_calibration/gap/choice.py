@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from tam_calibration.effects.effect import Finding
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.noise_gain import noise_gain
@@ -35,6 +37,9 @@ _OF_EACH_SENSOR = {"temperature_drift"}
 
 _MOST_JUMPS = 3
 """Times at which one sensor's bias jumps; what comes and goes more often is a loose part or contact, and no jump."""
+
+_MOST_STRUCK = 0.04
+"""Part of the samples that are outliers at most."""
 
 _SAME_TIME = 3.0
 """Sampling steps within which two jumps are one."""
@@ -88,6 +93,8 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
         alike = alike if len(alike) > 1 else [one for one in alike if len(sensors_of(places_of(one.form))) == 1]
     if alike and candidate.effect not in _REPEATED:
         return False
+    if candidate.effect == "outliers" and _struck([candidate, *alike]) > _MOST_STRUCK:
+        return False
     sensors = sensors_of(places_of(candidate.form))
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
     if any(_is_nested(candidate, other) for other in there):
@@ -99,6 +106,12 @@ def _is_nested(one: Evidence, other: Evidence) -> bool:
     """Whether one of two is a special case of the other."""
     effects = [form.effect for form in (one.form, other.form) if isinstance(form, Hypothesis)]
     return len(effects) == 2 and bool({one.effect, other.effect} & {name for own in effects for name in own.within})
+
+
+def _struck(causes: Sequence[Evidence]) -> float:
+    """Return the part of the samples that findings flag."""
+    flags = [one.form.flagged for one in causes if isinstance(one.form, Finding) and one.form.flagged is not None]
+    return float(np.any(flags, axis=0).mean())
 
 
 def _jumps(causes: Sequence[Evidence], step_s: float) -> int:

@@ -10,7 +10,13 @@ from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.result import Considered
 from tam_calibration.gap.search import Hypothesis, best_form, refined
-from tam_calibration.gap.unknown import FunctionOfDirection, FunctionOfNeighbours, FunctionOfRate, FunctionOfTime
+from tam_calibration.gap.unknown import (
+    FunctionOfDirection,
+    FunctionOfNeighbours,
+    FunctionOfRate,
+    FunctionOfTilt,
+    FunctionOfTime,
+)
 from tam_calibration.recording import Recording
 
 CHANNEL_NAMES = {
@@ -114,7 +120,12 @@ _KNOWN: WeakKeyDictionary[Base, list[Evidence]] = WeakKeyDictionary()
 def rivals(base: Base) -> list[Evidence]:
     """Return what functions without physics say; asked again of a base, the same."""
     if base not in _KNOWN:
-        kinds = (FunctionOfTime, FunctionOfDirection, FunctionOfRate, FunctionOfNeighbours)
-        found = [examine(base, kind()) for kind in kinds]
+        kinds = (FunctionOfTime, FunctionOfDirection, FunctionOfTilt, FunctionOfRate, FunctionOfNeighbours)
+        usable = [
+            kind()
+            for kind in kinds
+            if all(getattr(base.channels.recording, name) is not None for name in kind.channels)
+        ]
+        found = [examine(base, kind) for kind in usable]
         _KNOWN[base] = [one for one in found if isinstance(one, Evidence)]
     return _KNOWN[base]

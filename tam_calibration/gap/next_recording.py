@@ -35,6 +35,7 @@ _LOOKS = {
     "function_of_neighbours": ("current_interference", "temperature_drift", "time_skew", "eddy_current"),
     "function_of_rate": ("time_skew", "eddy_current", "hysteresis"),
     "function_of_direction": ("ambient_gradient", "flexure", "scalar_heading_error", "hysteresis", "nonlinearity"),
+    "function_of_tilt": ("flexure", "ambient_gradient"),
 }
 """What a gap that a function without physics explains may be, the most plausible first."""
 
@@ -50,6 +51,8 @@ _OTHERWISE = {
     "current that the turning drives",
     "function_of_direction": "make the same turns at another place and in the opposite sense: what stays goes with the "
     "array, what changes with the site, what turns round is a memory",
+    "function_of_tilt": "tilt the array to all sides at several headings: what follows the tilt alone is moved by its "
+    "weight, and a loose part is heard or felt",
 }
 """What to record when no effect of the library that could be it is left untried."""
 

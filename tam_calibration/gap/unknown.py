@@ -9,12 +9,16 @@ from collections.abc import Iterable
 import numpy as np
 
 from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.harmonics import harmonics
+from tam_calibration.effects.orientation import upwards
 from tam_calibration.units import FloatArray
 
 _BANDS = ((1, 2), (3, 4), (5, 8), (9, 16), (17, 32))
 """Orders of the cosines in time that stand or fall together."""
 
 _SAMPLES_PER_COSINE = 8
+
+_HIGHEST_TILT = 3
 
 
 class FunctionOfTime(LinearEffect):
@@ -69,6 +73,31 @@ class FunctionOfDirection(LinearEffect):
             Term.of_row(situation, row, degree, _numbered(own.shape[1]), own)
             for degree, own in features.items()
             for row in range(situation.scalar_row + (degree != "degree 2"))
+        ]
+
+
+class FunctionOfTilt(LinearEffect):
+    """Each row shifts by a smooth function of the direction upwards in the array frame."""
+
+    name = "function_of_tilt"
+    title = "a shift that changes with the tilt"
+    physics = "No physics: spherical harmonics of the direction upwards."
+    excitation = "none"
+    channels = ("attitude",)
+
+    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+        """Return spherical harmonics of degree 1, 2 and 3 for each axis."""
+        functions = harmonics(upwards(situation), _HIGHEST_TILT)
+        return [
+            Term.of_row(
+                situation,
+                row,
+                f"degree {degree}",
+                _numbered(2 * degree + 1),
+                functions[:, degree**2 : (degree + 1) ** 2],
+            )
+            for degree in range(1, _HIGHEST_TILT + 1)
+            for row in range(situation.scalar_row + 1)
         ]
 
 

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from tam_calibration.effects.effect import ALL
+from tam_calibration.effects.effect import ALL, Finding
 from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
+from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.looking import CLEAN
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Cause, Size, Verdict, Where
@@ -11,6 +12,7 @@ from tam_calibration.gap.search import Hypothesis, places_of
 from tam_calibration.gap.size import LARGEST_NOISE
 from tam_calibration.gap.standing import LEAST_EVIDENCE, open_part, sensors_of
 from tam_calibration.gap.steps import Search
+from tam_calibration.gap.unknown import FunctionOfDirection, FunctionOfRate, FunctionOfTilt
 from tam_calibration.gap.where import main_places
 
 SMALLEST_GAP = 0.1
@@ -18,10 +20,13 @@ SMALLEST_GAP = 0.1
 
 _PARTLY_CLOSED = 0.6
 
-_OPEN = 0.08
+_OPEN, _OPEN_BY_OUTLIERS = 0.08, 0.02
 """Part of a gap that a true cause leaves open in its own sensors at most, where it is the only one."""
 
-_LEFT, _LEFT_BY_MANY, _MANY = 0.22, 0.11, 3
+_OF_MOTION = {FunctionOfDirection.name, FunctionOfTilt.name, FunctionOfRate.name}
+"""What noise and spikes do not follow."""
+
+_LEFT, _LEFT_BY_MANY, _MANY = 0.18, 0.11, 3
 """Part of a gap's amplitude that several leave out of sample, and that many do, for these together imitate much."""
 
 
@@ -43,10 +48,22 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
     if not found.steps:
         is_even = strongest < LEAST_EVIDENCE and variance < LARGEST_NOISE**2 and not is_noisier
         return "no_gap" if is_even else "unexplained"
-    is_much = left > _OPEN if len(found.steps) == 1 else size.closed < 1 - _most_left(found) ** 2
+    if len(found.steps) == 1:
+        is_much = left > _OPEN or _is_more_than_chance(found.steps[0].accepted, found, left)
+    else:
+        is_much = size.closed < 1 - _most_left(found) ** 2
     if size.closed < _PARTLY_CLOSED or (is_much and _is_at_home(found)):
         return "unexplained"
     return "explained" if size.closed >= 1 - CLEAN or left < CLEAN else "partly_explained"
+
+
+def _is_more_than_chance(cause: Evidence, found: Search, left: float) -> bool:
+    """Whether noise or outliers leave more than chance does: what follows the motion, or more than a trifle."""
+    if not isinstance(cause.form, Finding) or cause.is_certain:
+        return False
+    strongest = max(found.remaining, key=lambda one: one.delta_bic, default=None)
+    follows = strongest is not None and strongest.delta_bic > LEAST_EVIDENCE and strongest.effect in _OF_MOTION
+    return follows or (cause.effect == "outliers" and left > _OPEN_BY_OUTLIERS)
 
 
 def _most_left(found: Search) -> float:

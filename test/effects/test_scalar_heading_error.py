@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.fitted import SCALAR
-from tam_calibration.effects.scalar_heading_error import ScalarHeadingError, harmonics
+from tam_calibration.effects.scalar_heading_error import ScalarHeadingError
 
 EFFECT = ScalarHeadingError()
 AXIS = {"azimuth_rad": 0.7, "elevation_rad": 0.4}
@@ -26,17 +25,6 @@ def test_coefficients_come_back(sphere, refitted):
     deviation, error = refitted(EFFECT, sphere, AXIS, *keys)
     assert np.abs(deviation).max() < 4
     assert error.max() < 0.1
-
-
-def test_harmonics_are_orthonormal():
-    """On a grid that integrates them exactly their products are those of the unit matrix."""
-    node, weight = np.polynomial.legendre.leggauss(8)
-    azimuth = 2 * np.pi * np.arange(16) / 16
-    z, phi = (grid.ravel() for grid in np.meshgrid(node, azimuth, indexing="ij"))
-    direction = np.column_stack([np.sqrt(1 - z**2) * np.cos(phi), np.sqrt(1 - z**2) * np.sin(phi), z])
-    function = harmonics(direction, 6)
-    product = function.T @ (function * np.repeat(weight, 16)[:, None]) * 2 * np.pi / 16
-    assert_allclose(product, np.eye(49), atol=1e-13)
 
 
 @pytest.mark.parametrize("kind", ["cubic", "cusp"])

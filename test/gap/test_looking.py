@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tam_calibration.gap import diagnose
 
@@ -38,3 +39,22 @@ def test_a_product_of_two_axes_is_no_loop(run):
     gap = diagnose(made.recording, made.array)
     assert gap.verdict == "unexplained"
     assert (gap.where.sensors, gap.where.axes) == ((3,), ("z",))
+
+
+def test_what_weight_moves_is_told_as_unexplained(run):
+    """A loose magnet that rolls with the tilt is neither noise nor an arm that bends."""
+    made = run(900)
+    up = Rotation.from_quat(made.recording.attitude).inv().apply([0.0, 0.0, 1.0])
+    made = made.with_row(4, 15e-9 * np.tanh(8 * (up[:, 0] + 0.3)))
+    gap = diagnose(made.recording, made.array)
+    assert (gap.verdict, gap.where.sensors) == ("unexplained", (2,))
+
+
+def test_what_strikes_often_is_no_outlier(run):
+    """Wrong readings in one sample of twelve are more than outliers."""
+    made = run(900)
+    generator = np.random.default_rng(5)
+    hit = generator.random(900) < 1 / 12
+    made = made.with_row(4, np.where(hit, 60e-9 * generator.choice([-1.0, 1.0], 900), 0.0))
+    gap = diagnose(made.recording, made.array)
+    assert (gap.verdict, gap.where.sensors) == ("unexplained", (2,))

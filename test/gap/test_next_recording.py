@@ -130,7 +130,14 @@ def test_an_unseen_motion_is_asked_for():
 
 
 @pytest.mark.parametrize(
-    "rival", ["function_of_time", "function_of_rate", "function_of_direction", "function_of_neighbours"]
+    "rival",
+    [
+        "function_of_time",
+        "function_of_rate",
+        "function_of_direction",
+        "function_of_tilt",
+        "function_of_neighbours",
+    ],
 )
 def test_a_gap_without_a_plausible_effect_asks_what_it_follows(doubtful, rival):
     """With every plausible effect tried, another motion tells what the gap follows."""

@@ -31,13 +31,13 @@ def direction(made):
     return field / np.linalg.norm(field, axis=1)[:, None]
 
 
-def warmed(made, row=4, slope=4e-9):
-    """Return the run with an axis that follows the temperature with a lag of four seconds, by small steps of time."""
+def warmed(made, row=4, slope=4e-9, lag_s=4.0):
+    """Return the run with an axis that follows the temperature with a lag, by small steps of time."""
     time = made.recording.time_s
     temperature, followed = made.recording.temperature_C - 20, []
     state = temperature[0]
     for step, value in zip(np.diff(time, prepend=time[0]), temperature, strict=True):
-        state += (1 - np.exp(-step / 4.0)) * (value - state)
+        state += (1 - np.exp(-step / lag_s)) * (value - state)
         followed.append(state)
     return made.with_row(row, slope * np.array(followed))
 
@@ -155,6 +155,15 @@ def test_two_effects_are_both_found(run):
         ("nonlinearity", (3,)),
     }
     assert sum(cause.share for cause in gap.causes) == pytest.approx(1)
+
+
+def test_each_sensor_may_have_a_lag_of_its_own(run):
+    """Two sensors that follow the temperature at once and late are one cause in both."""
+    made = warmed(warmed(run(SAMPLES), row=4, slope=10e-9, lag_s=0.5), row=6, slope=10e-9, lag_s=12.0)
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "explained"
+    assert {cause.fitted.effect for cause in gap.causes} == {"temperature_drift"}
+    assert gap.where.sensors == (2, 3)
 
 
 @pytest.mark.parametrize(("seed", "sheet"), [(1, 0.88), (2, 1.0), (3, 1.12), (4, 1.12)])

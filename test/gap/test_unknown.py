@@ -1,11 +1,20 @@
 """Functions without physics find what no effect of the library is, and nothing in noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tam_calibration.gap.hypotheses import evidence_of, rivals
 from tam_calibration.gap.search import best_form, places_of
-from tam_calibration.gap.unknown import FunctionOfDirection, FunctionOfNeighbours, FunctionOfRate, FunctionOfTime
+from tam_calibration.gap.unknown import (
+    FunctionOfDirection,
+    FunctionOfNeighbours,
+    FunctionOfRate,
+    FunctionOfTilt,
+    FunctionOfTime,
+)
 
 
 def evidence(base, effect):
@@ -23,6 +32,9 @@ def disturbance(kind, made):
         return 10e-9 * np.exp(-(((time - 35) / 8) ** 2))
     if kind == "direction":
         return 10e-9 * np.tanh(3 * x * y) * z
+    if kind == "tilt":
+        up = Rotation.from_quat(made.recording.attitude).inv().apply([0.0, 0.0, 1.0])
+        return 10e-9 * np.tanh(2 * up[:, 0]) * up[:, 1]
     if kind == "rate":
         return 10e-9 * np.gradient(x, time) * np.gradient(time)[0] * 60
     return 10e-9 * np.convolve(generator.normal(size=len(time) + 8), np.ones(9) / 3, mode="valid")
@@ -31,6 +43,7 @@ def disturbance(kind, made):
 KINDS = {
     "time": FunctionOfTime,
     "direction": FunctionOfDirection,
+    "tilt": FunctionOfTilt,
     "rate": FunctionOfRate,
     "neighbours": FunctionOfNeighbours,
 }
@@ -75,3 +88,10 @@ def test_neighbours_leave_the_sample_itself_out(run):
     terms = {term.axis: term.features[:, 0] for term in effect.terms(misfit.situation, {"samples": 4.0})}
     assert 1 not in terms  # it shares nothing with its neighbours
     assert terms[2][100] == pytest.approx(1e-9) and terms[2][0] == pytest.approx(0.5e-9)
+
+
+def test_the_tilt_needs_the_attitude(run):
+    """Without an attitude nothing is said of it."""
+    made = run(300)
+    blind = replace(made, recording=replace(made.recording, attitude=None))
+    assert "function_of_tilt" not in {one.effect for one in rivals(blind.model().base())}
