@@ -26,7 +26,7 @@ _OPEN, _OPEN_BY_OUTLIERS = 0.08, 0.02
 _OF_MOTION = {FunctionOfDirection.name, FunctionOfTilt.name, FunctionOfRate.name}
 """What noise and spikes do not follow."""
 
-_LEFT, _LEFT_BY_MANY, _MANY = 0.18, 0.11, 3
+_LEFT, _LEFT_BY_MANY, _MANY = 0.18, 0.12, 3
 """Part of a gap's amplitude that several leave out of sample, and that many do, for these together imitate much."""
 
 

@@ -129,3 +129,17 @@ def test_added_spikes_have_the_stated_rate_and_size(bench):
     assert_allclose(change[struck, 5].std(), 7e-9, rtol=0.1)
     assert_allclose(struck.sum() / np.sum(np.diff(struck.astype(int)) == 1), 3, rtol=0.1)
     assert not change[:, np.arange(13) != 5].any()
+
+
+def test_spikes_that_come_with_the_motion_are_none(bench):
+    """What rings after each change of the pose is no spike of the electronics."""
+    made = bench(moves=False)
+    rows, count = made.rows_T.copy(), len(made.rows_T)
+    field = made.situation.field_T
+    change = np.linalg.norm(field[2:] - field[:-2], axis=1)
+    rows[1 + np.argsort(change)[-20:], 4] += 80e-9
+    assert "where the field changes most" in OUTLIERS.find(made.with_rows(rows).misfit())
+    anywhere = np.random.default_rng(2).choice(count, 20, replace=False)
+    rows = made.rows_T.copy()
+    rows[anywhere, 4] += 80e-9
+    assert not isinstance(OUTLIERS.find(made.with_rows(rows).misfit()), str)
