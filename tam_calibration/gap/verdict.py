@@ -20,7 +20,7 @@ SMALLEST_GAP = 0.1
 
 _PARTLY_CLOSED = 0.6
 
-_OPEN, _OPEN_BY_OUTLIERS = 0.08, 0.02
+_OPEN, _OPEN_BY_OUTLIERS = 0.065, 0.02
 """Part of a gap that a true cause leaves open in its own sensors at most, where it is the only one."""
 
 _OF_MOTION = {FunctionOfDirection.name, FunctionOfTilt.name, FunctionOfRate.name}
