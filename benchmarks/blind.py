@@ -3,8 +3,9 @@
 Run ``python benchmarks/blind.py --seed SEED [--cases 400] [--folder KEPT] [--judged]``. Every recording is made by
 ``tam blind make``, diagnosed by ``tam diagnose`` from its two files alone, once more with its true effect left out of
 the library, and scored against the sealed keys. With ``--judged`` the figures go to ``results/blind*.csv`` and into
-``docs/gap_check.md``, with the pictures of its confusion matrix and reliability curve; the seed must then be one that
-nothing was tuned on. The figures and what is asked of them are described in ``docs/gap_check.md``.
+``docs/gap_check.md``, with the pictures of its confusion matrix and reliability curve, which ``docs/gap.md`` shows too;
+the seed must then be one that nothing was tuned on. What the figures are, and what is asked of them, is described in
+``docs/gap_check.md``.
 """
 
 import re
@@ -76,19 +77,24 @@ def document(score: Score, times_s: dict[str, float], command: str) -> None:
     """Put the figures between their marks in the documentation, and draw the pictures."""
     draw_confusion(score).savefig(DOCS / "images" / "gap_confusion.png", dpi=110)
     draw_reliability(score).savefig(DOCS / "images" / "gap_reliability.png", dpi=110)
-    parts = [
-        MARKS[0],
+    summary = [
         f"Made by `{command}`, on cases that nothing was tuned on.",
-        markdown(HEADER, [cells(row) for row in score.rows]),
         "\n".join(f"- {line}" for line in remarks(score, times_s)),
         "![How often each answer came first; rows are the truth](images/gap_confusion.png)",
         "![What came true of what was told](images/gap_reliability.png)",
-        markdown(("effect", "solved", "amplitude left, median"), effects(score)),
-        MARKS[1],
     ]
-    path = DOCS / "gap_check.md"
+    put(DOCS / "gap.md", summary)
+    figures = markdown(HEADER, [cells(row) for row in score.rows])
+    put(
+        DOCS / "gap_check.md",
+        [summary[0], figures, *summary[1:], markdown(("effect", "solved", "amplitude left, median"), effects(score))],
+    )
+
+
+def put(path: Path, parts: Sequence[str]) -> None:
+    """Put paragraphs between the marks of a page."""
     between = re.compile(f"{re.escape(MARKS[0])}.*?{re.escape(MARKS[1])}", re.DOTALL)
-    text = between.sub(lambda _: "\n\n".join(parts), path.read_text(encoding="utf-8"))
+    text = between.sub(lambda _: "\n\n".join([MARKS[0], *parts, MARKS[1]]), path.read_text(encoding="utf-8"))
     with write_whole(path) as beside:
         beside.write_text(text, encoding="utf-8")
 

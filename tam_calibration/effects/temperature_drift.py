@@ -23,7 +23,8 @@ class TemperatureDrift(LinearEffect):
     title: ClassVar[str] = "bias and scale factor that drift with temperature"
     physics: ClassVar[str] = (
         "Core, coil and electronics of a magnetometer expand and change their magnetic properties with temperature, "
-        "which they follow with a lag, so that offset and scale factor drift "
+        "which reaches them with a lag through housing and sensor, so that offset and scale factor drift; at the start "
+        "they need not have settled "
         "(Primdahl, Temperature compensation of fluxgate magnetometers, IEEE Trans. Magn. 6, 1970, p. 819)."
     )
     channels: ClassVar[tuple[str, ...]] = ("temperature_C",)
