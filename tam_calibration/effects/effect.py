@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from tam_calibration.effects.fitted import ALL, SCALAR, Contribution, FittedEffect, Shape
 from tam_calibration.effects.misfit import Misfit
 from tam_calibration.effects.situation import Situation
-from tam_calibration.effects.term import Coefficient, Term
+from tam_calibration.effects.term import Coefficient, Key, Term
+from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
 __all__ = [
@@ -130,12 +131,21 @@ class LinearEffect(Effect):
         """Return all that the effect could add, at all sensors that it could act on; once, and in the same order."""
 
     def signal(self, situation: Situation, fitted: FittedEffect) -> FloatArray:
-        """Return what the effect adds to the rows, (N, 3K + 1), tesla."""
+        """Return what the effect adds to the rows, (N, 3K + 1), tesla.
+
+        Raises
+        ------
+        InputError
+            When the shape lacks a parameter, or there is no such term or coefficient.
+        """
         row_count = situation.scalar_row + 1
         total = np.zeros((situation.sample_count, row_count))
-        found = {(term.sensor, term.axis, term.name): term for term in self.terms(situation, fitted.shape)}
+        try:
+            terms = {(term.sensor, term.axis, term.name): term for term in self.terms(situation, fitted.shape)}
+        except KeyError as missing:
+            raise InputError(f"the effect {self.name} needs the value {missing}") from None
         for contribution in fitted.contributions:
-            term = found[contribution.sensor, contribution.axis, contribution.term]
+            term = _term_of(contribution, terms, self.name)
             values = np.array([contribution.values.get(coefficient.name, 0.0) for coefficient in term.coefficients])
             total += term.signal(values, row_count)
         return total
@@ -145,6 +155,23 @@ class LinearEffect(Effect):
     ) -> FloatArray:
         """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
         return rows_T + self.signal(situation, fitted)
+
+
+def _term_of(contribution: Contribution, terms: Mapping[Key, Term], effect: str) -> Term:
+    """Return the term of a contribution, which must exist and have all of its coefficients."""
+    place = contribution.sensor, contribution.axis
+    term = terms.get((*place, contribution.term))
+    if term is None:
+        known = [name for sensor, axis, name in terms if (sensor, axis) == place]
+        stated = f"they are {', '.join(known)}" if known else "there are none of that sensor and axis"
+        raise InputError(f"{contribution.term!r} is none of the terms of {effect}: {stated}")
+    names = [coefficient.name for coefficient in term.coefficients]
+    unknown = contribution.values.keys() - set(names)
+    if unknown:
+        raise InputError(
+            f"{min(unknown)!r} is no value of the term {contribution.term!r} of {effect}: it has {', '.join(names)}"
+        )
+    return term
 
 
 class FoundEffect(Effect):

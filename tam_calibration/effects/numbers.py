@@ -1,4 +1,4 @@
-"""The SI units of an effect's numbers."""
+"""An effect's numbers: their SI units, and whether they are numbers of that effect."""
 
 import numpy as np
 
@@ -19,6 +19,19 @@ def units_of(fitted: FittedEffect, errors: SensorErrors, array: Array) -> dict[s
         return units
     terms = effect.terms(_some_situation(errors, array), fitted.shape)
     return dict(effect.shape_units) | {part.name: part.unit for term in terms for part in term.coefficients}
+
+
+def check_numbers(fitted: FittedEffect, errors: SensorErrors, array: Array) -> None:
+    """Check that an effect has what its numbers are of.
+
+    Raises
+    ------
+    InputError
+        When there is no such effect, term or coefficient, or a parameter of the shape is missing.
+    """
+    effect = effect_named(fitted.effect)
+    if isinstance(effect, LinearEffect):
+        effect.signal(_some_situation(errors, array), fitted)
 
 
 def _some_situation(errors: SensorErrors, array: Array) -> Situation:

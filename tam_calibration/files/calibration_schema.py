@@ -6,6 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from tam_calibration.calibration import AmbientGradient, Calibration, EffectSize, KnownSource, Provenance
+from tam_calibration.effects.numbers import check_numbers
 from tam_calibration.errors import SensorErrors
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.effects_schema import EffectFile
@@ -165,6 +166,9 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     array = stored.array.to_array()
     if array.sensor_count != errors.sensor_count or array.vector_noise_T is None:
         raise InputError(f"the file is damaged: positions and noise must be those of its {errors.sensor_count} sensors")
+    effects = tuple(effect.to_fitted() for effect in stored.effects)
+    for fitted in effects:
+        check_numbers(fitted, errors, array)
     residuals = stored.residuals
     return Calibration(
         method=stored.method,
@@ -186,7 +190,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         warnings=tuple(stored.warnings),
         ambient_gradient=stored.field.to_gradient(),
         frame=stored.frame,
-        effects=tuple(effect.to_fitted() for effect in stored.effects),
+        effects=effects,
         effect_sizes=tuple(effect.to_size() for effect in stored.effects),
         known_source=None if stored.known_source is None else stored.known_source.to_known_source(),
     )

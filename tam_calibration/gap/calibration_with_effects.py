@@ -146,7 +146,7 @@ def _free(part: Part, model: Model) -> tuple[str, ...]:
     """Return the parameters of a shape that are fitted, not a convention."""
     channels = model.channels()
     tried = list(part.effect.shapes(channels.situation, channels.misfit))
-    return tuple(name for name in part.shape if len({shape.get(name) for shape in tried}) > 1)
+    return tuple(name for name in part.shape if len({shape[name] for shape in tried if name in shape}) > 1)
 
 
 def _staying(effects: Sequence[FittedEffect]) -> tuple[str, ...]:

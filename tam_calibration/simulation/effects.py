@@ -73,21 +73,3 @@ def _check(effect: Effect, fitted: FittedEffect, situation: Situation) -> None:
             raise InputError(
                 f"the effect {effect.name} acts on sensor {part.sensor + 1}, and there are {situation.sensor_count}"
             )
-    if isinstance(effect, LinearEffect):
-        _check_terms(effect, fitted, situation)
-
-
-def _check_terms(effect: LinearEffect, fitted: FittedEffect, situation: Situation) -> None:
-    terms = {(term.sensor, term.axis, term.name): term for term in effect.terms(situation, fitted.shape)}
-    for part in fitted.contributions:
-        term = terms.get((part.sensor, part.axis, part.term))
-        if term is None:
-            known = [name for sensor, axis, name in terms if (sensor, axis) == (part.sensor, part.axis)]
-            stated = f"they are {', '.join(known)}" if known else "there are none of that sensor and axis"
-            raise InputError(f"{part.term!r} is none of the terms of {effect.name}: {stated}")
-        names = [coefficient.name for coefficient in term.coefficients]
-        unknown = set(part.values) - set(names)
-        if unknown:
-            raise InputError(
-                f"{min(unknown)!r} is no value of the term {part.term!r} of {effect.name}: it has {', '.join(names)}"
-            )

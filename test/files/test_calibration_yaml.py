@@ -176,6 +176,30 @@ def test_effects_read_back(calibration, recording):
     assert_allclose(again.correct(warming).outputs, keeping.correct(warming).outputs, rtol=0, atol=1e-17)
 
 
+@pytest.mark.parametrize(
+    ("found", "put", "sentence"),
+    [
+        ("term: offset", "term: ofset", "'ofset' is none of the terms of temperature_drift: they are offset"),
+        ("offset: 1.23", "ofset: 1.23", "'ofset' is no value of the term 'offset' of temperature_drift"),
+        ("reference_C: 21.5", "reference_K: 21.5", "temperature_drift needs the value 'reference_C'"),
+        ("effect: temperature_drift", "effect: tides", "there is no effect 'tides'"),
+    ],
+)
+def test_an_effect_without_its_numbers_is_refused(calibration, found, put, sentence):
+    """A slip of the pen in an effect is told with the file's name, before any sample comes."""
+    drift = FittedEffect(
+        "temperature_drift",
+        {"time_constant_s": 12.0, "reference_C": 21.5},
+        (Contribution(1, 0, "offset", {"offset": 1.23e-9}, {"offset": 1e-11}),),
+    )
+    size = EffectSize(np.zeros(9), np.zeros(9))
+    text = calibration_to_yaml(replace(calibration, effects=(drift,), effect_sizes=(size,)))
+    assert found in text
+    with pytest.raises(InputError, match=sentence) as refused:
+        calibration_from_yaml(text.replace(found, put, 1), "c.yaml")
+    assert str(refused.value).startswith("c.yaml")
+
+
 def test_a_file_of_before_effects_could_be_kept_has_none(text):
     """Files without effects are written and read as ever."""
     assert "effects" not in yaml.safe_load(text)
