@@ -141,7 +141,7 @@ class LinearEffect(Effect):
         row_count = situation.scalar_row + 1
         total = np.zeros((situation.sample_count, row_count))
         try:
-            terms = {(term.sensor, term.axis, term.name): term for term in self.terms(situation, fitted.shape)}
+            terms = {term.key: term for term in self.terms(situation, fitted.shape)}
         except KeyError as missing:
             raise InputError(f"the effect {self.name} needs the value {missing}") from None
         for contribution in fitted.contributions:
@@ -158,7 +158,7 @@ class LinearEffect(Effect):
 
 
 def _term_of(contribution: Contribution, terms: Mapping[Key, Term], effect: str) -> Term:
-    """Return the term of a contribution, which must exist and have all of its coefficients."""
+    """Return the term of a contribution, which must exist and have the coefficients that are named."""
     place = contribution.sensor, contribution.axis
     term = terms.get((*place, contribution.term))
     if term is None:

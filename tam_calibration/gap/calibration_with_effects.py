@@ -18,7 +18,8 @@ from tam_calibration.gap.hypotheses import Evidence, examine, unusable
 from tam_calibration.gap.joint import Joint
 from tam_calibration.gap.looking import Progress
 from tam_calibration.gap.model import Model, Part
-from tam_calibration.gap.search import Hypothesis, refined
+from tam_calibration.gap.refinement import refined
+from tam_calibration.gap.search import Hypothesis
 from tam_calibration.gap.standing import LEAST_EVIDENCE
 from tam_calibration.gap.steps import search
 from tam_calibration.problems import InputError, Refused

@@ -10,7 +10,15 @@ from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.noise_gain import noise_gain
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.search import Hypothesis, places_of
-from tam_calibration.gap.standing import AGAINST_RIVAL, LEAST_EVIDENCE, NOISE, beats, energy_explained, sensors_of
+from tam_calibration.gap.standing import (
+    AGAINST_RIVAL,
+    LEAST_EVIDENCE,
+    NOISE,
+    OUTLIERS,
+    beats,
+    energy_explained,
+    sensors_of,
+)
 
 _LATER_EVIDENCE = 40.0
 """ΔBIC from which a further cause counts."""
@@ -29,7 +37,7 @@ _AMONG_SEVERAL = 0.35
 """Part of a rival's energy that a cause must explain before all causes are known."""
 
 _JUMP = "bias_jump"
-_REPEATED = {_JUMP, "periodic_interference", NOISE, "outliers"}
+_REPEATED = {_JUMP, "periodic_interference", NOISE, OUTLIERS}
 """Effects that may happen more than once, each time in another form."""
 
 _OF_EACH_SENSOR = {"temperature_drift"}
@@ -93,7 +101,7 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
         alike = alike if len(alike) > 1 else [one for one in alike if len(sensors_of(places_of(one.form))) == 1]
     if alike and candidate.effect not in _REPEATED:
         return False
-    if candidate.effect == "outliers" and _struck([candidate, *alike]) > _MOST_STRUCK:
+    if candidate.effect == OUTLIERS and _struck([candidate, *alike]) > _MOST_STRUCK:
         return False
     sensors = sensors_of(places_of(candidate.form))
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]

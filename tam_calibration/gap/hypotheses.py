@@ -7,9 +7,10 @@ from weakref import WeakKeyDictionary
 
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect, Situation
 from tam_calibration.gap.channels import Channels
+from tam_calibration.gap.refinement import refined
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.result import Considered
-from tam_calibration.gap.search import Hypothesis, best_form, refined
+from tam_calibration.gap.search import Hypothesis, best_form
 from tam_calibration.gap.unknown import (
     FunctionOfDirection,
     FunctionOfNeighbours,

@@ -5,9 +5,9 @@ from math import expm1, log, sqrt
 
 import numpy as np
 
-from tam_calibration.effects.effect import ALL, Finding, FoundEffect
+from tam_calibration.effects.effect import ALL, Finding
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.hypotheses import Evidence
+from tam_calibration.gap.hypotheses import Evidence, examine
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.search import Hypothesis, Place, places_of
 from tam_calibration.gap.unknown import FunctionOfDirection
@@ -16,7 +16,7 @@ from tam_calibration.gap.where import main_places
 LEAST_EVIDENCE = 12.0
 """ΔBIC from which a hypothesis counts."""
 
-NOISE = "noise_excess"
+NOISE, OUTLIERS = "noise_excess", "outliers"
 
 AGAINST_RIVAL = 0.95
 """Part of the energy that a function without physics explains in the same sensors that a cause must explain."""
@@ -31,7 +31,9 @@ _AS_MUCH = 0.9
 def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     """Whether a cause holds at the base of all other causes against functions without physics there."""
     if isinstance(cause.form, Finding):
-        return cause.effect != NOISE or (_is_found(base, NOISE) and beats(base, cause, unknown, AGAINST_RIVAL))
+        return cause.effect != NOISE or (
+            isinstance(examine(base, effect_named(NOISE)), Evidence) and beats(base, cause, unknown, AGAINST_RIVAL)
+        )
     form = cause.form.moved(base.channels.situation)
     gain, rank = base.project(base.channels.design(form.terms)).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
@@ -68,12 +70,6 @@ def energy_explained(one: Evidence, base: Base) -> float:
 def sensors_of(places: Iterable[Place]) -> set[int]:
     """Return the sensors of places."""
     return {sensor for sensor, _ in places}
-
-
-def _is_found(base: Base, name: str) -> bool:
-    """Whether an effect that is found without regression is found at a base, whatever was found beside other causes."""
-    effect = effect_named(name)
-    return isinstance(effect, FoundEffect) and isinstance(effect.find(base.channels.misfit), Finding)
 
 
 def _is_elsewhere(base: Base, cause: Evidence, unknown: Iterable[Evidence]) -> bool:

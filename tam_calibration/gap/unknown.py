@@ -10,6 +10,7 @@ import numpy as np
 
 from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.harmonics import harmonics
+from tam_calibration.effects.neighbours import sum_around
 from tam_calibration.effects.orientation import upwards
 from tam_calibration.units import FloatArray
 
@@ -140,9 +141,7 @@ class FunctionOfNeighbours(LinearEffect):
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return the mean of the neighbours' shifts for each row."""
         span = int(shape["samples"])
-        total = np.cumsum(np.pad(self._shift, ((span + 1, span), (0, 0))), axis=0)
-        window = total[2 * span + 1 :] - total[: -2 * span - 1]
-        mean = (window - self._shift) / (2 * span)
+        mean = sum_around(self._shift, span) / (2 * span)
         return [
             Term.of_row(situation, row, "shift", [Coefficient("shift", "1")], mean[:, [row]])
             for row in range(mean.shape[1])

@@ -10,7 +10,7 @@ from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Cause, Size, Verdict, Where
 from tam_calibration.gap.search import Hypothesis, places_of
 from tam_calibration.gap.size import LARGEST_NOISE
-from tam_calibration.gap.standing import LEAST_EVIDENCE, open_part, sensors_of
+from tam_calibration.gap.standing import LEAST_EVIDENCE, OUTLIERS, open_part, sensors_of
 from tam_calibration.gap.steps import Search
 from tam_calibration.gap.unknown import FunctionOfDirection, FunctionOfRate, FunctionOfTilt
 from tam_calibration.gap.where import main_places
@@ -43,10 +43,9 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
     """Return the verdict on a search; some rows may be noisier than the others without a cause for it."""
     if size.before < SMALLEST_GAP:
         return "no_gap"
-    strongest = max((rival.delta_bic for rival in found.remaining), default=0.0)
     left = open_part(found.nominal.base(), found.model.base(), found.remaining)
     if not found.steps:
-        is_even = strongest < LEAST_EVIDENCE and variance < LARGEST_NOISE**2 and not is_noisier
+        is_even = _strongest(found) is None and variance < LARGEST_NOISE**2 and not is_noisier
         return "no_gap" if is_even else "unexplained"
     if len(found.steps) == 1:
         is_much = left > _OPEN or _is_more_than_chance(found.steps[0].accepted, found, left)
@@ -61,9 +60,9 @@ def _is_more_than_chance(cause: Evidence, found: Search, left: float) -> bool:
     """Whether noise or outliers leave more than chance does: what follows the motion, or more than a trifle."""
     if not isinstance(cause.form, Finding) or cause.is_certain:
         return False
-    strongest = max(found.remaining, key=lambda one: one.delta_bic, default=None)
-    follows = strongest is not None and strongest.delta_bic > LEAST_EVIDENCE and strongest.effect in _OF_MOTION
-    return follows or (cause.effect == "outliers" and left > _OPEN_BY_OUTLIERS)
+    strongest = _strongest(found)
+    follows = strongest is not None and strongest.effect in _OF_MOTION
+    return follows or (cause.effect == OUTLIERS and left > _OPEN_BY_OUTLIERS)
 
 
 def _most_left(found: Search) -> float:
@@ -75,11 +74,17 @@ def _most_left(found: Search) -> float:
 
 def _is_at_home(found: Search) -> bool:
     """Whether what causes visibly leave is in their own sensors: if it is much, they stand in for something else."""
-    strongest = max(found.remaining, key=lambda one: one.delta_bic, default=None)
-    if strongest is None or strongest.delta_bic < LEAST_EVIDENCE:
+    strongest = _strongest(found)
+    if strongest is None:
         return False
     own = {sensor for step in found.steps for sensor in sensors_of(places_of(step.accepted.form))}
     return ALL in own or sensors_of(main_places(found.model.base(), strongest)) <= own
+
+
+def _strongest(found: Search) -> Evidence | None:
+    """Return the function without physics that says most of what causes leave, where it says anything."""
+    seen = [one for one in found.remaining if one.delta_bic >= LEAST_EVIDENCE]
+    return max(seen, key=lambda one: one.delta_bic, default=None)
 
 
 def statement(verdict: Verdict, size: Size, where: Where, causes: tuple[Cause, ...]) -> str:

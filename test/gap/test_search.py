@@ -10,7 +10,8 @@ from tam_calibration.effects.flexure import Flexure
 from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
 from tam_calibration.effects.nonlinearity import Nonlinearity
 from tam_calibration.effects.temperature_drift import TemperatureDrift
-from tam_calibration.gap.search import best_form, given_form, places_of, refined, restricted
+from tam_calibration.gap.refinement import refined
+from tam_calibration.gap.search import best_form, given_form, places_of, restricted
 
 TIME_CONSTANT_S = 3.3
 

@@ -91,7 +91,9 @@ def test_neighbours_leave_the_sample_itself_out(run):
 
 
 def test_the_tilt_needs_the_attitude(run):
-    """Without an attitude nothing is said of it."""
-    made = run(300)
-    blind = replace(made, recording=replace(made.recording, attitude=None))
+    """Without an attitude nothing is said of it, also where something follows it."""
+    made = run(700)
+    moved = made.with_row(7, disturbance("tilt", made))
+    blind = replace(moved, recording=replace(moved.recording, attitude=None))
+    assert "function_of_tilt" in {one.effect for one in rivals(moved.model().base())}
     assert "function_of_tilt" not in {one.effect for one in rivals(blind.model().base())}
