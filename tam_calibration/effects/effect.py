@@ -28,12 +28,21 @@ __all__ = [
     "Finding",
     "FittedEffect",
     "FoundEffect",
+    "Limit",
     "LinearEffect",
     "Misfit",
     "Shape",
     "Situation",
     "Term",
 ]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The largest size, in SI units, that a value of an effect has in nature, and the source that says so."""
+
+    largest: float
+    source: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +85,8 @@ class Effect(ABC):
         Names of the fields of ``Recording`` that it needs.
     excitation : str
         What a recording must do to make it visible.
+    limits : mapping
+        The largest size of the values of a term, by the term's name.
     """
 
     name: ClassVar[str]
@@ -83,6 +94,16 @@ class Effect(ABC):
     physics: ClassVar[str]
     channels: ClassVar[tuple[str, ...]] = ()
     excitation: ClassVar[str]
+    limits: ClassVar[Mapping[str, Limit]] = {}
+
+    def oversize(self, fitted: FittedEffect) -> str | None:
+        """Return which value of a fitted effect is larger than any in nature, in one clause; None where none is."""
+        for one in fitted.contributions:
+            limit = self.limits.get(one.term)
+            for name, value in one.values.items():
+                if limit is not None and abs(value) > limit.largest:
+                    return f"its {name} of {value:.2g} is more than the {limit.largest:.2g} known ({limit.source})"
+        return None
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return why a recording that has the channels cannot show this effect, in one clause; None where it can."""
