@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, SurrogateKind, Term
 from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.effects.saturation import inside_range
 from tam_calibration.effects.spikes import LONGEST_BURST
@@ -37,6 +37,7 @@ class BiasJump(LinearEffect):
     excitation: ClassVar[str] = "turn through the same attitudes before and after the jump"
     is_free_in_time: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
+    surrogates: ClassVar[SurrogateKind] = "searched"
     shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
 
     def obstacle(self, situation: Situation) -> str | None:
@@ -53,15 +54,17 @@ class BiasJump(LinearEffect):
         if situation.sample_count < _LEAST_SAMPLES:
             return []
         intensity = float(np.median(situation.intensity_T))
-        middle = (situation.time_s[1:] + situation.time_s[:-1]) / 2
-        whole, *rows = (_best(path) for path in _paths(inside_range(misfit)))
-        ranked = [sorted((row[kind] for row in rows), key=lambda jump: -jump.gain)[:_MOST_OF_ROWS] for kind in range(2)]
-        cuts = dict.fromkeys(jump.cuts for jump in (*whole, *ranked[0], *ranked[1]) if jump.gain > 0)
-        shapes: list[Shape] = [
-            dict(zip(self.shape_units, (float(middle[cut]) for cut in found), strict=False)) for found in cuts
-        ]
+        shapes = self.sought(situation, inside_range(misfit))
         gross = None if np.sqrt(np.mean(misfit.row_shift_T**2)) < _GROSS * intensity else moved_sphere(misfit.recording)
         return shapes if gross is None else [gross.shape, *shapes]
+
+    def sought(self, situation: Situation, misfit: Misfit) -> list[Shape]:
+        """Return the times, and pairs of times, at which jumps of one row or of all explain most."""
+        middle = (situation.time_s[1:] + situation.time_s[:-1]) / 2
+        whole, *rows = (_best(path) for path in _paths(misfit))
+        ranked = [sorted((row[kind] for row in rows), key=lambda jump: -jump.gain)[:_MOST_OF_ROWS] for kind in range(2)]
+        cuts = dict.fromkeys(jump.cuts for jump in (*whole, *ranked[0], *ranked[1]) if jump.gain > 0)
+        return [dict(zip(self.shape_units, (float(middle[cut]) for cut in found), strict=False)) for found in cuts]
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return an offset of each row from the one time on, until the other where there is one."""

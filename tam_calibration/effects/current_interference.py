@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, SurrogateKind, Term
 from tam_calibration.effects.lag import lagged
 
 _LEAST_CHANGE_A = 1e-3
@@ -26,6 +26,7 @@ class CurrentInterference(LinearEffect):
     )
     channels: ClassVar[tuple[str, ...]] = ("current_A",)
     excitation: ClassVar[str] = "switch or vary the current several times while the array turns"
+    surrogates: ClassVar[SurrogateKind] = "of_channel"
     shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s", "reference_A": "A"}
 
     def obstacle(self, situation: Situation) -> str | None:

@@ -7,7 +7,7 @@ All that the author of an effect needs can be imported from here.
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +33,18 @@ __all__ = [
     "Misfit",
     "Shape",
     "Situation",
+    "SurrogateKind",
     "Term",
 ]
+
+
+SurrogateKind = Literal["moved", "of_channel", "searched", "elsewhere", "at_other_frequencies"]
+"""How surrogates of an effect are made, which have its form and nothing to do with the residual.
+
+``moved``: the residual is moved in time against all else. ``of_channel``: the recorded channel is, or is another of the
+same spectrum. ``searched``: the effect is sought in residuals of the same spectrum. ``elsewhere``: it acts on other rows.
+``at_other_frequencies``: its frequency is another.
+"""
 
 
 @dataclass(frozen=True)
@@ -134,8 +144,11 @@ class LinearEffect(Effect):
         Names of the effects of which it is a special case: beside one of them, in the same sensor, it says nothing new.
     shape_units : dict
         SI unit of each parameter of the shape.
+    surrogates : str
+        How its surrogates are made, see ``SurrogateKind``.
     """
 
+    surrogates: ClassVar[SurrogateKind] = "moved"
     is_free_in_time: ClassVar[bool] = False
     is_causal: ClassVar[bool] = True
     is_of_site: ClassVar[bool] = False
@@ -146,6 +159,10 @@ class LinearEffect(Effect):
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
         """Return the shapes to try; by default the one without parameters."""
         return ({},)
+
+    def sought(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+        """Return the shapes to try in a surrogate; there are many of these, so that a quick search is worth its code."""
+        return self.shapes(situation, misfit)
 
     @abstractmethod
     def terms(self, situation: Situation, shape: Shape) -> Iterable[Term]:

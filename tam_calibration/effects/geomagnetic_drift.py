@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, SurrogateKind, Term
 
 _ORDERS = ((1, 2), (3, 4), (5, 8), (9, 16), (17, 32))
 _LEAST_SAMPLES = 20
@@ -29,6 +29,7 @@ class GeomagneticDrift(LinearEffect):
     excitation: ClassVar[str] = "come back to the same attitudes several times during the recording"
     is_free_in_time: ClassVar[bool] = True
     is_of_site: ClassVar[bool] = True
+    surrogates: ClassVar[SurrogateKind] = "elsewhere"
     shape_units: ClassVar[dict[str, str]] = {"start_s": "s", "span_s": "s"}
 
     def obstacle(self, situation: Situation) -> str | None:

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, SurrogateKind, Term
 from tam_calibration.units import FloatArray
 
 _LEAST_SAMPLES = 32
@@ -39,6 +39,7 @@ class PeriodicInterference(LinearEffect):
         "1976, p. 447)."
     )
     excitation: ClassVar[str] = "record steadily for many periods, with motion that is slower than the interference"
+    surrogates: ClassVar[SurrogateKind] = "at_other_frequencies"
     shape_units: ClassVar[dict[str, str]] = {"frequency_hz": "Hz", "start_s": "s"}
 
     def obstacle(self, situation: Situation) -> str | None:

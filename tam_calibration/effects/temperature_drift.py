@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, SurrogateKind, Term
 from tam_calibration.effects.lag import lagged
 
 _LEAST_CHANGE_K = 0.2
@@ -29,6 +29,7 @@ class TemperatureDrift(LinearEffect):
     )
     channels: ClassVar[tuple[str, ...]] = ("temperature_C",)
     excitation: ClassVar[str] = "let the temperature change by some kelvin, up and down, while the array turns"
+    surrogates: ClassVar[SurrogateKind] = "of_channel"
     shape_units: ClassVar[dict[str, str]] = {
         "time_constant_s": "s",
         "inner_share": "1",

@@ -20,8 +20,8 @@ from tam_calibration.gap.looking import Progress
 from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.refinement import refined
 from tam_calibration.gap.search import Hypothesis
-from tam_calibration.gap.standing import LEAST_EVIDENCE
 from tam_calibration.gap.steps import search
+from tam_calibration.gap.support import LEAST_EVIDENCE
 from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 from tam_calibration.residuals import measure_residuals

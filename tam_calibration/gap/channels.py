@@ -5,7 +5,7 @@ channel, the scalar minus the length of the field that the sensors agree on; whi
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from weakref import WeakKeyDictionary
 
@@ -219,7 +219,7 @@ class Channels:
         between = np.zeros((left.features.shape[1], right.features.shape[1]))
         common = np.zeros((left.common_width, right.common_width))
         for piece in self._pieces(part):
-            first, second = self._seen(left, piece), self._seen(right, piece)
+            first, second = self.seen(left, piece), self.seen(right, piece)
             between += first[0] @ second[0].T
             common += first[1] @ second[1].T
         total = between[np.ix_(left.index, right.index)] * self.coupling[np.ix_(left.rows, right.rows)]
@@ -229,7 +229,7 @@ class Channels:
             total = total @ right.scatter
         return total + left.by_column(right.by_column(common.T, self.turn).T, self.turn)
 
-    def _seen(self, design: Design, piece: slice) -> tuple[FloatArray, FloatArray]:
+    def seen(self, design: Design, piece: slice) -> tuple[FloatArray, FloatArray]:
         """Return the features (F, n) of a design in samples that count, and what it adds to the whitened common mode.
 
         What a short recording shows of a design is kept as long as the design.
@@ -257,20 +257,57 @@ class Channels:
         return WeakKeyDictionary()
 
     @cached_property
-    def _taken(self) -> tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
-        """Of the samples that the normal equations take: whether they count, the whitened direction, slope and score.
+    def _taken(self) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:
+        """Of the samples that the normal equations take: whether they count, the whitened direction and slope.
 
         Direction (4, n) and slope (3K + 1, n) are of the common mode.
         """
         every = slice(None, None, self.stride)
         direction = np.sqrt(self.precision[every]) * self.direction[every].T
-        return self.is_counted[every], direction, self.turn.T @ direction, self._row_score(every)
+        return self.is_counted[every], direction, self.turn.T @ direction
+
+    @cached_property
+    def _taken_score(self) -> FloatArray:
+        """(n, 3K + 1) score of the rows in the samples that the normal equations take."""
+        return self._row_score(slice(None, None, self.stride))
+
+    @property
+    def slope(self) -> FloatArray:
+        """(3K + 1, n) how a shift of each row moves the whitened common mode, in the samples that are taken."""
+        return self._taken[2]
+
+    @cached_property
+    def residual(self) -> tuple[FloatArray, FloatArray]:
+        """Whitened residuals of the samples that are taken: between the sensors (n, 3K - 3), of the common mode (n,).
+
+        Zero in samples that do not count; where there is no reference the last common mode stands.
+        """
+        every = slice(None, None, self.stride)
+        counted, root = self.is_counted[every], np.sqrt(self.precision[every])
+        known = np.flatnonzero((root > 0) & counted)
+        common = np.zeros(len(root))
+        if len(known):
+            last = known[np.maximum(np.searchsorted(known, np.arange(len(root)), side="right") - 1, 0)]
+            common = counted * (root * self.misfit_T[every])[last]
+        return np.where(counted[:, None], self.differential[every], 0.0), common
+
+    def with_residual(self, differential: FloatArray, common: FloatArray) -> "Channels":
+        """Return channels of the same samples with other whitened residuals, both of the samples that are taken."""
+        every = slice(None, None, self.stride)
+        root = np.sqrt(self.precision[every])
+        misfit_T, between = self.misfit_T.copy(), self.differential.copy()
+        between[every] = differential
+        misfit_T[every] = np.divide(common, root, out=np.zeros_like(common), where=root > 0)
+        other = replace(self, differential=between, misfit_T=misfit_T)
+        # What does not depend on the residual is kept.
+        other.__dict__.update(_taken=self._taken, _known=self._known, calibration=self.calibration)
+        return other
 
     def score(self, design: Design, part: slice | None = None) -> FloatArray:
         """Return the score (P,) of the columns of a design: their products with the residuals."""
         total = np.zeros((design.features.shape[1], self.turn.shape[1]))
         for piece in self._pieces(part):
-            total += design.features[piece].T @ self._taken[3][piece]
+            total += design.features[piece].T @ self._taken_score[piece]
         of_atoms = total[design.index, design.rows]
         return of_atoms if design.scatter is None else of_atoms @ design.scatter
 

@@ -6,7 +6,6 @@ import numpy as np
 
 from tam_calibration.effects.effect import Finding, FittedEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.choice import Step
 from tam_calibration.gap.design import Design
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.model import Model
@@ -18,8 +17,8 @@ from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
 from tam_calibration.gap.search import Hypothesis, Place
 from tam_calibration.gap.shares import shares_of
 from tam_calibration.gap.size import LARGEST_NOISE, measure, noise_variance
-from tam_calibration.gap.standing import LEAST_EVIDENCE
 from tam_calibration.gap.steps import Search
+from tam_calibration.gap.support import LEAST_EVIDENCE, Step
 from tam_calibration.gap.verdict import noisier_rows, statement, verdict_on
 from tam_calibration.gap.where import locate, sensors_and_axes
 

@@ -6,18 +6,22 @@ from math import log
 
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.gap.choice import Step, absorbed, choose, is_new, is_plausible
 from tam_calibration.gap.hypotheses import Evidence, evidence_of, examine, rivals, sharpened, usable
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
-from tam_calibration.gap.search import Hypothesis, given_form, places_of, restricted
-from tam_calibration.gap.standing import (
+from tam_calibration.gap.search import Hypothesis, given_form, places_of, restricted, sensors_of
+from tam_calibration.gap.size import LARGEST_NOISE
+from tam_calibration.gap.support import (
     LEAST_EVIDENCE,
+    LEAST_SHARE,
+    Step,
+    absorbed,
     energy_explained,
     holds,
+    is_new,
     open_part,
-    sensors_of,
+    supported,
 )
 
 Progress = Callable[[str, float], None]
@@ -25,13 +29,7 @@ Progress = Callable[[str, float], None]
 CLEAN = 0.1
 """Part of the gap that causes may leave open and still explain it."""
 
-_HOPELESS = (0.8, 0.25, 0.12)
-"""Part of the gap that one, two and three causes may leave open, so that it is worth looking for another."""
-
-_STAND_IN = 0.25
-"""Part of the gap that all causes may not leave open."""
-
-_MOST_CAUSES = len(_HOPELESS) + 1
+_MOST_CAUSES = 4
 
 _STARTS = 2
 """Effects from which a search starts, at most."""
@@ -89,8 +87,7 @@ class Looking:
     def found(self, first: Evidence | None) -> Outcome:
         """Return the causes that hold of those found from a start, or from the strongest."""
         steps = self._forward(first)
-        is_hopeless = not steps or self._open(steps) > _STAND_IN
-        kept = [] if is_hopeless else self._swapped(self._holding(steps))
+        kept = self._swapped(self._holding(steps))
         model, base = self._beside(kept)
         unknown = tuple(rivals(base)) if kept else self.weigh_first()[1]
         count = base.channels.count
@@ -107,8 +104,6 @@ class Looking:
         ranked = sorted(self.weigh_first()[0], key=lambda one: -one.delta_bic)
         others = [one for one in ranked if one is not first and one.delta_bic > _START_PART * first.delta_bic]
         starts = [] if found.is_clean else [self._alone(one) or one for one in others[:_STARTS]]
-        unknown = self.weigh_first()[1]
-        starts = [one for one in starts if is_plausible(self.first_base, one, unknown)]
         alone = self._alone(first)
         return starts if alone is None else [alone, *starts]
 
@@ -126,23 +121,25 @@ class Looking:
     def _forward(self, first: Evidence | None) -> list[Step]:
         """Accept causes, the strongest first, or one that is given and then the strongest."""
         steps: list[Step] = []
-        explained = 0.0
+        weighed, unknown = self.weigh_first()
+        least = LEAST_SHARE * self._visible()
         while len(steps) < _MOST_CAUSES:
-            if steps and self._open(steps) > _HOPELESS[len(steps) - 1]:
-                break
             base = self._beside(steps)[1]
-            weighed, unknown = (self._weigh(base, len(steps)), ()) if steps else self.weigh_first()
-            accepted = first if first is not None and not steps else choose(base, weighed, unknown, steps, explained)
-            if accepted is None:
+            if steps:
+                weighed, unknown = self._weigh(base, len(steps)), tuple(rivals(base))
+            given = (first, None) if first is not None and not steps else None
+            found = given or supported(base, weighed, unknown, steps, least)
+            if found is None:
                 break
-            steps.append(Step(absorbed(accepted, steps), weighed, unknown))
-            explained = max(explained, energy_explained(accepted, base))
+            accepted, standing = found
+            steps.append(Step(absorbed(accepted, steps), weighed, unknown, standing))
         return steps
 
-    def _open(self, steps: Sequence[Step]) -> float:
-        """Return the part of the gap that causes leave open."""
-        base = self._beside(steps)[1]
-        return open_part(self.first_base, base, rivals(base))
+    def _visible(self) -> float:
+        """Return the energy of the gap: what anything explains of it, or what exceeds noise beyond all doubt."""
+        base = self.first_base
+        explained = max((energy_explained(one, base) for known in self.weigh_first() for one in known), default=0.0)
+        return max(explained, base.energy - LARGEST_NOISE**2 * base.channels.count)
 
     def _beside(self, steps: Sequence[Step], step: Step | None = None) -> tuple[Model, Base]:
         """Return the model with all causes, or all but one, and its base."""
@@ -198,7 +195,7 @@ class Looking:
             rest = [one for one in kept if one is not step]
             fitting = [offer for offer in sharp if is_new(offer, rest, base)]
             best = max(fitting, key=lambda offer: offer.delta_bic, default=step.accepted)
-            kept[index] = Step(best, step.weighed, step.rivals)
+            kept[index] = Step(best, step.weighed, step.rivals, step.standing)
         return kept
 
     def _alone(self, one: Evidence) -> Evidence | None:

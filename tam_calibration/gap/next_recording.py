@@ -23,8 +23,8 @@ from tam_calibration.gap.separation import (
     with_channels,
     words_of,
 )
-from tam_calibration.gap.standing import LEAST_EVIDENCE
 from tam_calibration.gap.steps import Search
+from tam_calibration.gap.support import LEAST_EVIDENCE
 from tam_calibration.problems import InputError, Refused
 
 _MAY_BE = {"nonlinearity": "hysteresis", "bias_jump": "temperature_drift", "geomagnetic_drift": "temperature_drift"}

@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from math import exp
 
 from tam_calibration.gap.result import Verdict
-from tam_calibration.gap.standing import LEAST_EVIDENCE
 from tam_calibration.gap.steps import Search
+from tam_calibration.gap.support import LEAST_EVIDENCE
 
 _RIGHT: Mapping[Verdict, float] = {
     "no_gap": 23 / 24,

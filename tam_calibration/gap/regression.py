@@ -1,6 +1,7 @@
 """Least squares of what may be added to the rows, with the calibration and what was accepted before eliminated."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations_with_replacement
@@ -161,13 +162,28 @@ class Base:
     def project(self, design: Design) -> Projected:
         """Return the normal equations of a design with the base eliminated."""
         own = self.channels.cross(design, design)
-        crossed = np.concatenate([self.channels.cross(left, design) for left in self.designs])
-        eliminated = crossed.T @ self._inverse
+        crossed, eliminated = self.eliminated(design)
         return Projected(
             own - eliminated @ crossed,
             self.channels.score(design) - eliminated @ self._score,
             np.diag(own).copy(),
         )
+
+    def eliminated(self, design: Design) -> tuple[FloatArray, FloatArray]:
+        """Return the information (B, P) of the base on a design, and what it becomes (P, B) with the base solved."""
+        crossed = np.concatenate([self.channels.cross(left, design) for left in self.designs])
+        return crossed, crossed.T @ self._inverse
+
+    def of_residual(self, differential: FloatArray, common: FloatArray) -> "Base":
+        """Return the base of another residual of the same samples, see ``Channels.with_residual``."""
+        other = copy(self)
+        other.channels = self.channels.with_residual(differential, common)
+        other._score = np.concatenate([other.channels.score(design) for design in self.designs])
+        other.step = self._inverse @ other._score
+        other.energy = max(
+            other.channels.energy - float(other._score @ other.step), _LEAST_ENERGY * other.channels.energy
+        )
+        return other
 
     @cached_property
     def rank(self) -> int:

@@ -1,5 +1,6 @@
 """The best form of one hypothesis: over the shapes of an effect, the terms that the data ask for."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from heapq import nlargest
 
@@ -65,6 +66,11 @@ def places_of(form: Hypothesis | Finding) -> list[Place]:
     if isinstance(form, Hypothesis):
         return list(dict.fromkeys((term.sensor, term.axis) for term in form.terms))
     return list(dict.fromkeys((one.sensor, one.axis) for one in form.fitted.contributions))
+
+
+def sensors_of(places: Iterable[Place]) -> set[int]:
+    """Return the sensors of places."""
+    return {sensor for sensor, _ in places}
 
 
 def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:

@@ -12,8 +12,8 @@ from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Cause, Verdict
 from tam_calibration.gap.search import Hypothesis, places_of
-from tam_calibration.gap.standing import LEAST_EVIDENCE
 from tam_calibration.gap.steps import Search
+from tam_calibration.gap.support import LEAST_EVIDENCE
 
 DECIDES = 20.0
 """Evidence, twice the logarithm of a likelihood ratio, that settles a question."""

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 from tam_calibration.array import Array
 from tam_calibration.effects.removal import filled
-from tam_calibration.gap.choice import Step
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.looking import Looking, Progress
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Considered
+from tam_calibration.gap.support import Step
 from tam_calibration.recording import Recording
 
 

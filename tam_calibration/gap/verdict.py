@@ -2,32 +2,20 @@
 
 import numpy as np
 
-from tam_calibration.effects.effect import ALL, Finding
 from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.looking import CLEAN
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Cause, Size, Verdict, Where
-from tam_calibration.gap.search import Hypothesis, places_of
 from tam_calibration.gap.size import LARGEST_NOISE
-from tam_calibration.gap.standing import LEAST_EVIDENCE, OUTLIERS, open_part, sensors_of
 from tam_calibration.gap.steps import Search
-from tam_calibration.gap.unknown import FunctionOfDirection, FunctionOfRate, FunctionOfTilt
-from tam_calibration.gap.where import main_places
+from tam_calibration.gap.support import LEAST_EVIDENCE, LEAST_SHARE, open_part
 
 SMALLEST_GAP = 0.1
 """In noise floors; what is smaller is no gap, however certain."""
 
-_PARTLY_CLOSED = 0.6
-
-_OPEN, _OPEN_BY_OUTLIERS = 0.065, 0.02
-"""Part of a gap that a true cause leaves open in its own sensors at most, where it is the only one."""
-
-_OF_MOTION = {FunctionOfDirection.name, FunctionOfTilt.name, FunctionOfRate.name}
-"""What noise and spikes do not follow."""
-
-_LEFT, _LEFT_BY_MANY, _MANY = 0.18, 0.12, 3
-"""Part of a gap's amplitude that several leave out of sample, and that many do, for these together imitate much."""
+_MOSTLY = 0.6
+"""Part of a gap that closes, from which on causes explain it where nothing is visible beside them."""
 
 
 def noisier_rows(nominal: Model) -> Excess | None:
@@ -43,42 +31,13 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
     """Return the verdict on a search; some rows may be noisier than the others without a cause for it."""
     if size.before < SMALLEST_GAP:
         return "no_gap"
-    left = open_part(found.nominal.base(), found.model.base(), found.remaining)
     if not found.steps:
         is_even = _strongest(found) is None and variance < LARGEST_NOISE**2 and not is_noisier
         return "no_gap" if is_even else "unexplained"
-    if len(found.steps) == 1:
-        is_much = left > _OPEN or _is_more_than_chance(found.steps[0].accepted, found, left)
-    else:
-        is_much = size.closed < 1 - _most_left(found) ** 2
-    if size.closed < _PARTLY_CLOSED or (is_much and _is_at_home(found)):
+    if size.closed < LEAST_SHARE:
         return "unexplained"
-    return "explained" if size.closed >= 1 - CLEAN or left < CLEAN else "partly_explained"
-
-
-def _is_more_than_chance(cause: Evidence, found: Search, left: float) -> bool:
-    """Whether noise or outliers leave more than chance does: what follows the motion, or more than a trifle."""
-    if not isinstance(cause.form, Finding) or cause.is_certain:
-        return False
-    strongest = _strongest(found)
-    follows = strongest is not None and strongest.effect in _OF_MOTION
-    return follows or (cause.effect == OUTLIERS and left > _OPEN_BY_OUTLIERS)
-
-
-def _most_left(found: Search) -> float:
-    """Return the part of a gap's amplitude that several true causes leave at most; jumps, being sharp, less."""
-    forms = [step.accepted.form for step in found.steps]
-    is_exact = all(isinstance(form, Hypothesis) and form.effect.has_exact_shapes for form in forms)
-    return _LEFT_BY_MANY if is_exact or len(forms) >= _MANY else _LEFT
-
-
-def _is_at_home(found: Search) -> bool:
-    """Whether what causes visibly leave is in their own sensors: if it is much, they stand in for something else."""
-    strongest = _strongest(found)
-    if strongest is None:
-        return False
-    own = {sensor for step in found.steps for sensor in sensors_of(places_of(step.accepted.form))}
-    return ALL in own or sensors_of(main_places(found.model.base(), strongest)) <= own
+    left = open_part(found.nominal.base(), found.model.base(), found.remaining)
+    return "explained" if left < CLEAN and size.closed > _MOSTLY else "partly_explained"
 
 
 def _strongest(found: Search) -> Evidence | None:

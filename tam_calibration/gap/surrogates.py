@@ -1,0 +1,213 @@
+"""How much of a residual a form would explain if it had nothing to do with it.
+
+A form explains some energy of the residual. So do its surrogates, which are as it is in all but what ties it to the
+residual: the residual is moved in time, the recorded channel is another of the same spectrum, a jump is sought in
+residuals of the same spectrum, a tone has another frequency. Whatever else is real in the residual is there for
+them too, coloured and unknown, so that neither its noise level nor its colour has to be known (randomisation test,
+Fisher, The design of experiments, 1935; Theiler et al., Testing for nonlinearity in time series: the method of surrogate
+data, Physica D 58, 1992, p. 77). An effect says which surrogates it has.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tam_calibration.effects.effect import Term
+from tam_calibration.effects.fitted import SCALAR
+from tam_calibration.effects.term import chosen
+from tam_calibration.gap.design import Design
+from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
+from tam_calibration.gap.search import Hypothesis
+from tam_calibration.units import FloatArray
+
+_MOVES = 150
+"""Times by which a residual is moved, forwards and reversed: a rank among 300."""
+
+_CHANNELS = 60
+"""Channels that are made of a recorded one, half of them moved, half of the same spectrum."""
+
+_ENOUGH = 3
+"""Surrogates that explain as much, after which no others are made."""
+
+_SEARCHES = 60
+"""Residuals of the same spectrum in which an effect is sought."""
+
+_FREQUENCIES = 60
+
+_NEAREST = 0.05
+"""Part of the record by which anything is moved at least."""
+
+_SAME_CHANNEL = 0.995
+"""Correlation with the recorded channel from which on another of the same spectrum is that channel."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How a form stands among its surrogates.
+
+    Parameters
+    ----------
+    gain : float
+        Twice the logarithm of its likelihood ratio.
+    largest : float
+        The same of the best surrogate; zero where there is none.
+    rank : float
+        Part of the surrogates, itself among them, that explain as much.
+    """
+
+    gain: float
+    largest: float
+    rank: float
+
+    @classmethod
+    def among(cls, gain: float, others: FloatArray) -> "Standing":
+        """Return the standing of a gain among others (S,)."""
+        largest = float(np.max(others, initial=0.0))
+        return cls(gain, largest, float(1 + np.sum(others >= gain)) / (1 + len(others)))
+
+    @property
+    def ratio(self) -> float:
+        """How many times the best surrogate's gain."""
+        return self.gain / max(self.largest, 1.0)
+
+
+def standing_of(base: Base, form: Hypothesis) -> Standing:
+    """Return how a form stands among its surrogates in the residual of a base.
+
+    No more surrogates are made once some explain as much: the rank is then told (sequential Monte Carlo test; Besag and
+    Clifford, Biometrika 78, 1991, p. 301).
+    """
+    count = base.channels.count
+    gain = base.project(base.channels.design(form.terms)).gain()[0]
+    others: list[float] = []
+    for explained in _KINDS[form.effect.surrogates](base, form):
+        others.append(explained)
+        if sum(other >= gain for other in others) == _ENOUGH:
+            break
+    return Standing.among(
+        twice_log_likelihood_ratio(base.energy, gain, count),
+        twice_log_likelihood_ratio(base.energy, np.array(others), count),
+    )
+
+
+def _moved(base: Base, form: Hypothesis) -> Iterator[float]:
+    """Yield what a form explains of the residual moved in time, forwards and reversed.
+
+    The products of columns with the residual at every time are a cross-correlation: one Fourier transform of each
+    feature and row gives them all.
+    """
+    design = base.channels.design(form.terms)
+    inverse, _ = base.project(design).inverse()
+    moved = _Moved(base)
+    _, eliminated = base.eliminated(design)
+    score = moved.scores(design) - eliminated @ np.concatenate([moved.scores(one) for one in base.designs])
+    yield from np.sum(score * (inverse @ score), axis=0)
+
+
+class _Moved:
+    """The residuals of a base moved in time."""
+
+    def __init__(self, base: Base) -> None:
+        differential, common = base.channels.residual
+        self._channels, self._count = base.channels, len(common)
+        ends = _NEAREST * self._count, (1 - _NEAREST) * self._count
+        self._shifts = np.unique(np.linspace(*ends, _MOVES).astype(int))
+        rows = np.column_stack([differential @ base.channels.directions.T, np.zeros(self._count)])
+        self._between, self._common = np.fft.rfft(rows, axis=0).T, np.fft.rfft(common)
+
+    def scores(self, design: Design) -> FloatArray:
+        """Return the score (P, S) of a design's columns in the moved residuals."""
+        features, _ = self._channels.seen(design, slice(None))
+        spectrum = np.fft.rfft(features, axis=1)[design.index]
+        slope = np.fft.rfft(features[design.index] * self._channels.slope[design.rows], axis=1)
+        between = self._between[design.rows]
+        forwards = spectrum * np.conj(between) + slope * np.conj(self._common)
+        reversed_ = spectrum * between + slope * self._common
+        return np.concatenate([self._at_shifts(design, product) for product in (forwards, reversed_)], axis=1)
+
+    def _at_shifts(self, design: Design, product: np.ndarray) -> FloatArray:
+        of_columns = product if design.scatter is None else design.scatter.T @ product
+        score: FloatArray = np.fft.irfft(of_columns, self._count, axis=1)[:, self._shifts]
+        return score
+
+
+def _of_channel(base: Base, form: Hypothesis) -> Iterator[float]:
+    """Yield what a form explains with its channel moved, reversed, or replaced by another of the same spectrum."""
+    situation = base.channels.situation
+    for name in form.effect.channels:
+        channel = getattr(situation, name)
+        for other in _like(channel):
+            if abs(np.corrcoef(channel, other)[0, 1]) < _SAME_CHANNEL:
+                yield _explained_by(base, form.effect.terms(replace(situation, **{name: other}), form.shape), form)
+
+
+def _like(channel: FloatArray) -> Iterator[FloatArray]:
+    """Yield channels moved in time, and those of the same cosine spectrum with other signs, trends included."""
+    from scipy.fft import dct, idct
+
+    count = len(channel)
+    for shift in np.linspace(_NEAREST * count, (1 - _NEAREST) * count, _CHANNELS // 4).astype(int):
+        yield np.roll(channel, shift)
+        yield np.roll(channel[::-1], shift)
+    generator = np.random.default_rng(0)
+    mean = channel.mean()
+    spectrum = dct(channel - mean, norm="ortho")
+    for _ in range(_CHANNELS // 2):
+        yield mean + idct(spectrum * generator.choice([-1.0, 1.0], count), norm="ortho")
+
+
+def _searched(base: Base, form: Hypothesis) -> Iterator[float]:
+    """Yield what the best of an effect's shapes explains, with the same terms, of residuals of the same spectrum."""
+    from scipy.fft import dct, idct
+
+    generator = np.random.default_rng(0)
+    differential, common = (dct(one, axis=0, norm="ortho") for one in base.channels.residual)
+    for _ in range(_SEARCHES):
+        sign = generator.choice([-1.0, 1.0], len(common))
+        other = base.of_residual(
+            idct(differential * sign[:, None], axis=0, norm="ortho"), idct(common * sign, norm="ortho")
+        )
+        shapes = form.effect.sought(other.channels.situation, other.channels.misfit)
+        yield max(
+            (
+                _explained_by(other, form.effect.terms(other.channels.situation, shape), form)
+                for shape in shapes
+                if shape.keys() == form.shape.keys()
+            ),
+            default=0.0,
+        )
+
+
+def _elsewhere(base: Base, form: Hypothesis) -> Iterator[float]:
+    """Yield what the same functions explain in each other row."""
+    situation = base.channels.situation
+    own = {int(row) for term in form.terms for row in term.rows}
+    for row in set(range(situation.scalar_row + base.channels.has_scalar)) - own:
+        sensor, axis = (SCALAR, None) if row == situation.scalar_row else divmod(row, 3)
+        terms = [replace(term, sensor=sensor, axis=axis, rows=np.full_like(term.rows, row)) for term in form.terms]
+        yield base.project(base.channels.design(terms)).gain()[0]
+
+
+def _at_other_frequencies(base: Base, form: Hypothesis) -> Iterator[float]:
+    """Yield what a tone explains at other frequencies."""
+    situation = base.channels.situation
+    span = float(np.ptp(situation.time_s))
+    own = form.shape["frequency_hz"]
+    for frequency in np.linspace(0.02, 0.49, _FREQUENCIES) / situation.step_s:
+        if abs(frequency - own) * span > 4:
+            yield _explained_by(base, form.effect.terms(situation, {**form.shape, "frequency_hz": frequency}), form)
+
+
+def _explained_by(base: Base, terms: "Iterator[Term] | list[Term]", form: Hypothesis) -> float:
+    """Return the energy that those of an effect's terms explain that a form has."""
+    return base.project(base.channels.design(chosen(terms, form.keys))).gain()[0]
+
+
+_KINDS = {
+    "moved": _moved,
+    "of_channel": _of_channel,
+    "searched": _searched,
+    "elsewhere": _elsewhere,
+    "at_other_frequencies": _at_other_frequencies,
+}
