@@ -66,3 +66,10 @@ class Misfit:
         information = self.row_information
         shift: FloatArray = np.divide(score, information, out=np.zeros_like(score), where=information > 0)
         return shift
+
+    def energy_without(self, shift_T: FloatArray) -> FloatArray:
+        """Return the energy (N,) that is left when shifts (N, 3K) are taken off the readings, tesla."""
+        differential = self.differential - shift_T @ self.directions
+        common = self.common_mode - np.sum(self.row_slope[:, :-1] * shift_T, axis=1)
+        energy: FloatArray = np.sum(differential**2, axis=1) + np.nan_to_num(common) ** 2
+        return energy
