@@ -38,9 +38,9 @@ class InterpolatedSamples(FoundEffect):
     name = "interpolated_samples"
     title = "lost readings that were filled on straight lines"
     physics = (
-        "Values put in place of lost ones hide the loss and understate the noise (Little and Rubin, Statistical Analysis "
-        "with Missing Data, Wiley, 2002); a line errs by up to an eighth of the squared gap times the second derivative "
-        "(de Boor, A Practical Guide to Splines, Springer, 1978, chapter 3)."
+        "Values put in place of lost ones hide the loss and understate the noise (Little and Rubin, Statistical "
+        "Analysis with Missing Data, Wiley, 2002); a line errs by up to an eighth of the squared gap times the second "
+        "derivative (de Boor, A Practical Guide to Splines, Springer, 1978, chapter 3)."
     )
     excitation = "turn the array steadily, with two sensors or more"
     units: ClassVar[Mapping[str, str]] = {"rate": "1", "burst": "1"}
@@ -71,11 +71,9 @@ class InterpolatedSamples(FoundEffect):
             burst = max(1, round(part.values["burst"]))
             starts = np.flatnonzero(generator.random(count) < part.values["rate"] / burst)
             for start in starts[(starts > 0) & (starts + burst < count)]:
-                filled = np.arange(start, start + burst)
+                filled, ends = np.arange(start, start + burst), [start - 1, start + burst]
                 for row in rows_of(part, situation):
-                    rows[filled, row] = np.interp(
-                        filled, [start - 1, start + burst], rows_T[[start - 1, start + burst], row]
-                    )
+                    rows[filled, row] = np.interp(filled, ends, rows_T[ends, row])
         return rows
 
 
