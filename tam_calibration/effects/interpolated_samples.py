@@ -25,9 +25,6 @@ from tam_calibration.effects.other_sensors import LEAST_SENSORS, AgainstOthers
 from tam_calibration.effects.places import rows_of
 from tam_calibration.units import FloatArray
 
-_SECOND = 6.0
-"""Variance of the second difference of white noise of unit variance."""
-
 LEAST_LENGTH = 4
 """Samples; what is shorter is no line, but may be any reading between its neighbours."""
 
@@ -94,8 +91,11 @@ def _windows(is_straight: NDArray[np.bool_]) -> NDArray[np.intp]:
     if not len(straight):
         return np.zeros((0, 2), dtype=np.intp)
     cuts = np.flatnonzero(np.diff(straight) >= LEAST_LENGTH)  # the field itself may go straight for a sample or two
-    windows = np.column_stack([straight[np.append(0, cuts + 1)], straight[np.append(cuts, len(straight) - 1)]])
-    return windows[windows[:, 1] - windows[:, 0] + 1 >= LEAST_LENGTH]
+    windows: NDArray[np.intp] = np.column_stack(
+        [straight[np.append(0, cuts + 1)], straight[np.append(cuts, len(straight) - 1)]]
+    )
+    is_long = windows[:, 1] - windows[:, 0] + 1 >= LEAST_LENGTH
+    return windows[is_long]
 
 
 def _explained(against: AgainstOthers, windows: NDArray[np.intp]) -> Explained:

@@ -16,7 +16,6 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.linalg import norm
-from numpy.typing import NDArray
 
 from tam_calibration.effects.effect import (
     Contribution,
@@ -27,14 +26,18 @@ from tam_calibration.effects.effect import (
     Misfit,
     Situation,
 )
+from tam_calibration.effects.excess_variance import Moments, best_excess
 from tam_calibration.effects.motion import jumps, rates
 from tam_calibration.effects.other_sensors import LEAST_SENSORS, AgainstOthers
 from tam_calibration.effects.regularity import CERTAIN, HEAVY, alike
-from tam_calibration.effects.within_motion import is_chance
+from tam_calibration.effects.within_motion import Statistic, is_chance
 from tam_calibration.units import FloatArray
 
 _FORETOLD = 0.3
 """Part of the variance of the displacements that the next three samples share: more goes on, and does not scatter."""
+
+_NUMBERS = 2
+"""That jitter has: its size, and the sensor."""
 
 _LOG_RANGE = (-8.0, 16.0)
 """Logarithms of the part ρ g of the noise that jitter adds at the mean rate, between unseen and all there is."""
@@ -76,14 +79,17 @@ class TimingJitter(FoundEffect):
         objection = path.objection()
         if objection is not None:
             return objection
+        gain, noise = path.profile(0.0) - path.profile(path.part), best_excess(Moments.of(misfit), misfit.situation)
+        if noise is not None and noise.bic(path.channel_count) > gain - _NUMBERS * np.log(path.channel_count):
+            return "noise that does not follow the path of the field explains as much"
         size = float(np.sqrt(path.part * path.floor(path.part)))
         spread = np.zeros((len(path.rate), 3 * len(paths) + 1))
         spread[:, 3 * path.sensor : 3 * path.sensor + 3] = size * path.rate
         values, errors = {"standard deviation": size}, {"standard deviation": size * path.relative_error() / 2}
         return Finding(
             FittedEffect(self.name, {}, (Contribution(path.sensor, None, "jitter", values, errors),)),
-            gain=path.profile(0.0) - path.profile(path.part),
-            parameter_count=2,
+            gain=gain,
+            parameter_count=_NUMBERS,
             spread_T=spread,
         )
 
@@ -190,15 +196,15 @@ class _Path:
         scatter = along / np.sqrt(1 + self.part * self.square[moves])
         if np.mean(scatter**4) > (3 + HEAVY) * np.mean(scatter**2) ** 2:
             return "what is off along the path of the field comes in few samples"
-        if is_chance(self._explained_where, norm(self.rate, axis=1)):
+        if is_chance(self._statistic(), norm(self.rate, axis=1)):
             return "what is off has not the direction of the path of the field"
         return None
 
-    def _explained_where(self, dealt: NDArray[np.intp]) -> float:
+    def _statistic(self) -> Statistic:
         """Return the energy between sensors that jitter explains where each sample has the residual of another."""
-        along = self.rate @ self.whitening
-        score = np.sum(along * (self.beyond_T[dealt] @ self.whitening), axis=1)
-        return float(np.sum(self.part * score**2 / (1 + self.part * np.sum(along**2, axis=1))))
+        along, off = self.rate @ self.whitening, self.beyond_T @ self.whitening
+        weighted = along * np.sqrt(self.part / (1 + self.part * np.sum(along**2, axis=1)))[:, None]
+        return lambda dealt: float(np.sum(np.einsum("ni,ni->n", weighted, off[dealt]) ** 2))
 
 
 def _unit(values: FloatArray) -> FloatArray:
