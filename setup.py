@@ -81,6 +81,9 @@ setup(
             f"noise_excess = {NAME}.effects.noise_excess:NoiseExcess",
             f"quantization = {NAME}.effects.quantization:Quantization",
             f"saturation = {NAME}.effects.saturation:Saturation",
+            f"stale_samples = {NAME}.effects.stale_samples:StaleSamples",
+            f"timing_jitter = {NAME}.effects.timing_jitter:TimingJitter",
+            f"interpolated_samples = {NAME}.effects.interpolated_samples:InterpolatedSamples",
         ],
     },
 )

@@ -71,6 +71,8 @@ class Finding:
         Samples that cannot be used once it is known.
     variance : (3K + 1,) array, optional
         What it adds to the variance of each row, T².
+    spread_T : (N, 3K + 1) array, optional
+        The standard deviation of what it adds to the rows of each sample along one direction of its own, tesla.
     """
 
     fitted: FittedEffect
@@ -78,6 +80,7 @@ class Finding:
     parameter_count: int
     flagged: NDArray[np.bool_] | None = None
     variance: FloatArray | None = None
+    spread_T: FloatArray | None = None
 
 
 class Effect(ABC):

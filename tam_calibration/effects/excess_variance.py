@@ -137,6 +137,10 @@ class Excess:
         """(J,) excess variance of the rows, T²."""
         return self.part * self.floor
 
+    def bic(self, channel_count: float) -> float:
+        """Return the evidence, in so many channels."""
+        return self.gain - self.parameter_count * float(np.log(channel_count))
+
 
 def best_excess(moments: Moments, situation: Situation) -> Excess | None:
     """Return the excess with the best BIC among all places, None where none has any."""
@@ -157,7 +161,7 @@ def best_excess(moments: Moments, situation: Situation) -> Excess | None:
             value, floor = moments.profile(place.rows, part)
             count = 1 + (1 if weight.min() == 1 else len(rows))
             excess = Excess(place, part, floor, moments.without - value, count)
-            bic = excess.gain - count * float(np.log(moments.channel_count))
+            bic = excess.bic(moments.channel_count)
             if bic > best_bic:
                 best, best_bic = excess, bic
     return best

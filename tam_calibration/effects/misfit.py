@@ -66,3 +66,17 @@ class Misfit:
         information = self.row_information
         shift: FloatArray = np.divide(score, information, out=np.zeros_like(score), where=information > 0)
         return shift
+
+    def channels_without(self, shift_T: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the channels, differential and common (N,), without shifts (N, 3K) of the readings, tesla.
+
+        The common mode is 0 where there is no reference.
+        """
+        common = self.common_mode - np.sum(self.row_slope[:, :-1] * shift_T, axis=1)
+        return self.differential - shift_T @ self.directions, np.nan_to_num(common)
+
+    def energy_without(self, shift_T: FloatArray) -> FloatArray:
+        """Return the energy (N,) that is left when shifts (N, 3K) are taken off the readings, tesla."""
+        differential, common = self.channels_without(shift_T)
+        energy: FloatArray = np.sum(differential**2, axis=1) + common**2
+        return energy

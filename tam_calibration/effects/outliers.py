@@ -58,7 +58,7 @@ class Outliers(FoundEffect):
         scale = _floor(misfit, flagged)
         place, saved, value_cost = _best_place(misfit, spikes, scale)
         left = max(before - saved, np.finfo(float).tiny)
-        paid = 2 * _positions(len(flagged), len(spikes.samples)) + value_cost
+        paid = 2 * position_nats(len(flagged), len(spikes.samples)) + value_cost
         return Finding(
             FittedEffect(self.name, {}, _contributions(misfit, spikes, place)),
             gain=count * float(np.log(before / left)),
@@ -129,7 +129,7 @@ def _best_place(misfit: Misfit, spikes: Spikes, floor: float) -> tuple[Place, fl
     return place, saved, cost
 
 
-def _positions(sample_count: int, chosen: int) -> float:
+def position_nats(sample_count: int, chosen: int) -> float:
     """Return ln C(N, k), the nats that tell which samples are struck."""
     from scipy.special import gammaln
 

@@ -32,7 +32,7 @@ CERTAIN = 3.0
 _NEIGHBOURS = 16
 _MOST_NEIGHBOURS = 20_000
 
-_HEAVY = 3.0
+HEAVY = 3.0
 """Excess kurtosis, with the variance of the surroundings taken out, from which on it is spikes."""
 
 _FLAT = -0.6
@@ -66,7 +66,7 @@ def objection_to(misfit: Misfit, excess: Excess) -> str | None:
     if _foretold(deviation, direction) - _foretold(deviation, direction[:, :0]) > _SHARED_SCALE:
         return "neighbouring samples share a scale factor"
     kurtosis = _kurtosis(deviation)
-    if kurtosis > _HEAVY:
+    if kurtosis > HEAVY:
         return "the excess comes as spikes"
     if kurtosis < min(_FLAT, -CERTAIN * float(np.sqrt(24 / len(deviation)))):
         return "the excess goes between few values"

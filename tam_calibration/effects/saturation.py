@@ -2,7 +2,8 @@
 
 The converter or the amplifier of a sensor has a range; what lies beyond it is read as its end. Readings then repeat
 at the largest or smallest value, where the other sensors say that the axis should have read more. Source: IEEE Std
-1241-2010, Standard for Terminology and Test Methods for Analog-to-Digital Converters, on overload.
+1241-2010, Standard for Terminology and Test Methods for Analog-to-Digital Converters, on overload. Where a correction
+follows, the readings do not repeat; see ``clipped_core``.
 """
 
 from collections.abc import Mapping
@@ -12,6 +13,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.clipped_core import ClippedCore, find_clipped_cores
 from tam_calibration.effects.effect import (
     Contribution,
     Finding,
@@ -20,6 +22,7 @@ from tam_calibration.effects.effect import (
     Misfit,
     Situation,
 )
+from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.places import rows_of
 from tam_calibration.units import FloatArray
 
@@ -64,13 +67,23 @@ class Saturation(FoundEffect):
     )
     excitation = "turns that bring the axis to the end of its range, for several readings"
     is_certain: ClassVar[bool] = True
-    units: ClassVar[Mapping[str, str]] = {"upper limit": "T", "lower limit": "T"}
+    units: ClassVar[Mapping[str, str]] = {
+        "upper limit": "T",
+        "lower limit": "T",
+        **{f"{way} {axis}": "1" for way in ("of", "into") for axis in "xyz"},
+    }
 
     def find(self, misfit: Misfit) -> Finding | str:
         """Return the limits, and as flagged the samples at them, or why there is none."""
-        limits = find_limits(misfit)
-        if not limits:
-            return "no axis repeats its largest or smallest reading where the others say that it should read more"
+        limits, cores = find_limits(misfit), find_clipped_cores(misfit)
+        found = [self._of_limits(misfit, limits)] if limits else []
+        found += [self._of_cores(misfit, cores)] if cores else []
+        if not found:
+            return "no axis stays at its largest or smallest reading where the others say that it should read more"
+        return max(found, key=lambda one: one.gain - one.parameter_count * np.log(misfit.channel_count.sum()))
+
+    def _of_limits(self, misfit: Misfit, limits: list[_Limit]) -> Finding:
+        """Return the limits at which readings stay."""
         flagged = np.zeros(len(misfit.energy), dtype=bool)
         saved = 0.0
         for limit in limits:
@@ -86,6 +99,23 @@ class Saturation(FoundEffect):
             flagged=flagged,
         )
 
+    def _of_cores(self, misfit: Misfit, cores: list[ClippedCore]) -> Finding:
+        """Return the limits of cores in front of a correction."""
+        flagged = np.zeros(len(misfit.energy), dtype=bool)
+        shift = np.zeros((len(flagged), misfit.situation.scalar_row))
+        for core in cores:
+            own = slice(3 * core.sensor, 3 * core.sensor + 3)
+            flagged[core.samples] = True
+            shift[:, own] = AgainstOthers.of(misfit, core.sensor).beyond_T - core.left_T
+        used = misfit.is_counted | flagged
+        count = float(misfit.channel_count[used].sum())
+        return Finding(
+            FittedEffect(self.name, {}, tuple(_core_contribution(core) for core in cores)),
+            gain=count * float(np.log(misfit.energy[used].sum() / misfit.energy_without(shift)[used].sum())),
+            parameter_count=sum(len(core.limits_T) + 4 for core in cores),
+            flagged=flagged,
+        )
+
     def add(
         self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
     ) -> FloatArray:
@@ -93,8 +123,13 @@ class Saturation(FoundEffect):
         rows = rows_T.copy()
         for part in fitted.contributions:
             low, high = part.values.get("lower limit", -np.inf), part.values.get("upper limit", np.inf)
-            touched = rows_of(part, situation)
-            rows[:, touched] = np.clip(rows[:, touched], low, high)
+            if part.term == "core limit":
+                touched = list(range(3 * part.sensor, 3 * part.sensor + 3))
+                core = (rows[:, touched] - situation.errors.bias_T[part.sensor]) @ _vector(part, "of")
+                rows[:, touched] += np.outer(np.clip(core, low, high) - core, _vector(part, "into"))
+            else:
+                touched = rows_of(part, situation)
+                rows[:, touched] = np.clip(rows[:, touched], low, high)
         return rows
 
 
@@ -196,3 +231,15 @@ def _contributions(limits: list[_Limit], situation: Situation) -> list[Contribut
             Contribution(sensor, axis, "limit", values, {limit.end: limit.standard_error_T for limit in of_row})
         )
     return parts
+
+
+def _core_contribution(core: ClippedCore) -> Contribution:
+    """Return the limits of a core, of what mixture of the readings, and into which of them it falls short."""
+    values = dict(core.limits_T)
+    values |= {f"of {axis}": float(value) for axis, value in zip("xyz", core.direction, strict=True)}
+    values |= {f"into {axis}": float(value) for axis, value in zip("xyz", core.fall, strict=True)}
+    return Contribution(core.sensor, core.axis, "core limit", values)
+
+
+def _vector(part: Contribution, way: str) -> FloatArray:
+    return np.array([part.values[f"{way} {axis}"] for axis in "xyz"])

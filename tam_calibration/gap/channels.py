@@ -133,6 +133,23 @@ class Channels:
             stride,
         )
 
+    def whitened(self, spreads_T: Sequence[FloatArray]) -> "Channels":
+        """Return the channels with noise that each sample has along a direction of its own made as large as the rest.
+
+        Along d, what a spread (N, 3K + 1) of the rows does to them, their variance is 1 + |d|².
+        """
+        channels = self
+        for spread in spreads_T:
+            along = spread[:, :-1] @ self.directions
+            common = np.sqrt(self.precision) * np.sum(self.row_direction * spread, axis=1)
+            square = np.sum(along**2, axis=1) + common**2
+            off = np.sum(along * channels.differential, axis=1) + common * np.sqrt(self.precision) * channels.misfit_T
+            root = np.sqrt(1 + square)
+            taken = off / (root * (1 + root))
+            misfit = channels.misfit_T - taken * np.sum(self.row_direction * spread, axis=1)
+            channels = replace(channels, differential=channels.differential - taken[:, None] * along, misfit_T=misfit)
+        return channels
+
     @property
     def row_direction(self) -> FloatArray:
         """(N, 3K + 1) how a shift of each row moves the scalar minus the length of the field."""

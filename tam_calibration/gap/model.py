@@ -151,9 +151,10 @@ class Model:
         """Return the channels at the errors of the fit, what is added to the rows taken off."""
         variances = [finding.variance for finding in self.findings if finding.variance is not None]
         beyond = np.sum(variances, axis=0) if variances else None
+        spreads = tuple(finding.spread_T for finding in self.findings if finding.spread_T is not None)
         return Channels.at(
             self.recording, self.array, self.errors, self.intensity_T, added_T, self.is_counted, beyond, self.stride
-        )
+        ).whitened(spreads)
 
     def settled(self) -> "Model":
         """Return the model with calibration and effects fitted together, by Gauss-Newton steps that do not climb."""

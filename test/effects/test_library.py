@@ -32,6 +32,9 @@ NAMES = {
     "noise_excess",
     "quantization",
     "saturation",
+    "stale_samples",
+    "timing_jitter",
+    "interpolated_samples",
 }
 
 THIRD_PARTY = """
@@ -87,7 +90,7 @@ effects:
 """
 
 
-def test_the_sixteen_effects_are_installed():
+def test_the_effects_are_installed():
     """Each has its name, and tells people what it is, why it is and what shows it."""
     effects = installed_effects()
     assert set(effects) >= NAMES

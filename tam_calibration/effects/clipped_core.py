@@ -1,0 +1,173 @@
+"""A core or amplifier that is cut off in front of a factory correction, so that no reading repeats.
+
+The correction mixes the axes and noise comes behind it: nothing stays at one value. What is left is a hinge in the
+field that the sensor should see: beyond a limit L of a direction u near an axis k it falls short along one direction
+w, by as much as the field goes on:
+
+    residual = -w (u·b - L) where u·b > L,   with u_k w_k = 1, since behind the limit nothing moves at all.
+
+That the slope is one, and what is left no more than noise, tells it from every bent transfer function.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.linalg import norm
+from numpy.typing import NDArray
+
+from tam_calibration.effects.misfit import Misfit
+from tam_calibration.effects.other_sensors import LEAST_SENSORS, MEDIAN_OF_THREE, AgainstOthers
+from tam_calibration.effects.within_motion import is_chance
+from tam_calibration.units import FloatArray
+
+_ROUNDS = 5
+"""Fits of the hinge to the samples beyond it, which settle in two or three."""
+
+_DEEP = 3.0
+"""Times the largest shortfall: the part of an axis' range, from its end, in which its limit is looked for."""
+
+_FLAT = 0.2
+"""Beyond a limit the core must follow what it should read by less than this."""
+
+_NUMBERS = 5
+"""That a hinge has: three of its direction and a limit at either end; fewer samples are no test of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClippedCore:
+    """Limits of a core.
+
+    Parameters
+    ----------
+    sensor, axis : int
+        Where.
+    limits_T : dict
+        What it reads at most, by "lower limit" and "upper limit", as far as they are reached.
+    direction : (3,) array
+        u, with 1 for the axis.
+    fall : (3,) array
+        w.
+    samples : (F,) array of int
+        Those beyond a limit.
+    left_T : (N, 3) array
+        What the sensor reads beyond what it should, the shortfall made good.
+    """
+
+    sensor: int
+    axis: int
+    limits_T: dict[str, float]
+    direction: FloatArray
+    fall: FloatArray
+    samples: NDArray[np.intp]
+    left_T: FloatArray
+
+
+def find_clipped_cores(misfit: Misfit) -> list[ClippedCore]:
+    """Return the cores that are cut off, which one sensor alone does not tell."""
+    count, found = misfit.situation.sensor_count, []
+    for sensor in range(count if count >= LEAST_SENSORS else 0):
+        against = AgainstOthers.of(misfit, sensor).recalibrated()
+        for axis in range(3):
+            hinge = _Hinge(against, axis)
+            core = hinge.fitted()
+            if core is not None and not is_chance(hinge.saved_where, norm(against.rate, axis=1)):
+                found.append(core)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Hinge:
+    """The search for the limits of one axis."""
+
+    against: AgainstOthers
+    axis: int
+
+    def saved_where(self, dealt: NDArray[np.intp]) -> float:
+        """Return the energy that a hinge saves where each sample has the residual of another."""
+        core = self.fitted(dealt)
+        if core is None:
+            return 0.0
+        samples = core.samples
+        return float(np.sum(self._energy[dealt[samples]] - self.against.energy(core.left_T[samples])))
+
+    def fitted(self, dealt: NDArray[np.intp] | slice = slice(None)) -> ClippedCore | None:
+        """Return the core whose hinge the residuals show, dealt out anew or as they are, if they show one."""
+        beyond_T, energy = self.against.beyond_T[dealt], self._energy[dealt]
+        short = -self._end * beyond_T[:, self.axis]
+        is_far = self.against.usable & (energy > 2 * np.log(len(short)) * self._floor)
+        is_far &= (short > 0) & (short**2 * self._information > energy / 2) & (self._height > self._height.max() / 2)
+        if is_far.sum() <= _NUMBERS:
+            return None
+        is_near = self.against.usable & (self._height > self._height.max() - _DEEP * short[is_far].max())
+        beyond = is_far & is_near
+        for _ in range(_ROUNDS):
+            if beyond.sum() <= _NUMBERS:
+                return None
+            values = self._plane(short, beyond)
+            before, beyond = beyond, is_near & (self._shortfall(values) > 0)
+            if (before == beyond).all():
+                break
+        if beyond.sum() <= _NUMBERS or abs(values[self.axis] - 1) > _FLAT:
+            return None
+        return self._core(values, np.flatnonzero(beyond), beyond_T)
+
+    def _plane(self, short: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
+        """Return the plane (5,) that tells best how far chosen samples fall short; NaN at an end that none reaches."""
+        unit = np.append(np.full(3, self._height.max()), np.ones(2))
+        values: FloatArray = np.linalg.lstsq(self._functions[chosen] / unit, short[chosen])[0] / unit
+        is_reached = self._functions[chosen, 3:].any(axis=0)
+        values[3:][~is_reached] = np.nan
+        return values
+
+    def _shortfall(self, values: FloatArray) -> FloatArray:
+        """Return by how much samples (N,) fall short in a plane; not at an end that none reaches."""
+        short = self._functions @ np.where(np.isfinite(values), values, 0.0)
+        short[self._functions[:, 3:][:, ~np.isfinite(values[3:])].any(axis=1)] = -np.inf
+        return short
+
+    def _core(self, values: FloatArray, samples: NDArray[np.intp], beyond_T: FloatArray) -> ClippedCore | None:
+        """Return the core of a plane if what it leaves of its samples is no more than noise."""
+        from scipy.special import chdtri
+
+        shortfall = (self._end * (self._shortfall(values)))[samples]
+        fall = -(shortfall @ beyond_T[samples]) / (shortfall @ shortfall)
+        left = beyond_T.copy()
+        left[samples] += shortfall[:, None] * fall
+        noise = chdtri(3 * len(samples), 1 / len(left)) * self._floor
+        if np.sum(self.against.energy(left[samples])) > noise:
+            return None
+        slope = values[self.axis]
+        ends = zip(("upper limit", "lower limit"), (1, -1), values[3:], strict=True)
+        limits = {name: float(-sign * value / slope) for name, sign, value in ends if np.isfinite(value)}
+        return ClippedCore(self.against.sensor, self.axis, limits, values[:3] / slope, slope * fall, samples, left)
+
+    @cached_property
+    def _end(self) -> FloatArray:
+        """(N,) 1 on the upper side of the axis, -1 on the lower."""
+        end: FloatArray = np.where(self.against.expected_T[:, self.axis] > 0, 1.0, -1.0)
+        return end
+
+    @cached_property
+    def _height(self) -> FloatArray:
+        """(N,) how far out the axis should read."""
+        height: FloatArray = np.abs(self.against.expected_T[:, self.axis])
+        return height
+
+    @cached_property
+    def _functions(self) -> FloatArray:
+        """(N, 5) what the shortfall is linear in: the field outwards, and 1 at either end."""
+        outward = self._end[:, None] * self.against.expected_T
+        return np.column_stack([outward, self._end > 0, self._end < 0])
+
+    @cached_property
+    def _information(self) -> float:
+        return float(np.sum(self.against.whitening[self.axis] ** 2))
+
+    @cached_property
+    def _energy(self) -> FloatArray:
+        return self.against.energy(self.against.beyond_T)
+
+    @cached_property
+    def _floor(self) -> float:
+        return float(np.median(self._energy[self.against.usable])) / MEDIAN_OF_THREE

@@ -1,0 +1,110 @@
+"""Readings of a sensor that are those of another place on the path: which samples, and how much that explains.
+
+A sample is taken for displaced where the reading that belongs elsewhere lowers its energy by more than it costs to say
+which sample it is and how it is displaced, 2 ln (N k), and leaves no more than what noise makes once in N samples. The
+sensor is calibrated by the better half of the samples, so that the displaced ones do not tilt it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.linalg import norm
+from numpy.typing import NDArray
+
+from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, Misfit
+from tam_calibration.effects.other_sensors import MEDIAN_OF_THREE, AgainstOthers
+from tam_calibration.effects.outliers import position_nats
+from tam_calibration.effects.within_motion import is_chance
+from tam_calibration.units import FloatArray
+
+NOWHERE_T = 1.0
+"""A displacement that no reading has, for samples that cannot be displaced."""
+
+_MOST = 0.5
+"""Part of the samples; what happens to more is no exception but how the sensor always is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Displaced:
+    """A search for samples of one sensor that are displaced.
+
+    Parameters
+    ----------
+    against : AgainstOthers
+        The sensor, calibrated by the better half of the samples.
+    beyond_T : (N, 3) array
+        By how much its readings are off, tesla: what is to be explained.
+    displacement_T : (k, N, 3) array
+        By how much they would be off for each displacement; NaN where it cannot be.
+    """
+
+    against: AgainstOthers
+    beyond_T: FloatArray
+    displacement_T: FloatArray
+
+    @cached_property
+    def which(self) -> NDArray[np.intp]:
+        """(N,) by which displacement, -1 by none."""
+        which = np.full(len(self.beyond_T), -1)
+        samples, best, _ = self._claims(np.arange(len(which)))
+        which[samples] = best
+        return which
+
+    @property
+    def is_found(self) -> bool:
+        """Whether some samples are displaced, and not in the same way with residuals dealt out anew."""
+        if not 0 < np.sum(self.which >= 0) < _MOST * len(self.which):
+            return False
+        return not is_chance(lambda dealt: float(np.sum(self._claims(dealt)[2])), norm(self.against.rate, axis=1))
+
+    @cached_property
+    def _energy(self) -> FloatArray:
+        """(N,) of the readings as they are, in units of the noise of most of them."""
+        energy = self.against.energy(self.beyond_T)
+        return np.where(self.against.usable, energy / self._floor, 0.0)
+
+    @cached_property
+    def _floor(self) -> float:
+        return float(np.median(self.against.energy(self.beyond_T)[self.against.usable])) / MEDIAN_OF_THREE
+
+    def _claims(self, dealt: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]:
+        """Return samples that are displaced, by which displacement, and the energy saved, of residuals dealt out."""
+        from scipy.special import chdtri
+
+        price = 2 * np.log(self.displacement_T[..., 0].size)
+        samples = np.flatnonzero((self._energy[dealt] > price) & self.against.usable)
+        shift = self.beyond_T[dealt[samples]] - self.displacement_T[:, samples]
+        left = self.against.energy(shift) / self._floor
+        best = np.argmin(left, axis=0)
+        least = left[best, np.arange(len(samples))]
+        saved = self._energy[dealt[samples]] - least
+        claimed = (saved > price) & (least < chdtri(3, 1 / len(dealt)))
+        return samples[claimed], best[claimed], saved[claimed]
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """What displacement explains of one sensor: the samples (N,), what is left (N, 3) of all, and the numbers."""
+
+    samples: NDArray[np.bool_]
+    left_T: FloatArray
+    contribution: Contribution
+
+
+def finding_of(effect: str, misfit: Misfit, found: Mapping[int, Explained]) -> Finding:
+    """Return what displacements of some sensors explain together; the samples are given up."""
+    flagged = np.any([one.samples for one in found.values()], axis=0)
+    shift = np.zeros((len(flagged), len(misfit.directions)))
+    for sensor, one in found.items():
+        shift[:, 3 * sensor : 3 * sensor + 3] = AgainstOthers.of(misfit, sensor).beyond_T - one.left_T
+    used = misfit.is_counted | flagged
+    count = float(misfit.channel_count[used].sum())
+    nats = sum(position_nats(len(flagged), int(one.samples.sum())) for one in found.values())
+    return Finding(
+        FittedEffect(effect, {}, tuple(one.contribution for one in found.values())),
+        gain=count * float(np.log(misfit.energy[used].sum() / misfit.energy_without(shift)[used].sum())),
+        parameter_count=len(found) + int(np.ceil(2 * nats / np.log(count))),
+        flagged=flagged,
+    )

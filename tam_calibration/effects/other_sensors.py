@@ -1,0 +1,92 @@
+"""One sensor against the field that all the others tell: what it should read, and by how much it is off."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.effects.misfit import Misfit
+from tam_calibration.effects.motion import rates
+from tam_calibration.units import FloatArray
+
+LEAST_SENSORS = 2
+"""One sensor alone has no other that tells it where the field is."""
+
+MEDIAN_OF_THREE = 2.366
+"""Of χ² with three degrees of freedom."""
+
+_CONCENTRATIONS = 8
+"""Steps in which the calibration by the better half of the samples settles."""
+
+
+@dataclass(frozen=True, eq=False)
+class AgainstOthers:
+    """One sensor against the field that all the others tell.
+
+    Parameters
+    ----------
+    misfit : Misfit
+        Of all sensors.
+    sensor : int
+        Which one.
+    beyond_T : (N, 3) array
+        What it reads beyond what it should, tesla.
+    expected_T : (N, 3) array
+        What it should read, its bias left out, tesla.
+    whitening : (3, 3) array
+        ``beyond_T @ whitening`` has unit variance under the noise stated, that of the others included, 1/T.
+    """
+
+    misfit: Misfit
+    sensor: int
+    beyond_T: FloatArray
+    expected_T: FloatArray
+    whitening: FloatArray
+
+    @classmethod
+    def of(cls, misfit: Misfit, sensor: int) -> "AgainstOthers":
+        """Return one sensor against the others, of which there must be one at least."""
+        own = misfit.directions[3 * sensor : 3 * sensor + 3]
+        information = own @ own.T
+        beyond = np.linalg.solve(information, own @ misfit.differential.T).T
+        readings, bias = misfit.recording.readings_T[:, sensor], misfit.situation.errors.bias_T[sensor]
+        return cls(misfit, sensor, beyond, readings - bias - beyond, np.linalg.cholesky(information))
+
+    @cached_property
+    def usable(self) -> NDArray[np.bool_]:
+        """(N,) samples whose channels are told."""
+        usable: NDArray[np.bool_] = self.misfit.channel_count > 0
+        return usable
+
+    @cached_property
+    def rate(self) -> FloatArray:
+        """(N, 3) change by time of what it should read, T/s."""
+        situation, matrix = self.misfit.situation, self.misfit.situation.errors.matrix[self.sensor]
+        field = np.linalg.solve(matrix, self.expected_T.T).T
+        changing: FloatArray = rates(replace(situation, field_T=field)) @ matrix.T
+        return changing
+
+    def energy(self, shift_T: FloatArray) -> FloatArray:
+        """Return the energy (...) of shifts (..., 3) of its readings, in units of the noise stated."""
+        energy: FloatArray = np.sum((shift_T @ self.whitening) ** 2, axis=-1)
+        return energy
+
+    def recalibrated(self) -> "AgainstOthers":
+        """Return the same at the bias and matrix that fit the better half of the samples best.
+
+        By least trimmed squares (Rousseeuw, Least median of squares regression, J. Am. Stat. Assoc. 79, 1984), so that
+        what a minority of samples does tilts nothing.
+        """
+        functions = np.column_stack([np.ones(len(self.usable)), self.expected_T / np.abs(self.expected_T).max()])
+        usable = np.flatnonzero(self.usable)
+        functions_of, beyond = functions[usable], self.beyond_T[usable]
+        left = beyond
+        for _ in range(_CONCENTRATIONS):
+            better = np.argpartition(self.energy(left), len(usable) // 2)[: len(usable) // 2 + 1]
+            own = functions_of[better]
+            values = np.linalg.lstsq(own.T @ own, own.T @ beyond[better])[0]
+            left = beyond - functions_of @ values
+        return replace(
+            self, beyond_T=self.beyond_T - functions @ values, expected_T=self.expected_T + functions @ values
+        )

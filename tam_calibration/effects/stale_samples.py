@@ -1,0 +1,105 @@
+"""Stale samples: a reading that is the one before, or a packet that is late.
+
+A telegram that goes out before the sensor has a new value holds the last one; a packet that was held up on its way is
+stamped when it comes. The sensor then reads what it should have read k samples before, b(t_n - k): its residual is
+-M (b_n - b_{n-k}), along the path of the field and as large as the way that this has made meanwhile.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.effects.displaced import NOWHERE_T, Displaced, Explained, finding_of
+from tam_calibration.effects.effect import (
+    Contribution,
+    Finding,
+    FittedEffect,
+    FoundEffect,
+    Limit,
+    Misfit,
+    Situation,
+)
+from tam_calibration.effects.other_sensors import LEAST_SENSORS, AgainstOthers
+from tam_calibration.effects.places import rows_of
+from tam_calibration.units import FloatArray
+
+LATEST = 8
+"""Samples by which a reading is late at most: what a queue of usual length holds."""
+
+
+class StaleSamples(FoundEffect):
+    """Readings of a sensor that are those of some samples before."""
+
+    name = "stale_samples"
+    title = "readings that repeat the one before, or come late"
+    physics = (
+        "A controller that samples before a new value has come uses the last one again, and values that are held up "
+        "come in a later period (vacant sampling; Nilsson, Real-time control systems with delays, Lund Institute of "
+        "Technology, 1998)."
+    )
+    excitation = "turn the array steadily, with two sensors or more"
+    units: ClassVar[Mapping[str, str]] = {"rate": "1", "burst": "1", "samples late": "1"}
+    limits: ClassVar[Mapping[str, Limit]] = {}
+
+    def find(self, misfit: Misfit) -> Finding | str:
+        """Return the samples that are stale, flagged, or why there is none."""
+        count = misfit.situation.sensor_count
+        if count < LEAST_SENSORS:
+            return "one sensor alone does not tell where the field was"
+        found = {}
+        for sensor in range(count):
+            against = AgainstOthers.of(misfit, sensor).recalibrated()
+            displaced = Displaced(against, against.beyond_T, _ways_back(against))
+            if displaced.is_found:
+                found[sensor] = _explained(sensor, displaced)
+        if not found:
+            return "no sensor reads at some times what it should have read just before"
+        return finding_of(self.name, misfit, found)
+
+    def add(
+        self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
+    ) -> FloatArray:
+        """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
+        rows, count = rows_T.copy(), situation.sample_count
+        for part in fitted.contributions:
+            burst, late = max(1, round(part.values["burst"])), round(part.values["samples late"])
+            starts = np.flatnonzero(generator.random(count) < part.values["rate"] / burst)
+            struck = np.minimum(starts[:, None] + np.arange(burst), count - 1)
+            source = np.broadcast_to(starts[:, None] - 1, struck.shape) if part.term == "repeats" else struck - late
+            touched = rows_of(part, situation)
+            rows[struck[:, :, None], touched] = rows_T[np.maximum(source, 0)[:, :, None], touched]
+        return rows
+
+
+def _ways_back(against: AgainstOthers) -> FloatArray:
+    """Return how much less a sensor reads (k, N, 3) when it reads what was due 1 to so many samples before."""
+    expected = against.expected_T
+    back = np.full((LATEST, *expected.shape), NOWHERE_T)
+    for stretch in against.misfit.situation.stretches:
+        for late in range(1, min(LATEST, stretch.stop - stretch.start - 1) + 1):
+            back[late - 1, stretch.start + late : stretch.stop] = (
+                expected[stretch.start : stretch.stop - late] - expected[stretch.start + late : stretch.stop]
+            )
+    return back
+
+
+def _explained(sensor: int, displaced: Displaced) -> Explained:
+    """Return how often and how long readings are stale, and by how much: a value is held, or packets are late."""
+    is_stale, samples = displaced.which >= 0, np.flatnonzero(displaced.which >= 0)
+    late, left = displaced.which[samples] + 1, displaced.beyond_T.copy()
+    left[samples] -= displaced.displacement_T[late - 1, samples]
+    rate, runs = len(samples) / len(is_stale), 1 + int(np.sum(np.diff(samples) > 1))
+    is_held = _held(samples, late) > len(samples) / 2
+    values = {"rate": rate, "burst": len(samples) / runs, "samples late": 1.0 if is_held else float(np.median(late))}
+    errors = {"rate": float(np.sqrt(rate * (1 - rate) / len(is_stale)))}
+    part = Contribution(sensor, None, "repeats" if is_held else "late packets", values, errors)
+    return Explained(is_stale, left, part)
+
+
+def _held(samples: NDArray[np.intp], late: NDArray[np.intp]) -> int:
+    """Return the number of samples that hold the value of the last that was not stale."""
+    starts = samples[np.diff(samples, prepend=-2) > 1]
+    since = samples - starts[np.searchsorted(starts, samples, side="right") - 1]
+    return int(np.sum(late == since + 1))

@@ -1,0 +1,211 @@
+"""Timing jitter: a sensor whose true times of sampling scatter at random about its stamps.
+
+A reading at t + δ differs by δ M db/dt: white noise with a variance for each sample, rank one along the path of the
+field, growing with the square of its rate. With s² the floor, G the information of shifts of the sensor's readings, r
+= M db/dt and t the score of such shifts,
+
+    -2 ln L = n ln s² + Σ ln(1 + ρ g) + (S - Σ ρ q² / (1 + ρ g)) / s²,   g = rᵀGr, q = rᵀt, ρ = τ² / s²,
+
+is least at the best s² and ρ; twice its fall from ρ = 0 is the gain. A delay that stays is taken off before.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.effects.effect import (
+    Contribution,
+    Finding,
+    FittedEffect,
+    FoundEffect,
+    Limit,
+    Misfit,
+    Situation,
+)
+from tam_calibration.effects.excess_variance import Moments, best_excess
+from tam_calibration.effects.motion import jumps, rates
+from tam_calibration.effects.other_sensors import LEAST_SENSORS, AgainstOthers
+from tam_calibration.effects.regularity import CERTAIN, HEAVY, alike
+from tam_calibration.effects.within_motion import Statistic, is_chance
+from tam_calibration.units import FloatArray
+
+_FORETOLD = 0.3
+"""Part of the variance of the displacements that the next three samples share: more goes on, and does not scatter."""
+
+_NUMBERS = 2
+"""That jitter has: its size, and the sensor."""
+
+_LOG_RANGE = (-8.0, 16.0)
+"""Logarithms of the part ρ g of the noise that jitter adds at the mean rate, between unseen and all there is."""
+
+_STEP = 0.2
+"""Of that logarithm, for the curvature of the likelihood."""
+
+
+class TimingJitter(FoundEffect):
+    """A scatter of the true times of sampling of one sensor."""
+
+    name = "timing_jitter"
+    title = "times of sampling that scatter at random"
+    physics = (
+        "A sample that is taken a random time off its stamp errs by that time and the rate of the signal, so that its "
+        "noise grows with the square of the rate (Shinagawa, Akazawa and Wakimoto, Jitter analysis of high-speed "
+        "sampling systems, IEEE J. Solid-State Circuits 25, 1990, p. 220)."
+    )
+    excitation = "turn the array steadily, fast and slowly, with two sensors or more"
+    units: ClassVar[Mapping[str, str]] = {"standard deviation": "s"}
+    limits: ClassVar[Mapping[str, Limit]] = {
+        "jitter": Limit(
+            0.1,
+            "what a general-purpose system holds up a process: Etsion, Tsafrir and Feitelson, Effects of clock "
+            "resolution on the scheduling of interactive and soft real-time processes, SIGMETRICS 2003",
+        )
+    }
+
+    def obstacle(self, situation: Situation) -> str | None:
+        """Return that there is no continuous motion, or no other sensor to tell it, where that is so."""
+        if situation.sensor_count < LEAST_SENSORS:
+            return "one sensor alone does not tell how fast the field changed when it was read"
+        return jumps(situation)
+
+    def find(self, misfit: Misfit) -> Finding | str:
+        """Return the sensor whose samples scatter along the path of the field and by how much, or why none does."""
+        paths = [_Path.of(misfit, sensor) for sensor in range(misfit.situation.sensor_count)]
+        path = min(paths, key=lambda one: one.profile(one.part) - one.profile(0.0))
+        objection = path.objection()
+        if objection is not None:
+            return objection
+        gain, noise = path.profile(0.0) - path.profile(path.part), best_excess(Moments.of(misfit), misfit.situation)
+        if noise is not None and noise.bic(path.channel_count) > gain - _NUMBERS * np.log(path.channel_count):
+            return "noise that does not follow the path of the field explains as much"
+        size = float(np.sqrt(path.part * path.floor(path.part)))
+        spread = np.zeros((len(path.rate), 3 * len(paths) + 1))
+        spread[:, 3 * path.sensor : 3 * path.sensor + 3] = size * path.rate
+        values, errors = {"standard deviation": size}, {"standard deviation": size * path.relative_error() / 2}
+        return Finding(
+            FittedEffect(self.name, {}, (Contribution(path.sensor, None, "jitter", values, errors),)),
+            gain=gain,
+            parameter_count=_NUMBERS,
+            spread_T=spread,
+        )
+
+    def add(
+        self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
+    ) -> FloatArray:
+        """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
+        rows, changing = rows_T.copy(), rates(situation) @ situation.errors.matrix.reshape(-1, 3).T
+        for part in fitted.contributions:
+            own = slice(3 * part.sensor, 3 * part.sensor + 3)
+            early = generator.normal(0, part.values["standard deviation"], (situation.sample_count, 1))
+            rows[:, own] += early * changing[:, own]
+        return rows
+
+
+@dataclass(frozen=True, eq=False)
+class _Path:
+    """What one sensor is off along the path of the field.
+
+    Parameters
+    ----------
+    sensor : int
+        Which one.
+    rate : (N, 3) array
+        r, T/s; zero in samples that do not count.
+    beyond_T : (N, 3) array
+        By how much it is off, beyond a delay.
+    whitening : (3, 3) array
+        Of ``beyond_T``, as in ``AgainstOthers``.
+    square, score : (N,) array
+        g in 1/s² and q in 1/s.
+    energy, channel_count : float
+        S and n.
+    """
+
+    sensor: int
+    rate: FloatArray
+    beyond_T: FloatArray
+    whitening: FloatArray
+    square: FloatArray
+    score: FloatArray
+    energy: float
+    channel_count: float
+
+    @classmethod
+    def of(cls, misfit: Misfit, sensor: int) -> "_Path":
+        """Return what is left of one sensor when its calibration and what follows the rate evenly are fitted."""
+        against, counted = AgainstOthers.of(misfit, sensor), misfit.is_counted
+        rate = against.rate * counted[:, None]
+        even = np.column_stack([np.ones(len(rate)), _unit(against.expected_T), _unit(rate)])[counted]
+        values = np.linalg.lstsq(even.T @ even, even.T @ against.beyond_T[counted])[0]
+        taken = np.zeros((len(rate), len(misfit.directions)))
+        own = slice(3 * sensor, 3 * sensor + 3)
+        taken[counted, own] = even @ values
+        along, across = rate @ misfit.directions[own], np.sum(rate * misfit.row_slope[:, own], axis=1)
+        across = np.where(np.isfinite(misfit.common_mode), across, 0.0)
+        differential, common = misfit.channels_without(taken)
+        return cls(
+            sensor,
+            rate,
+            against.beyond_T - taken[:, own],
+            against.whitening,
+            np.sum(along**2, axis=1) + across**2,
+            np.sum(along * differential, axis=1) + across * common,
+            float(np.sum(differential[counted] ** 2) + np.sum(common[counted] ** 2)),
+            float(misfit.channel_count[counted].sum()),
+        )
+
+    def floor(self, part: float) -> float:
+        """Return s² at some ρ, in s²."""
+        explained = np.sum(part * self.score**2 / (1 + part * self.square))
+        return max(self.energy - float(explained), np.finfo(float).tiny) / self.channel_count
+
+    def profile(self, part: float) -> float:
+        """Return minus twice the log likelihood at some ρ, a constant left out."""
+        return self.channel_count * float(np.log(self.floor(part))) + float(np.sum(np.log1p(part * self.square)))
+
+    @cached_property
+    def part(self) -> float:
+        """The best ρ."""
+        from scipy.optimize import minimize_scalar
+
+        unit = max(float(np.mean(self.square)), np.finfo(float).tiny)
+        done = minimize_scalar(
+            lambda log: self.profile(np.exp(log) / unit), bounds=_LOG_RANGE, method="bounded", options={"xatol": 1e-2}
+        )
+        return float(np.exp(done.x) / unit)
+
+    def relative_error(self) -> float:
+        """Return the relative standard error of ρ, from the curvature of the likelihood."""
+        low, middle, high = (self.profile(self.part * np.exp(step)) for step in (-_STEP, 0.0, _STEP))
+        return float(np.sqrt(2 * _STEP**2 / max(low - 2 * middle + high, np.finfo(float).tiny)))
+
+    def objection(self) -> str | None:
+        """Return what speaks against jitter, in one clause."""
+        moves = self.square > 0
+        if self.profile(self.part) >= self.profile(0.0) or not moves.any():
+            return "no sensor scatters along the path of the field"
+        along = self.score[moves] / np.sqrt(self.square[moves])
+        size = float(np.mean(along**2))
+        chance = CERTAIN * size / np.sqrt(len(along))
+        if alike(along) > max(_FORETOLD * (size - self.floor(self.part)), chance):
+            return "what is off along the path of the field goes on from sample to sample"
+        scatter = along / np.sqrt(1 + self.part * self.square[moves])
+        if np.mean(scatter**4) > (3 + HEAVY) * np.mean(scatter**2) ** 2:
+            return "what is off along the path of the field comes in few samples"
+        if is_chance(self._statistic(), norm(self.rate, axis=1)):
+            return "what is off has not the direction of the path of the field"
+        return None
+
+    def _statistic(self) -> Statistic:
+        """Return the energy between sensors that jitter explains where each sample has the residual of another."""
+        along, off = self.rate @ self.whitening, self.beyond_T @ self.whitening
+        weighted = along * np.sqrt(self.part / (1 + self.part * np.sum(along**2, axis=1)))[:, None]
+        return lambda dealt: float(np.sum(np.einsum("ni,ni->n", weighted, off[dealt]) ** 2))
+
+
+def _unit(values: FloatArray) -> FloatArray:
+    return values / max(float(np.abs(values).max()), np.finfo(float).tiny)

@@ -1,0 +1,90 @@
+"""Lost readings that were filled on straight lines."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.effects.fitted import Contribution
+from tam_calibration.effects.interpolated_samples import InterpolatedSamples
+from tam_calibration.effects.stale_samples import StaleSamples
+
+FILLED = InterpolatedSamples()
+
+
+def lines(made, starts, length, fresh_T=0.0):
+    """Return the rows where windows of the second sensor lie on lines, with noise on them, and which samples do."""
+    rows, filled = made.rows_T.copy(), np.zeros(len(made.rows_T), dtype=bool)
+    for start in starts:
+        part = (np.arange(1, length + 1) / (length + 1))[:, None]
+        rows[start : start + length, 3:6] = (1 - part) * rows[start - 1, 3:6] + part * rows[start + length, 3:6]
+        filled[start : start + length] = True
+    rows[filled, 3:6] += np.random.default_rng(7).normal(0, 1.0, (filled.sum(), 3)) * fresh_T
+    return rows, filled
+
+
+def evidence(finding, misfit):
+    """Return how much BIC speaks for a finding."""
+    return finding.gain - finding.parameter_count * np.log(misfit.channel_count.sum())
+
+
+@pytest.mark.parametrize(("samples", "sensors"), [(60, 4), (2000, 4), (500, 12), (1000, 2)])
+def test_noise_has_no_lines(bench, samples, sensors):
+    """In motion and in poses, ten records each."""
+    for seed in range(10):
+        assert isinstance(FILLED.find(bench(samples, sensors, moves=seed % 2 == 0, seed=seed).misfit()), str)
+
+
+@pytest.mark.parametrize("length", [5, 12, 40])
+@pytest.mark.parametrize("fresh_T", [0.0, 0.5e-9])
+def test_lines_are_found(bench, length, fresh_T):
+    """The samples on them are flagged, and their part and length told, whether a little noise comes behind or none."""
+    made = bench()
+    rows, filled = lines(made, (300, 700, 1500), length, fresh_T)
+    misfit = made.with_rows(rows).misfit()
+    found = FILLED.find(misfit)
+    (part,) = found.fitted.contributions
+    assert (part.sensor, part.axis, part.term) == (1, None, "lines")
+    assert_allclose([part.values["rate"], part.values["burst"]], [filled.mean(), length], rtol=0.1)
+    assert found.flagged[filled].mean() > 0.95 and found.flagged[~filled].mean() < 1e-3
+    assert evidence(found, misfit) > 100 and isinstance(StaleSamples().find(misfit), str)
+
+
+def test_fewer_than_four_in_a_row_are_no_line(bench):
+    """Any reading may lie between its neighbours; two in a row are too few, four are enough."""
+    made = bench()
+    for length, is_found in ((2, False), (3, False), (4, True), (6, True)):
+        found = FILLED.find(made.with_rows(lines(made, (300, 700), length)[0]).misfit())
+        assert isinstance(found, str) != is_found
+
+
+def test_a_value_that_is_held_is_no_line_between_its_neighbours(bench):
+    """It goes straight as well, but stale samples say more with as much."""
+    made = bench()
+    rows = made.rows_T.copy()
+    for start in (400, 900):
+        rows[start : start + 7, 3:6] = rows[start - 1, 3:6]
+    misfit = made.with_rows(rows).misfit()
+    found = FILLED.find(misfit)
+    assert isinstance(found, str) or evidence(found, misfit) < evidence(StaleSamples().find(misfit), misfit)
+
+
+def test_what_is_straight_where_the_others_are_is_no_line(bench):
+    """A field that rests has no curvature to lose."""
+    made = bench()
+    rows = made.rows_T.copy()
+    rows[600:900] = rows[600] + np.random.default_rng(3).normal(0, 1e-9, (300, 13))
+    assert isinstance(FILLED.find(made.with_rows(rows).misfit()), str)
+
+
+def test_one_sensor_alone_is_told(bench):
+    """It has no other that tells how the field went."""
+    assert "one sensor alone" in FILLED.find(bench(200, 1).misfit())
+
+
+def test_the_twin_shows_what_was_found(bench):
+    """Rate and length of simulated lines are found again, and nothing but that sensor is changed."""
+    made = bench(8000)
+    twin = made.with_effect(FILLED, Contribution(1, None, "lines", {"rate": 0.05, "burst": 20.0}))
+    assert not (twin.rows_T - made.rows_T)[:, np.r_[0:3, 6:13]].any()
+    (part,) = FILLED.find(twin.misfit()).fitted.contributions
+    assert_allclose([part.values["rate"], part.values["burst"]], [0.05, 20], rtol=0.35)

@@ -1,0 +1,118 @@
+"""Times of sampling that scatter at random."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import minimize_scalar
+
+from tam_calibration.effects.fitted import Contribution, FittedEffect
+from tam_calibration.effects.timing_jitter import TimingJitter
+
+JITTER = TimingJitter()
+
+
+def displaced(made, delay_s):
+    """Return the bench whose third sensor is sampled late by each sample's own delay, to first order."""
+    rows = made.rows_T.copy()
+    rows[:, 6:9] -= delay_s[:, None] * np.gradient(made.situation.sensed_T[:, 6:9], made.situation.step_s, axis=0)
+    return made.with_rows(rows)
+
+
+def white(size_s, seed=5):
+    """Return delays that scatter at random."""
+    return np.random.default_rng(seed).normal(0, size_s, 2000)
+
+
+@pytest.mark.parametrize(("samples", "sensors"), [(60, 4), (2000, 4), (500, 12), (1000, 2)])
+def test_noise_has_no_jitter(bench, samples, sensors):
+    """In ten records nothing is found that BIC would pay for."""
+    for seed in range(10):
+        misfit = bench(samples, sensors, seed=seed, sheet=0.9 if seed < 5 else 1.1).misfit()
+        found = JITTER.find(misfit)
+        assert isinstance(found, str) or found.gain < found.parameter_count * np.log(misfit.channel_count.sum())
+
+
+@pytest.mark.parametrize("size_s", [3e-5, 1e-4, 1e-3])
+@pytest.mark.parametrize("sheet", [0.9, 1.1])
+@pytest.mark.parametrize("sensors", [2, 4])
+def test_jitter_is_found(bench, size_s, sheet, sensors):
+    """The sensor and its size come out, within the standard error, on a floor that is not the data sheet's."""
+    made = displaced(bench(sensors=sensors + 1, sheet=sheet), white(size_s))
+    found = JITTER.find(made.misfit())
+    (part,) = found.fitted.contributions
+    assert (part.sensor, part.axis, part.term) == (2, None, "jitter")
+    value, error = part.values["standard deviation"], part.standard_errors["standard deviation"]
+    assert abs(value - size_s) < 3.5 * error < 0.35 * size_s
+    assert found.gain > 60 and found.flagged is None
+
+
+def test_the_gain_is_that_of_the_likelihood(bench):
+    """Twice the log likelihood ratio against one free variance, as full covariance matrices give it."""
+    misfit = displaced(bench(), white(1e-4)).misfit()
+    found = JITTER.find(misfit)
+    common = np.sum(misfit.row_slope * found.spread_T, axis=1)
+    along = np.column_stack([found.spread_T[:, :-1] @ misfit.directions, common])
+    residual = np.column_stack([misfit.differential, misfit.common_mode])
+
+    def deviance(floor, is_on):
+        covariance = floor * np.eye(10) + is_on * along[:, :, None] * along[:, None, :]
+        solved = np.linalg.solve(covariance, residual[:, :, None])[:, :, 0]
+        return np.linalg.slogdet(covariance)[1].sum() + np.sum(residual * solved)
+
+    without, beside = (
+        minimize_scalar(deviance, bounds=(0.5, 9), args=(is_on,), method="bounded").fun for is_on in (0, 1)
+    )
+    assert_allclose(found.gain, without - beside, rtol=0.02)
+
+
+def test_noise_that_follows_the_rate_alone_is_none(bench):
+    """Noise as large, growing with the rate, but in all directions, is no jitter; nor is that of one axis."""
+    made, generator = bench(), np.random.default_rng(6)
+    speed = np.linalg.norm(np.gradient(made.situation.sensed_T[:, 6:9], 0.1, axis=0), axis=1)
+    for axes in ([6, 7, 8], [7]):
+        rows = made.rows_T.copy()
+        rows[:, axes] += 1e-4 * speed[:, None] * generator.normal(size=(2000, len(axes)))
+        assert isinstance(JITTER.find(made.with_rows(rows).misfit()), str)
+
+
+def test_a_constant_delay_is_none(bench):
+    """It has no scatter."""
+    assert isinstance(JITTER.find(displaced(bench(), np.full(2000, 3e-4)).misfit()), str)
+
+
+@pytest.mark.parametrize(("memory", "is_jitter"), [(0.45, True), (0.7, False), (0.95, False)])
+def test_a_delay_that_goes_on_is_none(bench, memory, is_jitter):
+    """Up to a half as large in the next sample it scatters; beyond, it has a course."""
+    delay, drawn = np.zeros(2000), white(3e-4)
+    for sample in range(1, 2000):
+        delay[sample] = memory * delay[sample - 1] + drawn[sample]
+    assert isinstance(JITTER.find(displaced(bench(), delay).misfit()), str) != is_jitter
+
+
+def test_a_few_large_delays_are_none(bench):
+    """A packet that is late once is a stale sample."""
+    delay = np.zeros(2000)
+    delay[[50, 700, 1500]] = 0.1
+    assert "few samples" in JITTER.find(displaced(bench(), delay).misfit())
+
+
+def test_it_takes_motion_and_another_sensor(bench):
+    """Poses have no rate, and one sensor alone does not tell the rate at its own time."""
+    assert "jumps" in JITTER.obstacle(bench(moves=False).situation)
+    assert "one sensor alone" in JITTER.obstacle(bench(sensors=1).situation)
+    assert JITTER.obstacle(bench().situation) is None
+
+
+def test_more_than_a_tenth_of_a_second_is_no_jitter():
+    """That is as long as a system holds up a process; 80 ms may be, 120 ms may not."""
+    for size, is_too_large in ((0.08, False), (0.12, True)):
+        part = Contribution(0, None, "jitter", {"standard deviation": size})
+        assert (JITTER.oversize(FittedEffect("timing_jitter", {}, (part,))) is not None) == is_too_large
+
+
+def test_the_twin_shows_what_was_found(bench):
+    """Its size is found again."""
+    made = bench(8000).with_effect(JITTER, Contribution(1, None, "jitter", {"standard deviation": 2e-4}))
+    (part,) = JITTER.find(made.misfit()).fitted.contributions
+    assert part.sensor == 1
+    assert_allclose(part.values["standard deviation"], 2e-4, rtol=0.05)
