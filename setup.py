@@ -81,6 +81,8 @@ setup(
             f"noise_excess = {NAME}.effects.noise_excess:NoiseExcess",
             f"quantization = {NAME}.effects.quantization:Quantization",
             f"saturation = {NAME}.effects.saturation:Saturation",
+            f"scale_step = {NAME}.effects.scale_step:ScaleStep",
+            f"gain_switching = {NAME}.effects.gain_switching:GainSwitching",
         ],
     },
 )

@@ -32,6 +32,8 @@ NAMES = {
     "noise_excess",
     "quantization",
     "saturation",
+    "scale_step",
+    "gain_switching",
 }
 
 THIRD_PARTY = """
@@ -87,7 +89,7 @@ effects:
 """
 
 
-def test_the_sixteen_effects_are_installed():
+def test_our_effects_are_installed():
     """Each has its name, and tells people what it is, why it is and what shows it."""
     effects = installed_effects()
     assert set(effects) >= NAMES
