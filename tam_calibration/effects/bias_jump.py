@@ -1,12 +1,12 @@
 """A bias that jumps, once or on and off."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import ClassVar
 
 import numpy as np
 
 from tam_calibration.effects.change_points import LEAST_SAMPLES, Path, without
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.effects.saturation import inside_range
 
@@ -30,6 +30,14 @@ class BiasJump(LinearEffect):
     is_free_in_time: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
     shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
+    limits: ClassVar[Mapping[str, Limit]] = {
+        "offset": Limit(
+            1e-2,
+            "a magnet of 1 cm of neodymium iron boron makes 8 mT at 3 cm; Furlani, Permanent Magnet and "
+            "Electromechanical Devices, Academic Press, 2001, chapter 4",
+            "T",
+        )
+    }
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the recording is too short, where it is."""

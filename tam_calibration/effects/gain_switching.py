@@ -1,6 +1,6 @@
 """A gain that goes to and fro between two states."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import product
 from typing import ClassVar
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.change_points import LEAST_SAMPLES
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.memory import Memory
 from tam_calibration.effects.switching import Level, Switching
 from tam_calibration.units import FloatArray
@@ -33,7 +33,7 @@ class GainSwitching(LinearEffect):
     physics: ClassVar[str] = (
         "A loose contact of a feedback or excitation coil, a load on the reference voltage or an automatic range that "
         "changes with hysteresis at two thresholds gives an amplifier one of two gains (Horowitz and Hill, The Art of "
-        "Electronics, 3rd edition, Cambridge University Press, 2015, sections 4.3.2 and 13.5)."
+        "Electronics, 3rd edition, Cambridge University Press, 2015, chapters 4 and 13)."
     )
     excitation: ClassVar[str] = "turn each axis along and against the field in both states of the gain"
     is_free_in_time: ClassVar[bool] = True
@@ -48,6 +48,11 @@ class GainSwitching(LinearEffect):
 
     The last window may have no end.
     """
+    limits: ClassVar[Mapping[str, Limit]] = {
+        "gain": Limit(
+            1.0, "ranges are switched by factors of two, and an open contact reads nothing; Horowitz and Hill 2015"
+        )
+    }
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the recording is too short, where it is."""

@@ -1,6 +1,6 @@
 """A scale factor, or the whole response of a sensor, that changes at once."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import ClassVar
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from tam_calibration.effects.change_points import LEAST_SAMPLES, Change, Path, without
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.saturation import inside_range
 from tam_calibration.units import FloatArray
 
@@ -18,6 +18,7 @@ _SMOOTHEST = 4
 _COARSE = 400
 """Places at which a step is sought first."""
 
+_SLIP = Limit(0.5, "a screw that comes loose lets a board turn by degrees, not out of its mount; Isermann 2006", "rad")
 _SCALE = Coefficient("scale", "1")
 _TURNS = tuple(Coefficient(f"turn about {axis}", "rad") for axis in "xyz")
 
@@ -30,13 +31,20 @@ class ScaleStep(LinearEffect):
     physics: ClassVar[str] = (
         "A shock lets a mount slip, so that the sensor turns and mixes its axes; a range that is switched, a reference "
         "voltage that changes or a core that is demagnetised changes scale factors (Ripka, Magnetic Sensors and "
-        "Magnetometers, Artech House, 2001, chapter 3; a step of the response as a fault of a sensor: Isermann, "
-        "Fault-Diagnosis Systems, Springer, 2006, chapter 5)."
+        "Magnetometers, Artech House, 2001, chapter 3; steps of gain and offset as faults of a sensor: Isermann, "
+        "Fault-Diagnosis Systems, Springer, 2006)."
     )
     excitation: ClassVar[str] = "turn through the same attitudes before and after the step"
     is_free_in_time: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
     shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
+    limits: ClassVar[Mapping[str, Limit]] = {
+        "scale": Limit(
+            1.0, "an axis that fails reads nothing, and ranges are switched by factors of two; Isermann 2006"
+        ),
+        "tilt": _SLIP,
+        "turn": _SLIP,
+    }
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the recording is too short, where it is."""
