@@ -83,6 +83,8 @@ setup(
             f"saturation = {NAME}.effects.saturation:Saturation",
             f"scale_step = {NAME}.effects.scale_step:ScaleStep",
             f"gain_switching = {NAME}.effects.gain_switching:GainSwitching",
+            f"crosstalk = {NAME}.effects.crosstalk:Crosstalk",
+            f"ringing = {NAME}.effects.ringing:Ringing",
         ],
     },
 )

@@ -10,11 +10,8 @@ from numpy.typing import NDArray
 from tam_calibration.effects.change_points import LEAST_SAMPLES
 from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.memory import Memory
-from tam_calibration.effects.switching import Level, Switching
+from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows
 from tam_calibration.units import FloatArray
-
-_LEAST_WINDOWS, _MOST_WINDOWS = 2, 300
-"""A single window is a step of the scale; more are no longer told one by one."""
 
 _ROWS = 3
 """Axes, those in which two rough states explain most, of which the states are settled."""
@@ -43,11 +40,8 @@ class GainSwitching(LinearEffect):
         "lower_T": "T",
         "sensor_upper_T": "T",
         "sensor_lower_T": "T",
-    } | {f"{edge}_{number}_s": "s" for number in range(1, _MOST_WINDOWS + 1) for edge in ("on", "off")}
-    """Thresholds of the size of an axis' reading, or of the largest of its sensor, or windows of time.
-
-    The last window may have no end.
-    """
+    } | WINDOW_UNITS
+    """Thresholds of the size of an axis' reading, or of the largest of its sensor, or windows of time."""
     limits: ClassVar[Mapping[str, Limit]] = {
         "gain": Limit(
             1.0, "ranges are switched by factors of two, and an open contact reads nothing; Horowitz and Hill 2015"
@@ -73,8 +67,7 @@ class GainSwitching(LinearEffect):
         strongest = sorted(started, key=lambda one: -one[0].gain)[:_ROWS]
         settled = [(level.settled(start), level, row) for start, level, row in strongest]
         states, level, row = max(settled, key=lambda one: one[0].gain)
-        is_switching = _LEAST_WINDOWS <= len(states.windows) <= _MOST_WINDOWS and states.gain > level.foretold()
-        return [_shape(situation, level, states, row)] if is_switching else []
+        return [_shape(situation, level, states, row)] if level.is_switching(states) else []
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return the change of each axis' gain."""
@@ -95,7 +88,7 @@ def _level(misfit: Misfit, row: int) -> Level:
 def _shape(situation: Situation, level: Level, states: Switching, row: int) -> Shape:
     """Return the thresholds that make the states, where some do as well for their number, or else the windows."""
     price = 2 * states.scale * np.log(situation.sample_count)
-    best, least = _windows(situation, states), states.gain - price * len(states.flips)
+    best, least = states.shape(situation), states.gain - price * len(states.flips)
     size = _sizes(situation)
     of_sensor = size[:, row // 3 * 3 : row // 3 * 3 + 3].max(axis=1)
     for own, names in ((size[:, row], ("upper_T", "lower_T")), (of_sensor, ("sensor_upper_T", "sensor_lower_T"))):
@@ -122,17 +115,6 @@ def _thresholds(size: FloatArray, level: Level, states: Switching) -> tuple[tupl
     return best, gain(best)
 
 
-def _windows(situation: Situation, states: Switching) -> Shape:
-    time = situation.time_s
-    before = np.concatenate([time[:1] - situation.step_s / 2, (time[1:] + time[:-1]) / 2])
-    shape = {}
-    for number, (on, off) in enumerate(states.windows, start=1):
-        shape[f"on_{number}_s"] = float(before[on])
-        if off < len(time):
-            shape[f"off_{number}_s"] = float(before[off])
-    return shape
-
-
 def _states(situation: Situation, shape: Shape) -> NDArray[np.bool_]:
     """Return whether each row (N, 3K) has its other gain."""
     size = _sizes(situation)
@@ -142,13 +124,7 @@ def _states(situation: Situation, shape: Shape) -> NDArray[np.bool_]:
         largest = size.reshape(len(size), -1, 3).max(axis=2)
         thresholds = shape["sensor_upper_T"], shape["sensor_lower_T"]
         return np.repeat(np.column_stack([_relay(own, *thresholds, situation.memory) for own in largest.T]), 3, axis=1)
-    is_on = np.zeros(len(size), dtype=bool)
-    for number in range(1, _MOST_WINDOWS + 1):
-        if f"on_{number}_s" not in shape:
-            break
-        end = shape.get(f"off_{number}_s", np.inf)
-        is_on |= (situation.time_s >= shape[f"on_{number}_s"]) & (situation.time_s < end)
-    return np.broadcast_to(is_on[:, None], size.shape)
+    return np.broadcast_to(in_windows(situation, shape)[:, None], size.shape)
 
 
 def _sizes(situation: Situation) -> FloatArray:

@@ -5,8 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.fitted import Shape
 from tam_calibration.effects.neighbours import sum_around
+from tam_calibration.effects.situation import Situation
 from tam_calibration.units import FloatArray
+
+_LEAST_WINDOWS, _MOST_WINDOWS = 2, 300
+"""A single window is a step; more are no longer told one by one."""
+
+WINDOW_UNITS = {f"{edge}_{number}_s": "s" for number in range(1, _MOST_WINDOWS + 1) for edge in ("on", "off")}
+"""SI unit of the parameters of a shape that tell windows; the last window may have no end."""
 
 _ROUNDS = 6
 _SPANS = (4, 16, 64)
@@ -42,6 +50,28 @@ class Switching:
         is_in = self.is_on if self.is_on.mean() <= 0.5 else ~self.is_on
         edges = np.flatnonzero(np.diff(np.concatenate([[False], is_in, [False]])))
         return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+    def shape(self, situation: Situation) -> Shape:
+        """Return the times of the windows."""
+        time = situation.time_s
+        before = np.concatenate([time[:1] - situation.step_s / 2, (time[1:] + time[:-1]) / 2])
+        shape = {}
+        for number, (on, off) in enumerate(self.windows, start=1):
+            shape[f"on_{number}_s"] = float(before[on])
+            if off < len(time):
+                shape[f"off_{number}_s"] = float(before[off])
+        return shape
+
+
+def in_windows(situation: Situation, shape: Shape) -> NDArray[np.bool_]:
+    """Return whether each sample (N,) is in a window of a shape."""
+    is_in = np.zeros(situation.sample_count, dtype=bool)
+    for number in range(1, _MOST_WINDOWS + 1):
+        if f"on_{number}_s" not in shape:
+            break
+        end = shape.get(f"off_{number}_s", np.inf)
+        is_in |= (situation.time_s >= shape[f"on_{number}_s"]) & (situation.time_s < end)
+    return is_in
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +109,10 @@ class Level:
                 break
             best = found
         return best
+
+    def is_switching(self, states: Switching) -> bool:
+        """Whether states go to and fro, and explain more than follows from the samples around each."""
+        return _LEAST_WINDOWS <= len(states.windows) <= _MOST_WINDOWS and states.gain > self.foretold()
 
     def of(self, is_on: NDArray[np.bool_]) -> Switching:
         """Return what two states explain."""

@@ -34,6 +34,8 @@ NAMES = {
     "saturation",
     "scale_step",
     "gain_switching",
+    "crosstalk",
+    "ringing",
 }
 
 THIRD_PARTY = """

@@ -30,6 +30,8 @@ NATURAL = {
     "quantization": ({}, (ALL, None, "lattice", {"step": 600e-9})),
     "saturation": ({}, (0, 0, "limit", {"upper limit": 800e-6})),
     "scale_step": ({"time_s": 20.0}, (0, None, "turn", {"turn about x": 0.05})),
+    "crosstalk": ({}, (0, 0, "previous 2 y", {"bleed": 1e-3})),
+    "ringing": ({"frequency_hz": 2.0, "damping": 0.2}, (0, None, "response", {"amplitude": 1.0, "delay": 0.03})),
     "gain_switching": ({"on_1_s": 20.0, "off_1_s": 21.0}, (0, 0, "gain", {"gain": -0.5})),
 }
 """Shape and values that have been seen."""
@@ -76,6 +78,11 @@ ABSURD = [
     ("scale_step", {"time_s": 20.0}, (0, 0, "scale", {"scale": 2.0}),
      "its scale of 2 is more than the 1 known", "Isermann"),
     ("gain_switching", {"on_1_s": 20.0, "off_1_s": 21.0}, (0, 0, "gain", {"gain": 2.0}), "its gain of 2", "Horowitz"),
+    ("crosstalk", {}, (0, 0, "previous 2 y", {"bleed": -2.0}), "its bleed of -2", "Kester"),
+    ("ringing", {"frequency_hz": 2.0, "damping": 0.2}, (0, None, "response", {"amplitude": 2.0}),
+     "its amplitude of 2", "Oppenheim"),
+    ("ringing", {"frequency_hz": 2.0, "damping": 0.2}, (0, None, "response", {"delay": 2.0}),
+     "its delay of 2 s", "buses"),
 ]  # fmt: skip
 """Values that were claimed, or twice what the limits allow, and what is told of them."""
 
