@@ -19,6 +19,9 @@ _COARSE = 400
 """Places at which a step is sought first."""
 
 _SLIP = Limit(0.5, "a screw that comes loose lets a board turn by degrees, not out of its mount; Isermann 2006", "rad")
+_ENOUGH = 16_000
+"""Samples among which the times are sought, evenly spread over a longer recording."""
+
 _SCALE = Coefficient("scale", "1")
 _TURNS = tuple(Coefficient(f"turn about {axis}", "rad") for axis in "xyz")
 
@@ -59,15 +62,17 @@ class ScaleStep(LinearEffect):
         """
         if situation.sample_count < LEAST_SAMPLES:
             return []
-        stride = -(-situation.sample_count // _COARSE)
+        time = situation.time_s[:: _thinning(situation)]
+        paths = list(_paths(inside_range(misfit)))
         found: dict[tuple[int, int], Change] = {}
-        for path in _paths(inside_range(misfit)):
-            for change in path.best(stride):
-                net = replace(change, gain=change.gain - (path.width + len(change.cuts)) * np.log(len(misfit.energy)))
+        for path in paths:
+            for change in path.best(-(-len(time) // _COARSE)):
+                price = (path.width + 2 * len(change.cuts)) * np.log(len(time)) + 2 * np.log(len(paths))
                 kind = path.width, len(change.cuts)
+                net = replace(change, gain=change.gain - price)
                 found[kind] = max(found.get(kind, net), net, key=lambda one: one.gain)
         sharp = {kind: one for kind, one in found.items() if one.gain > max(found[kind[0], 1].gain * (kind[1] > 1), 0)}
-        middle = (situation.time_s[1:] + situation.time_s[:-1]) / 2
+        middle = (time[1:] + time[:-1]) / 2
         cuts = dict.fromkeys(change.cuts for change in sharp.values())
         return [dict(zip(self.shape_units, middle[list(times)].tolist(), strict=False)) for times in cuts]
 
@@ -96,20 +101,31 @@ class ScaleStep(LinearEffect):
         return terms
 
 
+def _thinning(situation: Situation) -> int:
+    """Return the distance of the samples among which the times are sought."""
+    return -(-situation.sample_count // _ENOUGH)
+
+
 def _paths(misfit: Misfit) -> Iterator[Path]:
-    """Yield the path of a step of each axis' scale, then of each sensor's response, beside slow changes of them."""
-    counted, situation = misfit.is_counted, misfit.situation
+    """Yield the path of a step of each axis' scale, then of each sensor's response, beside slow changes of them.
+
+    Residuals are scaled to unit variance, whatever it is that they hold.
+    """
+    every, whole = slice(None, None, _thinning(misfit.situation)), misfit.situation
+    situation, counted = whole.take(every), misfit.is_counted[every]
+    variance = misfit.energy[every][counted].sum() / max(misfit.channel_count[every][counted].sum(), 1)
+    scale = 1 / np.sqrt(max(float(variance), np.finfo(float).tiny))
     direction = situation.field_T / situation.intensity_T[:, None] * counted[:, None]
     sensed = situation.sensed_T / np.median(situation.intensity_T) * counted[:, None]
     phase = 2 * (situation.time_s - situation.time_s[0]) / np.ptp(situation.time_s) - 1
     slow = legvander(phase, _SMOOTHEST)
-    own = np.where(counted[:, None], misfit.differential, 0)
+    own = np.where(counted[:, None], scale * misfit.differential[every], 0)
     own, held = without(own, _products(slow, np.column_stack([counted, direction])))
-    has_reference = counted & np.isfinite(misfit.common_mode)
-    slope = np.where(has_reference[:, None], misfit.row_slope, 0)
+    has_reference = counted & np.isfinite(misfit.common_mode[every])
+    slope = np.where(has_reference[:, None], misfit.row_slope[every], 0)
     first, second = np.triu_indices(3)
     functions = np.column_stack([direction, direction[:, first] * direction[:, second]]) * slope[:, -1:]
-    common = np.where(has_reference, misfit.common_mode, 0)[:, None]
+    common = np.where(has_reference, scale * misfit.common_mode[every], 0)[:, None]
     common, held_in_common = without(common, _products(slow, functions))
     for row, along in enumerate(misfit.directions):
         size = max(float(np.sqrt(along @ along)), np.finfo(float).tiny)

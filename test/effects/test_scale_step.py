@@ -56,13 +56,22 @@ def test_the_times_are_found_to_the_sample(turning, left_by, shape, where):
     assert near
 
 
-def test_a_slow_change_is_no_step(turning, left_by):
-    """A scale that creeps has no time at which it changes, and noise has none."""
+@pytest.mark.parametrize(
+    "course", [lambda phase: phase**1.5, lambda phase: 35 * (2 * phase - 1) ** 4 - 30 * (2 * phase - 1) ** 2]
+)
+def test_a_slow_change_is_no_step(turning, left_by, course):
+    """A scale that creeps, or swings to and fro slowly, has no time at which it changes."""
     situation = turning()
-    phase = (situation.time_s / situation.time_s[-1]) ** 1.5
-    misfit = left_by(Creep(phase), situation, {}, (1, 0, "offset", {"offset": 1.0}))
+    phase = situation.time_s / situation.time_s[-1]
+    misfit = left_by(Creep(course(phase)), situation, {}, (1, 0, "offset", {"offset": 1.0}))
     assert list(EFFECT.shapes(situation, misfit)) == []
-    assert list(EFFECT.shapes(situation, left_by(EFFECT, situation, STEP))) == []
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_has_no_step(turning, left_by, seed):
+    """Whatever chance makes, it pays for no time."""
+    situation = turning(samples=400)
+    assert list(EFFECT.shapes(situation, left_by(EFFECT, situation, STEP, seed=seed))) == []
 
 
 class Creep:
