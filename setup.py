@@ -84,6 +84,10 @@ setup(
             f"stale_samples = {NAME}.effects.stale_samples:StaleSamples",
             f"timing_jitter = {NAME}.effects.timing_jitter:TimingJitter",
             f"interpolated_samples = {NAME}.effects.interpolated_samples:InterpolatedSamples",
+            f"scale_step = {NAME}.effects.scale_step:ScaleStep",
+            f"gain_switching = {NAME}.effects.gain_switching:GainSwitching",
+            f"crosstalk = {NAME}.effects.crosstalk:Crosstalk",
+            f"ringing = {NAME}.effects.ringing:Ringing",
         ],
     },
 )

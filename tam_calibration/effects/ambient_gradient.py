@@ -3,7 +3,7 @@
 At attitude R (array to world) a sensor at r reads b + Rᵀ G R r, with G symmetric and trace-free in the world.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import ClassVar
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.array import Array
-from tam_calibration.effects.effect import ALL, Coefficient, LinearEffect, Shape, Situation, Term
+from tam_calibration.effects.effect import ALL, Coefficient, Limit, LinearEffect, Shape, Situation, Term
 from tam_calibration.effects.orientation import to_world, turn_spread
 from tam_calibration.effects.potentials import derivatives, fields
 from tam_calibration.errors import SensorErrors
@@ -97,6 +97,9 @@ def without_gradient(
 _DEGREES = {2: "T/m", 3: "T/m²", 4: "T/m³"}
 """Units of the derivatives of a potential, by its degree."""
 
+_NEARER = 10.0
+"""Times that a derivative of the field grows per metre of distance to sources at some tenths of a metre."""
+
 _LEAST_TURN = 0.1
 """Radians by which the array must be turned, root of the mean square."""
 
@@ -114,6 +117,15 @@ class AmbientGradient(LinearEffect):
     channels: ClassVar[tuple[str, ...]] = ("attitude",)
     excitation: ClassVar[str] = "turn the array about all axes without moving its centre"
     is_of_site: ClassVar[bool] = True
+    limits: ClassVar[Mapping[str, Limit]] = {
+        f"degree {degree}": Limit(
+            1e-4 * _NEARER ** (degree - 2),
+            "indoors the field changes by tens of µT within a metre; Haverinen and Kemppainen, Global indoor "
+            "self-localization based on the ambient magnetic field, Robot. Auton. Syst. 57, 2009, p. 1028",
+            unit,
+        )
+        for degree, unit in _DEGREES.items()
+    }
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that all sensors are at the centre or that the array was not turned, where it is so."""

@@ -1,15 +1,25 @@
 """The field of a current near the sensors."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, SurrogateKind, Term
+from tam_calibration.effects.effect import (
+    Coefficient,
+    Limit,
+    LinearEffect,
+    Misfit,
+    Shape,
+    Situation,
+    SurrogateKind,
+    Term,
+)
 from tam_calibration.effects.lag import lagged
 
 _LEAST_CHANGE_A = 1e-3
 _LEAST_PART = 0.005
+_AT_A_MILLIMETRE = Limit(2e-4, "a straight wire at 1 mm, by the law of Biot and Savart: µ0/(2π r)", "T/A")
 _LAGS = (1.0, 5.0, 25.0, 125.0)
 """Time constants of a lagged part, in steps of time."""
 
@@ -28,6 +38,11 @@ class CurrentInterference(LinearEffect):
     excitation: ClassVar[str] = "switch or vary the current several times while the array turns"
     surrogates: ClassVar[SurrogateKind] = "of_channel"
     shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s", "reference_A": "A"}
+    limits: ClassVar[Mapping[str, Limit]] = {
+        "field": _AT_A_MILLIMETRE,
+        "lagged": _AT_A_MILLIMETRE,
+        "quadratic": Limit(2e-4, "the field of iron that a current magnetises, at most that of the current", "T/A²"),
+    }
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the current is constant, where it is."""

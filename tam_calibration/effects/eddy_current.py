@@ -1,11 +1,11 @@
 """Eddy currents in conductors near a sensor."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.lag import lagged_smooth
 from tam_calibration.effects.motion import jumps, rates
 from tam_calibration.units import FloatArray
@@ -13,6 +13,12 @@ from tam_calibration.units import FloatArray
 _SHORTEST_STEPS, _LONGEST_S, _LONGEST_PART, _COUNT = 0.3, 10.0, 0.1, 7
 _SLOWER = 5.0
 """Ratio of the time constant of the slower mode to that of the first."""
+
+_LIMIT = Limit(
+    1.0,
+    "currents in a passive conductor at most keep its field: that of a sphere of perfect conductance is at its pole as "
+    "large as the change; Jackson, Classical Electrodynamics, 3rd edition, Wiley, 1999, section 5.11",
+)
 
 _NAMES = tuple(f"{axis} of the field on {row}" for row in "xyz" for axis in "xyz")
 
@@ -30,6 +36,7 @@ class EddyCurrent(LinearEffect):
     excitation: ClassVar[str] = "turn the array fast and continuously at different rates, not from pose to pose"
     is_causal: ClassVar[bool] = False
     shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s"}
+    limits: ClassVar[Mapping[str, Limit]] = {"first mode": _LIMIT, "slower mode": _LIMIT}
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that there is no continuous motion, where there is none."""

@@ -17,7 +17,7 @@ from tam_calibration.effects.misfit import Misfit
 from tam_calibration.effects.situation import Situation
 from tam_calibration.effects.term import Coefficient, Key, Term
 from tam_calibration.problems import InputError
-from tam_calibration.units import FloatArray
+from tam_calibration.units import FloatArray, to_nanotesla
 
 __all__ = [
     "ALL",
@@ -53,6 +53,19 @@ class Limit:
 
     largest: float
     source: str
+    unit: str = "1"
+
+    def told(self, value: float) -> str:
+        """Return a value in this unit as people read it."""
+        is_field = self.unit.startswith("T")
+        number = np.format_float_positional(to_nanotesla(value) if is_field else value, 3, fractional=False, trim="-")
+        return number if self.unit == "1" else f"{number} {'n' * is_field}{self.unit}"
+
+    def excess(self, name: str, value: float) -> str | None:
+        """Return that a value of some name is larger than any in nature, in one clause; None where it is not."""
+        if abs(value) <= self.largest:
+            return None
+        return f"its {name} of {self.told(value)} is more than the {self.told(self.largest)} known ({self.source})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +112,7 @@ class Effect(ABC):
     excitation : str
         What a recording must do to make it visible.
     limits : mapping
-        The largest size of the values of a term, by the term's name.
+        The largest sizes of its values, by the name of a value, or of a term for all values of it.
     """
 
     name: ClassVar[str]
@@ -109,13 +122,14 @@ class Effect(ABC):
     excitation: ClassVar[str]
     limits: ClassVar[Mapping[str, Limit]] = {}
 
-    def oversize(self, fitted: FittedEffect) -> str | None:
+    def oversize(self, situation: Situation, fitted: FittedEffect) -> str | None:
         """Return which value of a fitted effect is larger than any in nature, in one clause; None where none is."""
         for one in fitted.contributions:
-            limit = self.limits.get(one.term)
             for name, value in one.values.items():
-                if limit is not None and abs(value) > limit.largest:
-                    return f"its {name} of {value:.2g} is more than the {limit.largest:.2g} known ({limit.source})"
+                limit = self.limits.get(name, self.limits.get(one.term))
+                told = None if limit is None else limit.excess(name, value)
+                if told is not None:
+                    return told
         return None
 
     def obstacle(self, situation: Situation) -> str | None:
@@ -149,6 +163,8 @@ class LinearEffect(Effect):
         SI unit of each parameter of the shape.
     surrogates : str
         How its surrogates are made, see ``SurrogateKind``.
+    largest_signal : Limit, optional
+        Of what it adds to any row, root of the mean square over the samples: in tesla, or as part of the field's.
     """
 
     surrogates: ClassVar[SurrogateKind] = "moved"
@@ -158,6 +174,18 @@ class LinearEffect(Effect):
     has_exact_shapes: ClassVar[bool] = False
     within: ClassVar[tuple[str, ...]] = ()
     shape_units: ClassVar[Mapping[str, str]] = {}
+    largest_signal: ClassVar[Limit | None] = None
+
+    def oversize(self, situation: Situation, fitted: FittedEffect) -> str | None:
+        """Return which value, or the whole, of a fitted effect is larger than any in nature, in one clause."""
+        told = super().oversize(situation, fitted)
+        if told is not None or self.largest_signal is None:
+            return told
+        size = float(np.sqrt(np.mean(self.signal(situation, fitted) ** 2, axis=0)).max())
+        if self.largest_signal.unit == "1":
+            size /= float(np.sqrt(np.mean(situation.intensity_T**2)))
+            return self.largest_signal.excess("part of the field", size)
+        return self.largest_signal.excess("size", size)
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
         """Return the shapes to try; by default the one without parameters."""

@@ -1,10 +1,11 @@
 """Sensors that their own weight turns out of place."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Shape, Situation, Term
 from tam_calibration.effects.orientation import upwards
 
 _LEAST_TILT = 0.1
@@ -22,6 +23,9 @@ class Flexure(LinearEffect):
     )
     channels: ClassVar[tuple[str, ...]] = ("attitude",)
     excitation: ClassVar[str] = "tilt the array to all sides, upside down too"
+    limits: ClassVar[Mapping[str, Limit]] = {
+        "turn": Limit(0.1, "elastic beams bend by small slopes; Timoshenko 1955, chapter 5", "rad")
+    }
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the array was not tilted, or that its sensor has none to turn against, where it is so."""

@@ -1,15 +1,33 @@
 """An ambient field whose intensity drifts in time against the scalar reference."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, SurrogateKind, Term
+from tam_calibration.effects.effect import (
+    Coefficient,
+    FittedEffect,
+    Limit,
+    LinearEffect,
+    Misfit,
+    Shape,
+    Situation,
+    SurrogateKind,
+    Term,
+)
 
 _ORDERS = ((1, 2), (3, 4), (5, 8), (9, 16), (17, 32))
 _LEAST_SAMPLES = 20
+
+_RATE = "rate of change"
+_STORM = Limit(
+    5e-7 / 60,
+    "480 nT in a minute took down the grid of Quebec in the storm of March 1989; Kappenman, Great geomagnetic storms "
+    "and extreme impulsive geomagnetic field disturbance events, Adv. Space Res. 38, 2006, p. 188",
+    "T/s",
+)
 
 
 class GeomagneticDrift(LinearEffect):
@@ -31,12 +49,19 @@ class GeomagneticDrift(LinearEffect):
     is_of_site: ClassVar[bool] = True
     surrogates: ClassVar[SurrogateKind] = "elsewhere"
     shape_units: ClassVar[dict[str, str]] = {"start_s": "s", "span_s": "s"}
+    limits: ClassVar[Mapping[str, Limit]] = {_RATE: _STORM}
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the recording is too short, where it is."""
         if situation.sample_count < _LEAST_SAMPLES:
             return f"{situation.sample_count} samples are too few for a free function of time"
         return None
+
+    def oversize(self, situation: Situation, fitted: FittedEffect) -> str | None:
+        """Return that the drift is faster than in any storm, where it is: the root of the mean square of its rate."""
+        drift = self.signal(situation, fitted)[:, -1]
+        rate = np.diff(drift) / np.diff(situation.time_s)
+        return _STORM.excess(_RATE, float(np.sqrt(np.mean(rate**2)))) if len(rate) else None
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
         """Return the span of time of the recording."""

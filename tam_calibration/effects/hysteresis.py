@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.lag import follow
 from tam_calibration.effects.memory import Memory
 from tam_calibration.effects.nonlinearity import full_scale
@@ -50,6 +50,12 @@ class Hysteresis(LinearEffect):
     )
     excitation: ClassVar[str] = "turn each axis along and against the field and back, in large and in small swings"
     shape_units: ClassVar[dict[str, str]] = {"full_scale_T": "T", "azimuth_rad": "rad", "elevation_rad": "rad"}
+    largest_signal: ClassVar[Limit | None] = Limit(
+        0.1,
+        "that of magnetoresistive sensors is 0.1 % of 200 µT (Honeywell, data sheet of the HMC1001); iron nearby adds "
+        "some tenths of the field, of which loops are the smaller part; Gebre-Egziabher et al., Calibration of "
+        "strapdown magnetometers in magnetic field domain, J. Aerosp. Eng. 19, 2006, p. 87",
+    )
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the field was not turned back along any axis, where it was not."""

@@ -1,6 +1,9 @@
 """First-order lags: what follows its drive with a time constant, x' = (drive - x) / τ."""
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from tam_calibration.effects.memory import Memory
 from tam_calibration.units import FloatArray
@@ -44,20 +47,27 @@ def lagged_smooth(drive: FloatArray, rate: FloatArray, time_s: FloatArray, time_
     """
     if time_constant_s <= 0 or len(drive) < 2:
         return drive.copy()
+    return mode(drive, rate, time_s, time_constant_s)
+
+
+def mode(drive: FloatArray, rate: FloatArray, time_s: FloatArray, tau: complex) -> NDArray[Any]:
+    """Return x (N, C) of x' = (drive - x) / τ, settled at first, exact for cubics between samples.
+
+    A complex time constant, of positive real part, is that of an oscillation.
+    """
     step = np.diff(time_s)[:, None]
     slope = np.diff(drive, axis=0) / step
     first, last = rate[:-1], rate[1:]
     third = 6 * (first + last - 2 * slope) / step**2
     second = 2 * (3 * slope - 2 * first - last) / step
     second_at_end = second + third * step
-    tau = time_constant_s
     # A cubic p is followed by p - τ p' + τ² p'' - τ³ p''' and a transient.
     end = drive[1:] - tau * (last - tau * (second_at_end - tau * third))
     start = drive[:-1] - tau * (first - tau * (second - tau * third))
     return follow(end, start, drive[0] - tau * rate[0], step / tau)
 
 
-def follow(end: FloatArray, start: FloatArray, initial: FloatArray, ratio: FloatArray) -> FloatArray:
+def follow(end: NDArray[Any], start: NDArray[Any], initial: NDArray[Any], ratio: NDArray[Any]) -> NDArray[Any]:
     """Return x (N, C) of x_n = end_n + exp(-ratio_n) (x_{n-1} - start_n), by doubling the reach of each sample.
 
     Ends and starts are (N - 1, C), of the samples after the first; ratios the same or (N - 1, 1).
@@ -66,7 +76,7 @@ def follow(end: FloatArray, start: FloatArray, initial: FloatArray, ratio: Float
     factor = np.concatenate([np.zeros_like(decay[:1]), decay]) if len(decay) else np.zeros((1, 1))
     state = np.concatenate([initial[None], end - decay * start])
     reach = 1
-    while reach < len(state) and factor[reach:].max() > _FORGOTTEN:
+    while reach < len(state) and np.abs(factor[reach:]).max() > _FORGOTTEN:
         state[reach:] += factor[reach:] * state[:-reach]
         factor[reach:] *= factor[:-reach].copy()
         reach *= 2

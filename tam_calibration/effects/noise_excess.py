@@ -10,7 +10,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import ALL, Contribution, Finding, FittedEffect, FoundEffect, Misfit, Situation
+from tam_calibration.effects.effect import (
+    ALL,
+    Contribution,
+    Finding,
+    FittedEffect,
+    FoundEffect,
+    Limit,
+    Misfit,
+    Situation,
+)
 from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
 from tam_calibration.effects.places import row_deviations, rows_of
 from tam_calibration.effects.quantization import find_lattices
@@ -37,6 +46,11 @@ class NoiseExcess(FoundEffect):
     )
     excitation = "a record of some dozens of samples"
     units: ClassVar[Mapping[str, str]] = {"standard deviation": "T"}
+    limits: ClassVar[Mapping[str, Limit]] = {
+        "standard deviation": Limit(
+            1e-5, "sensors of phones have up to 1 µT; ten times that, more than a sensor in use has (Ripka 2001)", "T"
+        )
+    }
 
     def find(self, misfit: Misfit) -> Finding | str:
         """Return the rows with more noise and how much, or why there is none."""

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
 
 _ORDERS = {"quadratic": (2,), "cubic": (3,), "higher": (4, 5), "highest": (6, 7, 8, 9)}
 _LEAST_SPREAD = 0.1
@@ -25,6 +25,11 @@ class Nonlinearity(LinearEffect):
     excitation: ClassVar[str] = "turn each axis along and against the field"
     within: ClassVar[tuple[str, ...]] = ("hysteresis",)
     shape_units: ClassVar[dict[str, str]] = {"full_scale_T": "T"}
+    largest_signal: ClassVar[Limit | None] = Limit(
+        0.1,
+        "the linearity error of magnetoresistive sensors is up to 2 % of 200 µT, 8 % of the Earth's field; Honeywell, "
+        "data sheet of the HMC1001",
+    )
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that no axis was turned far enough, where it is so."""

@@ -18,10 +18,12 @@ from tam_calibration.effects.effect import (
     Finding,
     FittedEffect,
     FoundEffect,
+    Limit,
     Misfit,
     Situation,
 )
 from tam_calibration.effects.places import Place, everywhere, explained_energy, places, row_deviations, rows_of
+from tam_calibration.effects.saturation import WIDEST_RANGE
 from tam_calibration.effects.spikes import Spikes, find_spikes
 from tam_calibration.units import FloatArray
 
@@ -43,6 +45,7 @@ class Outliers(FoundEffect):
     )
     excitation = "a record of at least some dozens of samples"
     units: ClassVar[Mapping[str, str]] = {"rate": "1", "size": "T", "burst": "1"}
+    limits: ClassVar[Mapping[str, Limit]] = {"size": WIDEST_RANGE}
 
     def find(self, misfit: Misfit) -> Finding | str:
         """Return the spikes, flagged, or why there is none."""

@@ -1,17 +1,29 @@
 """Interference at a fixed frequency."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, SurrogateKind, Term
+from tam_calibration.effects.effect import (
+    Coefficient,
+    Limit,
+    LinearEffect,
+    Misfit,
+    Shape,
+    Situation,
+    SurrogateKind,
+    Term,
+)
 from tam_calibration.units import FloatArray
 
 _LEAST_SAMPLES = 32
 _LEAST_PERIODS = 10
 """In the record; what varies more slowly is a drift."""
 
+_AT_WORK = Limit(
+    1e-3, "the largest field of mains that people may work in; ICNIRP guidelines, Health Phys. 99, 2010, p. 818", "T"
+)
 _LINES = 4
 _FINER = 4
 """Points of the periodogram per width of a line."""
@@ -41,6 +53,7 @@ class PeriodicInterference(LinearEffect):
     excitation: ClassVar[str] = "record steadily for many periods, with motion that is slower than the interference"
     surrogates: ClassVar[SurrogateKind] = "at_other_frequencies"
     shape_units: ClassVar[dict[str, str]] = {"frequency_hz": "Hz", "start_s": "s"}
+    limits: ClassVar[Mapping[str, Limit]] = {"line": _AT_WORK, "harmonics": _AT_WORK}
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the recording is too short, where it is."""

@@ -25,6 +25,7 @@ from tam_calibration.effects.effect import (
     Finding,
     FittedEffect,
     FoundEffect,
+    Limit,
     Misfit,
     Situation,
 )
@@ -88,6 +89,11 @@ class Quantization(FoundEffect):
     excitation = "a field that moves through many steps"
     is_certain: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {"step": "T", "offset": "T"}
+    limits: ClassVar[Mapping[str, Limit]] = {
+        "step": Limit(
+            1e-5, "coarse Hall sensors round to some tenths of µT, telegrams to whole ones (Bennett 1948)", "T"
+        )
+    }
 
     def find(self, misfit: Misfit) -> Finding | str:
         """Return the steps, or why rounding is no visible part of the noise."""

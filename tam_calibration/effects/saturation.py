@@ -19,12 +19,15 @@ from tam_calibration.effects.effect import (
     Finding,
     FittedEffect,
     FoundEffect,
+    Limit,
     Misfit,
     Situation,
 )
 from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.places import rows_of
 from tam_calibration.units import FloatArray
+
+WIDEST_RANGE = Limit(5e-2, "the widest range of a Hall sensor; Melexis, data sheet of the MLX90393", "T")
 
 _LONE_DEPTH, _LONE_OTHERS, _LONE_SAMPLES = 8.0, 5.0, 100
 """A single reading is at a limit if it is short by so much, no other of the axis is off by so much, among so many."""
@@ -72,6 +75,7 @@ class Saturation(FoundEffect):
         "lower limit": "T",
         **{f"{way} {axis}": "1" for way in ("of", "into") for axis in "xyz"},
     }
+    limits: ClassVar[Mapping[str, Limit]] = {"limit": WIDEST_RANGE}
 
     def find(self, misfit: Misfit) -> Finding | str:
         """Return the limits, and as flagged the samples at them, or why there is none."""

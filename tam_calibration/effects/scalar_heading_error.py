@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.harmonics import harmonics
 from tam_calibration.units import FloatArray
 
@@ -45,6 +45,12 @@ class ScalarHeadingError(LinearEffect):
     channels: ClassVar[tuple[str, ...]] = ("scalar_T",)
     excitation: ClassVar[str] = "turn the array so that the field comes from all directions of the sphere"
     shape_units: ClassVar[dict[str, str]] = {"azimuth_rad": "rad", "elevation_rad": "rad"}
+    largest_signal: ClassVar[Limit | None] = Limit(
+        1e-6,
+        "heading errors of optically pumped magnetometers are some tens of nanoteslas (Oelsner et al. 2019), the field "
+        "of a platform that is not compensated some hundred; Leliak, IRE Trans. ANE-8, 1961, p. 95",
+        "T",
+    )
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the directions are too few to tell a third degree from a calibration error, where they are."""

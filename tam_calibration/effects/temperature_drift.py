@@ -1,11 +1,20 @@
 """Bias and scale factor that drift with temperature."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, SurrogateKind, Term
+from tam_calibration.effects.effect import (
+    Coefficient,
+    Limit,
+    LinearEffect,
+    Misfit,
+    Shape,
+    Situation,
+    SurrogateKind,
+    Term,
+)
 from tam_calibration.effects.lag import lagged
 
 _LEAST_CHANGE_K = 0.2
@@ -40,6 +49,17 @@ class TemperatureDrift(LinearEffect):
 
     Where a start is given the sensor had not settled by then.
     """
+    limits: ClassVar[Mapping[str, Limit]] = {
+        "offset": Limit(2e-6, "0.8 µT/K is typical of sensors in phones; NXP, data sheet of the FXOS8700CQ", "T/K"),
+        "quadratic offset": Limit(1e-7, "a drift of the offset that changes by all of its size within 10 K", "T/K²"),
+        "start": Limit(5e-5, "the largest drift of the offset over 25 K", "T"),
+        "scale": Limit(
+            5e-3,
+            "the sensitivity of magnetoresistive sensors falls by 0.32 %/K at constant voltage; Honeywell, data sheet "
+            "of the HMC1001",
+            "1/K",
+        ),
+    }
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the temperature is constant, where it is."""

@@ -1,10 +1,11 @@
 """A sensor or axis that is sampled later than the others."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, LinearEffect, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Shape, Situation, Term
 from tam_calibration.effects.motion import jumps, rates
 
 _DELAY = Coefficient("delay", "s")
@@ -22,7 +23,15 @@ class TimeSkew(LinearEffect):
     )
     excitation: ClassVar[str] = "turn the array fast and continuously, not from pose to pose"
     is_causal: ClassVar[bool] = False
-    within: ClassVar[tuple[str, ...]] = ("eddy_current",)
+    within: ClassVar[tuple[str, ...]] = ("eddy_current", "ringing")
+    limits: ClassVar[Mapping[str, Limit]] = {
+        "delay": Limit(
+            1.0,
+            "filters, buses and wireless links delay a sensor by milliseconds to some tenths of a second; Furgale, "
+            "Rehder and Siegwart 2013",
+            "s",
+        )
+    }
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that there is no continuous motion, where there is none."""

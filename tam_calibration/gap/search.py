@@ -83,9 +83,15 @@ def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
     if not forms:
         return None
     best = replace(max(forms, key=lambda form: form.selection.delta_bic), tried=shapes)
-    searched = sum(len({other[name] for other in shapes if name in other}) > 1 for name in best.shape)
-    price = searched * float(np.log(base.channels.count))
+    price = _searched(best) * float(np.log(base.channels.count))
     return replace(best, selection=replace(best.selection, delta_bic=best.selection.delta_bic - price))
+
+
+def _searched(form: Hypothesis) -> int:
+    """Return the number of parameters of a shape that were searched, not a convention."""
+    if form.effect.has_exact_shapes:
+        return len(form.shape)
+    return sum(len({other[name] for other in form.tried if name in other}) > 1 for name in form.shape)
 
 
 def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypothesis:

@@ -168,12 +168,12 @@ def _searched(base: Base, form: Hypothesis) -> Iterator[float]:
         other = base.of_residual(
             idct(differential * sign[:, None], axis=0, norm="ortho"), idct(common * sign, norm="ortho")
         )
-        shapes = form.effect.sought(other.channels.situation, other.channels.misfit)
+        shapes = list(form.effect.sought(other.channels.situation, other.channels.misfit))
+        of_its_kind = [shape for shape in shapes if shape.keys() == form.shape.keys()]
         yield max(
             (
                 _explained_by(other, form.effect.terms(other.channels.situation, shape), form)
-                for shape in shapes
-                if shape.keys() == form.shape.keys()
+                for shape in of_its_kind or shapes
             ),
             default=0.0,
         )

@@ -35,6 +35,10 @@ NAMES = {
     "stale_samples",
     "timing_jitter",
     "interpolated_samples",
+    "scale_step",
+    "gain_switching",
+    "crosstalk",
+    "ringing",
 }
 
 THIRD_PARTY = """
@@ -90,7 +94,7 @@ effects:
 """
 
 
-def test_the_effects_are_installed():
+def test_our_effects_are_installed():
     """Each has its name, and tells people what it is, why it is and what shows it."""
     effects = installed_effects()
     assert set(effects) >= NAMES

@@ -1,0 +1,132 @@
+"""Change points: the times at which something begins, or begins and ends, by sums over the samples up to each.
+
+Every place is tried at the cost of one: a change behind a sample explains what its score and information are from
+there on (Page, Continuous inspection schemes, Biometrika 41, 1954, p. 100).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.effects.spikes import LONGEST_BURST
+from tam_calibration.units import FloatArray
+
+_SHORTEST = LONGEST_BURST + 1
+"""Samples on either side of a change; fewer are outliers."""
+
+LEAST_SAMPLES = 24
+"""Below which a before and an after are not told."""
+
+_ROUNDS = 3
+
+_PRECISE = 1e-6
+"""Part of the information that rounding may leave of it."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change behind one sample, or between two, and the energy that it explains."""
+
+    gain: float
+    cuts: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Sums over the samples up to each.
+
+    Parameters
+    ----------
+    score : (N - 1, P, C) array
+        Of P functions that change in C channels, the part that the nuisance explains taken off.
+    information : (N - 1, P, P) array
+        Of the functions, the same in every channel.
+    nuisance : (N - 1, Q, P) array
+        Products of the functions with orthonormal ones that are fitted anyway.
+    """
+
+    score: FloatArray
+    information: FloatArray
+    nuisance: FloatArray
+
+    @classmethod
+    def of(cls, left: FloatArray, basis: FloatArray, functions: FloatArray) -> "Path":
+        """Return the path of functions (N, P) that change in residuals (N, C), all zero in samples that do not count.
+
+        An orthonormal basis (N, Q) of what is fitted anyway, and the residuals without it, are as from ``without``.
+        """
+        return cls(_summed(functions, left), _summed(functions, functions), _summed(basis, functions))
+
+    @property
+    def width(self) -> int:
+        """Number of free numbers of a change."""
+        return int(np.prod(self.score.shape[1:]))
+
+    def beside(self, other: "Path") -> "Path":
+        """Return the path of the same change that this and another channel show."""
+        nuisance = np.concatenate([self.nuisance, other.nuisance], axis=1)
+        return Path(self.score + other.score, self.information + other.information, nuisance)
+
+    def best(self, stride: int = 1) -> tuple[Change, Change]:
+        """Return the best single change and the best pair of changes on and off.
+
+        They are sought at every so many samples first, and then at all around the best.
+        """
+        coarse = np.arange(stride - 1, len(self.score), stride)
+        single = self._moved(Change(0.0, (int(coarse[np.argmax(self._gain(coarse))]),)), stride)
+        score = self.score[coarse]
+        distance = score - score.mean(axis=0)
+        largest = int(coarse[np.argmax(np.einsum("npc,npc->n", distance, distance))])
+        pair = max((self._pair(start, coarse) for start in {single.cuts[0], largest}), key=lambda change: change.gain)
+        return single, self._moved(pair, stride)
+
+    def _gain(self, cuts: NDArray[np.intp], given: int | None = None) -> FloatArray:
+        """Return the gain of a change behind each of some samples, or of one between it and a given one."""
+        score, information, nuisance = self.score[cuts], self.information[cuts], self.nuisance[cuts]
+        enough = (cuts >= _SHORTEST - 1) & (cuts <= len(self.score) - _SHORTEST)
+        if given is not None:
+            score, nuisance = score - self.score[given], nuisance - self.nuisance[given]
+            information = np.where(cuts < given, -1, 1)[:, None, None] * (information - self.information[given])
+            enough &= np.abs(cuts - given) >= _SHORTEST
+        whole = np.diag(self.information[-1])
+        left = information - nuisance.transpose(0, 2, 1) @ nuisance
+        left += np.diag(np.maximum(_PRECISE * whole, np.finfo(float).tiny))
+        gain: FloatArray = np.sum(score * np.linalg.solve(left, score), axis=(1, 2)) * enough
+        return gain
+
+    def _pair(self, start: int, cuts: NDArray[np.intp]) -> Change:
+        """Return a pair of changes of which neither can be moved alone, to one of some samples, to gain more."""
+        first, best = start, Change(0.0, (start, start))
+        for _ in range(_ROUNDS):
+            gain = self._gain(cuts, first)
+            second = int(cuts[gain.argmax()])
+            if gain.max() <= best.gain:
+                break
+            best = Change(float(gain.max()), (min(first, second), max(first, second)))
+            first = second
+        return best
+
+    def _moved(self, change: Change, reach: int) -> Change:
+        """Return a change with each of its samples in turn moved by less than so many to where it gains most."""
+        cuts, most = list(change.cuts), 0.0
+        for place, cut in enumerate(cuts):
+            given = cuts[1 - place] if len(cuts) == 2 else None
+            around = np.arange(max(cut - reach + 1, 0), min(cut + reach, len(self.score)))
+            gain = self._gain(around, given)
+            cuts[place], most = int(around[gain.argmax()]), float(gain.max())
+        return Change(most, tuple(sorted(cuts)))
+
+
+def without(residual: FloatArray, nuisance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return residuals (N, C) without functions (N, Q), and an orthonormal basis of these."""
+    value, vector = np.linalg.eigh(nuisance.T @ nuisance)
+    kept = value > _PRECISE**2 * value[-1]
+    basis = nuisance @ (vector[:, kept] / np.sqrt(value[kept]))
+    return residual - basis @ (basis.T @ residual), basis
+
+
+def _summed(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the sums (N - 1, P, Q) of products of values (N, P) and (N, Q) up to each sample but the last."""
+    total: FloatArray = np.cumsum(left[:, :, None] * right[:, None, :], axis=0)[:-1]
+    return total

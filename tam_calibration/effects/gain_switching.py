@@ -1,0 +1,154 @@
+"""A gain that goes to and fro between two states."""
+
+from collections.abc import Iterable, Mapping
+from itertools import product
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.effects.change_points import LEAST_SAMPLES
+from tam_calibration.effects.effect import (
+    Coefficient,
+    Limit,
+    LinearEffect,
+    Misfit,
+    Shape,
+    Situation,
+    SurrogateKind,
+    Term,
+)
+from tam_calibration.effects.memory import Memory
+from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows
+from tam_calibration.units import FloatArray
+
+_ROWS = 3
+"""Axes, those in which two rough states explain most, of which the states are settled."""
+
+_QUANTILES, _COARSE = np.linspace(0, 1, 41), 8
+"""Of the readings at which the gain changes, among which thresholds are sought; first every so many of them."""
+
+_GAIN = Coefficient("gain", "1")
+
+
+class GainSwitching(LinearEffect):
+    """The gain of an axis is another in windows of time, or while the reading is large."""
+
+    name: ClassVar[str] = "gain_switching"
+    title: ClassVar[str] = "gain that goes to and fro between two states"
+    physics: ClassVar[str] = (
+        "A loose contact of a feedback or excitation coil, a load on the reference voltage or an automatic range that "
+        "changes with hysteresis at two thresholds gives an amplifier one of two gains (Horowitz and Hill, The Art of "
+        "Electronics, 3rd edition, Cambridge University Press, 2015, chapters 4 and 13)."
+    )
+    excitation: ClassVar[str] = "turn each axis along and against the field in both states of the gain"
+    is_free_in_time: ClassVar[bool] = True
+    has_exact_shapes: ClassVar[bool] = True
+    surrogates: ClassVar[SurrogateKind] = "searched"
+    shape_units: ClassVar[dict[str, str]] = {
+        "upper_T": "T",
+        "lower_T": "T",
+        "sensor_upper_T": "T",
+        "sensor_lower_T": "T",
+    } | WINDOW_UNITS
+    """Thresholds of the size of an axis' reading, or of the largest of its sensor, or windows of time."""
+    limits: ClassVar[Mapping[str, Limit]] = {
+        "gain": Limit(
+            1.0, "ranges are switched by factors of two, and an open contact reads nothing; Horowitz and Hill 2015"
+        )
+    }
+
+    def obstacle(self, situation: Situation) -> str | None:
+        """Return that the recording is too short, where it is."""
+        if situation.sample_count < LEAST_SAMPLES:
+            return f"{situation.sample_count} samples are too few to tell two states"
+        return None
+
+    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+        """Return the windows of the axis in which two states explain most, or the thresholds that make them.
+
+        None where as much follows from the samples around each: what changes slowly is no switching.
+        """
+        if situation.sample_count < LEAST_SAMPLES:
+            return []
+        started = [
+            (level.start(), level, row) for row in range(situation.scalar_row) for level in [_level(misfit, row)]
+        ]
+        strongest = sorted(started, key=lambda one: -one[0].gain)[:_ROWS]
+        settled = [(level.settled(start), level, row) for start, level, row in strongest]
+        states, level, row = max(settled, key=lambda one: one[0].gain)
+        return [_shape(situation, level, states, row)] if level.is_switching(states) else []
+
+    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+        """Return the change of each axis' gain."""
+        states = _states(situation, shape)
+        return [
+            Term.of_row(situation, row, "gain", [_GAIN], (situation.sensed_T[:, row] * states[:, row])[:, None])
+            for row in range(situation.scalar_row)
+        ]
+
+
+def _level(misfit: Misfit, row: int) -> Level:
+    information = np.where(misfit.is_counted, misfit.row_information[:, row], 0.0)
+    return Level(
+        *(values[:, None] for values in (misfit.row_shift_T[:, row], misfit.situation.sensed_T[:, row], information))
+    )
+
+
+def _shape(situation: Situation, level: Level, states: Switching, row: int) -> Shape:
+    """Return the thresholds that make the states, where some do as well for their number, or else the windows."""
+    price = 2 * states.scale * np.log(situation.sample_count)
+    best, least = states.shape(situation), states.gain - price * len(states.flips)
+    size = _sizes(situation)
+    of_sensor = size[:, row // 3 * 3 : row // 3 * 3 + 3].max(axis=1)
+    for own, names in ((size[:, row], ("upper_T", "lower_T")), (of_sensor, ("sensor_upper_T", "sensor_lower_T"))):
+        thresholds, gain = _thresholds(own, level, states)
+        if gain - 2 * price > least:
+            best, least = dict(zip(names, thresholds, strict=True)), gain - 2 * price
+    return best
+
+
+def _thresholds(size: FloatArray, level: Level, states: Switching) -> tuple[tuple[float, float], float]:
+    """Return the thresholds, among sizes at which states change, with which a relay explains most, and how much."""
+    before, after = size[states.flips - 1], size[states.flips]
+    rises = after > before
+    if rises.all() or not rises.any():
+        return (0.0, 0.0), 0.0
+    uppers, lowers = (np.quantile((before + after)[which] / 2, _QUANTILES).tolist() for which in (rises, ~rises))
+
+    def gain(thresholds: tuple[float, float]) -> float:
+        return level.of(_relay(size, *thresholds)).gain
+
+    best = max(product(uppers[::_COARSE], lowers[::_COARSE]), key=gain)
+    best = max(((upper, best[1]) for upper in uppers), key=gain)
+    best = max(((best[0], lower) for lower in lowers), key=gain)
+    return best, gain(best)
+
+
+def _states(situation: Situation, shape: Shape) -> NDArray[np.bool_]:
+    """Return whether each row (N, 3K) has its other gain."""
+    size = _sizes(situation)
+    if "upper_T" in shape:
+        return np.column_stack([_relay(own, shape["upper_T"], shape["lower_T"], situation.memory) for own in size.T])
+    if "sensor_upper_T" in shape:
+        largest = size.reshape(len(size), -1, 3).max(axis=2)
+        thresholds = shape["sensor_upper_T"], shape["sensor_lower_T"]
+        return np.repeat(np.column_stack([_relay(own, *thresholds, situation.memory) for own in largest.T]), 3, axis=1)
+    return np.broadcast_to(in_windows(situation, shape)[:, None], size.shape)
+
+
+def _sizes(situation: Situation) -> FloatArray:
+    """Return the size (N, 3K) of the readings, on which an automatic gain depends."""
+    sizes: FloatArray = np.abs(situation.sensed_T + situation.errors.bias_T.ravel())
+    return sizes
+
+
+def _relay(size: FloatArray, upper: float, lower: float, memory: Memory | None = None) -> NDArray[np.bool_]:
+    """Return whether a relay is on: from above the upper threshold on, until below the lower one; off at first."""
+    before = None if memory is None else memory.recall()
+    event = np.where(size > upper, 1, np.where(size < lower, -1, 0))
+    last = np.maximum.accumulate(np.where(event != 0, np.arange(len(size)), -1))
+    is_on: NDArray[np.bool_] = np.where(last < 0, bool(before), event[last] > 0)
+    if memory is not None:
+        memory.keep(bool(is_on[-1]))
+    return is_on

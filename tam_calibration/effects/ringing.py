@@ -1,0 +1,94 @@
+"""A reading that passes a filter which rings after fast changes."""
+
+from collections.abc import Iterable, Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.lag import mode
+from tam_calibration.effects.motion import jumps, rates
+from tam_calibration.units import FloatArray
+
+_FREQUENCIES, _DAMPINGS = 5, (0.1, 0.4)
+"""Number of frequencies that are tried, and damping ratios; 1 no longer rings."""
+
+_SLOWEST = 2.0
+"""Ratio of the lowest frequency that is tried to that of the motion."""
+
+_PARTS = (Coefficient("amplitude", "1"), Coefficient("delay", "s"))
+
+
+class Ringing(LinearEffect):
+    """A sensor reads b + a (h * b + (2ζ/ω) db/dt - b) - δ db/dt, with h the response of an oscillator of ω = 2πf and ζ.
+
+    The delay of the filter, 2ζ/ω, is taken out of its response and has a value of its own, for time stamps may be
+    corrected for it; samples on both sides are used.
+    """
+
+    name: ClassVar[str] = "ringing"
+    title: ClassVar[str] = "filter that rings after fast changes"
+    physics: ClassVar[str] = (
+        "A filter against aliasing, or a feedback loop, with poles off the real axis overshoots and oscillates after "
+        "steps with its own frequency and damping (Oppenheim and Willsky, Signals and Systems, 2nd edition, "
+        "Prentice-Hall, 1997, section 6.5)."
+    )
+    excitation: ClassVar[str] = "turn the array in jerks, as fast as the filter's frequency"
+    is_causal: ClassVar[bool] = False
+    shape_units: ClassVar[Mapping[str, str]] = {"frequency_hz": "Hz", "damping": "1"}
+    limits: ClassVar[Mapping[str, Limit]] = {
+        "amplitude": Limit(1.0, "all of a reading passes the filter; Oppenheim and Willsky 1997"),
+        "delay": Limit(1.0, "filters, buses and wireless links delay a sensor by some tenths of a second", "s"),
+    }
+
+    def obstacle(self, situation: Situation) -> str | None:
+        """Return that no motion is fast enough to make a filter ring, where none is."""
+        return jumps(situation)
+
+    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+        """Return frequencies from above that of the motion to half the sampling rate, with little and much damping."""
+        highest = 0.5 / situation.step_s
+        lowest = min(_SLOWEST * _motion_hz(situation), highest / 2)
+        return [
+            {"frequency_hz": frequency, "damping": damping}
+            for frequency in np.geomspace(lowest, highest, _FREQUENCIES).tolist()
+            for damping in _DAMPINGS
+        ]
+
+    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+        """Return the response of a sensor and of a single axis, each with a delay."""
+        rate = rates(situation)
+        ringing = _response(situation, shape["frequency_hz"], shape["damping"]) - situation.field_T
+        ringing += shape["damping"] / (np.pi * shape["frequency_hz"]) * rate
+        matrix = situation.errors.matrix.reshape(-1, 3)
+        parts = np.stack([ringing @ matrix.T, -rate @ matrix.T], axis=2)
+        terms = []
+        for sensor in range(situation.sensor_count):
+            rows, columns = np.divmod(np.arange(6), 2)
+            features = parts[:, 3 * sensor : 3 * sensor + 3].reshape(-1, 6)
+            terms.append(Term(sensor, None, "response", _PARTS, features, 3 * sensor + rows, columns))
+        for row in range(situation.scalar_row):
+            terms.append(Term.of_row(situation, row, "response of the axis", _PARTS, parts[:, row]))
+        return terms
+
+
+def _response(situation: Situation, frequency_hz: float, damping: float) -> FloatArray:
+    """Return the field (N, 3) after a second-order filter, settled anew behind every hole.
+
+    With p = -ω (ζ - i √(1 - ζ²)) it is -ω²/Im p Im(x/p) of the mode x' = p (x - b).
+    """
+    omega = 2 * np.pi * frequency_hz
+    pole = -omega * complex(damping, -np.sqrt(1 - damping**2))
+    field, rate = situation.field_T, rates(situation)
+    parts = [
+        mode(field[stretch], rate[stretch], situation.time_s[stretch], -1 / pole) for stretch in situation.stretches
+    ]
+    response: FloatArray = -(omega**2) / pole.imag * np.imag(np.concatenate(parts) / pole)
+    return response
+
+
+def _motion_hz(situation: Situation) -> float:
+    """Return the frequency of the motion: the size of the field's rate over that of its changes."""
+    field = situation.field_T - situation.field_T.mean(axis=0)
+    size = max(float(np.sqrt(np.mean(field**2))), np.finfo(float).tiny)
+    return float(np.sqrt(np.mean(rates(situation) ** 2))) / size / (2 * np.pi)

@@ -1,0 +1,151 @@
+"""A scale factor, or the whole response of a sensor, that changes at once."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.polynomial.legendre import legvander
+
+from tam_calibration.effects.change_points import LEAST_SAMPLES, Change, Path, without
+from tam_calibration.effects.effect import (
+    Coefficient,
+    Limit,
+    LinearEffect,
+    Misfit,
+    Shape,
+    Situation,
+    SurrogateKind,
+    Term,
+)
+from tam_calibration.effects.saturation import inside_range
+from tam_calibration.units import FloatArray
+
+_SMOOTHEST = 4
+"""Degree of the polynomials of time beside which a change must be sharp: a slow one is no step."""
+
+_COARSE = 400
+"""Places at which a step is sought first."""
+
+_SLIP = Limit(0.5, "a screw that comes loose lets a board turn by degrees, not out of its mount; Isermann 2006", "rad")
+_ENOUGH = 16_000
+"""Samples among which the times are sought, evenly spread over a longer recording."""
+
+_SCALE = Coefficient("scale", "1")
+_TURNS = tuple(Coefficient(f"turn about {axis}", "rad") for axis in "xyz")
+
+
+class ScaleStep(LinearEffect):
+    """The response of a sensor changes at one time, for good or until another time: it reads (M + ΔM) b."""
+
+    name: ClassVar[str] = "scale_step"
+    title: ClassVar[str] = "scale factor or mount that changes at once"
+    physics: ClassVar[str] = (
+        "A shock lets a mount slip, so that the sensor turns and mixes its axes; a range that is switched, a reference "
+        "voltage that changes or a core that is demagnetised changes scale factors (Ripka, Magnetic Sensors and "
+        "Magnetometers, Artech House, 2001, chapter 3; steps of gain and offset as faults of a sensor: Isermann, "
+        "Fault-Diagnosis Systems, Springer, 2006)."
+    )
+    excitation: ClassVar[str] = "turn through the same attitudes before and after the step"
+    is_free_in_time: ClassVar[bool] = True
+    has_exact_shapes: ClassVar[bool] = True
+    surrogates: ClassVar[SurrogateKind] = "searched"
+    shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
+    limits: ClassVar[Mapping[str, Limit]] = {
+        "scale": Limit(
+            1.0, "an axis that fails reads nothing, and ranges are switched by factors of two; Isermann 2006"
+        ),
+        "tilt": _SLIP,
+        "turn": _SLIP,
+    }
+
+    def obstacle(self, situation: Situation) -> str | None:
+        """Return that the recording is too short, where it is."""
+        if situation.sample_count < LEAST_SAMPLES:
+            return f"{situation.sample_count} samples are too few to tell a step"
+        return None
+
+    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+        """Return the times at which a step, and a pair of steps, of one axis and of a sensor explain most.
+
+        None where it explains no more than chance beside polynomials of time.
+        """
+        if situation.sample_count < LEAST_SAMPLES:
+            return []
+        time = situation.time_s[:: _thinning(situation)]
+        paths = list(_paths(inside_range(misfit)))
+        found: dict[tuple[int, int], Change] = {}
+        for path in paths:
+            for change in path.best(-(-len(time) // _COARSE)):
+                price = (path.width + 2 * len(change.cuts)) * np.log(len(time)) + 2 * np.log(len(paths))
+                kind = path.width, len(change.cuts)
+                net = replace(change, gain=change.gain - price)
+                found[kind] = max(found.get(kind, net), net, key=lambda one: one.gain)
+        sharp = {kind: one for kind, one in found.items() if one.gain > max(found[kind[0], 1].gain * (kind[1] > 1), 0)}
+        middle = (time[1:] + time[:-1]) / 2
+        cuts = dict.fromkeys(change.cuts for change in sharp.values())
+        return [dict(zip(self.shape_units, middle[list(times)].tolist(), strict=False)) for times in cuts]
+
+    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+        """Return from the one time on a scale and a tilt of each axis and a turn of each sensor.
+
+        The axes' scales and tilts together are any change of the response.
+        """
+        since = (situation.time_s >= shape["time_s"]) & (situation.time_s < shape.get("end_s", np.inf))
+        field = np.where(since[:, None], situation.field_T, 0.0)
+        matrix = situation.errors.matrix
+        sensed = field @ matrix.reshape(-1, 3).T
+        terms = []
+        for row in range(situation.scalar_row):
+            sensor, axis = divmod(row, 3)
+            others = [other for other in range(3) if other != axis]
+            tilts = [Coefficient(f"tilt towards {'xyz'[other]}", "rad") for other in others]
+            terms.append(Term.of_row(situation, row, "scale", [_SCALE], sensed[:, row, None]))
+            terms.append(
+                Term.of_row(situation, row, "tilt", tilts, sensed[:, [3 * sensor + other for other in others]])
+            )
+        for sensor in range(situation.sensor_count):
+            turned = np.stack([np.cross(axis, field) @ matrix[sensor].T for axis in np.eye(3)], axis=2)
+            rows, columns = np.divmod(np.arange(9), 3)
+            terms.append(Term(sensor, None, "turn", _TURNS, turned.reshape(-1, 9), 3 * sensor + rows, columns))
+        return terms
+
+
+def _thinning(situation: Situation) -> int:
+    """Return the distance of the samples among which the times are sought."""
+    return -(-situation.sample_count // _ENOUGH)
+
+
+def _paths(misfit: Misfit) -> Iterator[Path]:
+    """Yield the path of a step of each axis' scale, then of each sensor's response, beside slow changes of them.
+
+    Residuals are scaled to unit variance, whatever it is that they hold.
+    """
+    every, whole = slice(None, None, _thinning(misfit.situation)), misfit.situation
+    situation, counted = whole.take(every), misfit.is_counted[every]
+    variance = misfit.energy[every][counted].sum() / max(misfit.channel_count[every][counted].sum(), 1)
+    scale = 1 / np.sqrt(max(float(variance), np.finfo(float).tiny))
+    direction = situation.field_T / situation.intensity_T[:, None] * counted[:, None]
+    sensed = situation.sensed_T / np.median(situation.intensity_T) * counted[:, None]
+    phase = 2 * (situation.time_s - situation.time_s[0]) / np.ptp(situation.time_s) - 1
+    slow = legvander(phase, _SMOOTHEST)
+    own = np.where(counted[:, None], scale * misfit.differential[every], 0)
+    own, held = without(own, _products(slow, np.column_stack([counted, direction])))
+    has_reference = counted & np.isfinite(misfit.common_mode[every])
+    slope = np.where(has_reference[:, None], misfit.row_slope[every], 0)
+    first, second = np.triu_indices(3)
+    functions = np.column_stack([direction, direction[:, first] * direction[:, second]]) * slope[:, -1:]
+    common = np.where(has_reference, scale * misfit.common_mode[every], 0)[:, None]
+    common, held_in_common = without(common, _products(slow, functions))
+    for row, along in enumerate(misfit.directions):
+        size = max(float(np.sqrt(along @ along)), np.finfo(float).tiny)
+        between = Path.of(own @ along[:, None] / size, held, size * sensed[:, row, None])
+        yield between.beside(Path.of(common, held_in_common, slope[:, row, None] * sensed[:, row, None]))
+    for sensor in range(situation.sensor_count if own.shape[1] else 0):
+        within = np.linalg.svd(misfit.directions[3 * sensor : 3 * sensor + 3], full_matrices=False)[2]
+        yield Path.of(own @ within.T, held, direction)
+
+
+def _products(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the products (N, P Q) of every function of (N, P) with every one of (N, Q)."""
+    return (left[:, :, None] * right[:, None, :]).reshape(len(left), -1)

@@ -1,0 +1,178 @@
+"""Something that is on in some windows of time and off in between, found from what it would add while it is on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.effects.fitted import Shape
+from tam_calibration.effects.neighbours import sum_around
+from tam_calibration.effects.situation import Situation
+from tam_calibration.units import FloatArray
+
+_LEAST_WINDOWS, _MOST_WINDOWS = 2, 300
+"""A single window is a step; more are no longer told one by one."""
+
+WINDOW_UNITS = {f"{edge}_{number}_s": "s" for number in range(1, _MOST_WINDOWS + 1) for edge in ("on", "off")}
+"""SI unit of the parameters of a shape that tell windows; the last window may have no end."""
+
+_ROUNDS = 6
+_SPANS = (4, 16, 64)
+"""Samples on either side from which a level is foretold that comes and goes slowly."""
+
+
+@dataclass(frozen=True, eq=False)
+class Switching:
+    """Two states of a level.
+
+    Parameters
+    ----------
+    is_on : (N,) array of bool
+        Whether the second state is there.
+    gain : float
+        Energy that the two levels explain beyond one.
+    scale : float
+        Energy that is left for each residual.
+    """
+
+    is_on: NDArray[np.bool_]
+    gain: float
+    scale: float
+
+    @property
+    def flips(self) -> NDArray[np.intp]:
+        """Samples at which the state is another than before."""
+        return np.flatnonzero(np.diff(self.is_on)) + 1
+
+    @property
+    def windows(self) -> list[tuple[int, int]]:
+        """First samples of the windows in the rarer state, and of what follows; N where nothing does."""
+        is_in = self.is_on if self.is_on.mean() <= 0.5 else ~self.is_on
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], is_in, [False]])))
+        return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+    def shape(self, situation: Situation) -> Shape:
+        """Return the times of the windows."""
+        time = situation.time_s
+        before = np.concatenate([time[:1] - situation.step_s / 2, (time[1:] + time[:-1]) / 2])
+        shape = {}
+        for number, (on, off) in enumerate(self.windows, start=1):
+            shape[f"on_{number}_s"] = float(before[on])
+            if off < len(time):
+                shape[f"off_{number}_s"] = float(before[off])
+        return shape
+
+
+def in_windows(situation: Situation, shape: Shape) -> NDArray[np.bool_]:
+    """Return whether each sample (N,) is in a window of a shape."""
+    is_in = np.zeros(situation.sample_count, dtype=bool)
+    for number in range(1, _MOST_WINDOWS + 1):
+        if f"on_{number}_s" not in shape:
+            break
+        end = shape.get(f"off_{number}_s", np.inf)
+        is_in |= (situation.time_s >= shape[f"on_{number}_s"]) & (situation.time_s < end)
+    return is_in
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """Residuals that follow functions by levels that may change.
+
+    Parameters
+    ----------
+    shift, function, information : (N, G) array
+        Residuals, what a level of one adds to them, and their inverse variances; 0 in samples that do not count.
+    """
+
+    shift: FloatArray
+    function: FloatArray
+    information: FloatArray
+
+    def start(self) -> Switching:
+        """Return the states by whether the level around a sample is above the middle that tells them apart best."""
+        product, square = self._sums()
+        around = np.maximum(sum_around(square, _SPANS[1]), np.finfo(float).eps * square.max())
+        local = sum_around(product, _SPANS[1]) / around
+        order = np.argsort(local)
+        score, size = np.cumsum(product[order]), np.cumsum(square[order])
+        free = score - size * (score[-1] / size[-1])
+        left = np.maximum(size * (1 - size / size[-1]), np.finfo(float).tiny)
+        best = int(np.argmax(free[:-1] ** 2 / left[:-1]))
+        return self.of(local > local[order[best]])
+
+    def settled(self, start: Switching) -> Switching:
+        """Return the states that explain most for what their changes cost, by turns with their levels."""
+        best = start
+        for _ in range(_ROUNDS):
+            found = self.of(_segmented(self._advantage(best), 2 * best.scale * np.log(len(self.shift))))
+            if np.array_equal(found.is_on, best.is_on):
+                break
+            best = found
+        return best
+
+    def is_switching(self, states: Switching) -> bool:
+        """Whether states go to and fro, and explain more than follows from the samples around each."""
+        return _LEAST_WINDOWS <= len(states.windows) <= _MOST_WINDOWS and states.gain > self.foretold()
+
+    def of(self, is_on: NDArray[np.bool_]) -> Switching:
+        """Return what two states explain."""
+        count = max(int(np.count_nonzero(self.information)), 1)
+        two = self._left(self._levels(is_on))
+        one = self._left(self._levels(np.zeros_like(is_on)))
+        return Switching(is_on, float(one - two), float(two / count))
+
+    def foretold(self) -> float:
+        """Return the largest energy that a level explains, beyond one, which follows that of the samples around."""
+        product, square = self._sums()
+        product = product - square * (product.sum() / max(square.sum(), np.finfo(float).tiny))
+        energies = []
+        for span in _SPANS:
+            level = sum_around(product, span) / np.maximum(sum_around(square, span), np.finfo(float).eps * square.max())
+            energies.append(max(level @ product, 0.0) ** 2 / max(level**2 @ square, np.finfo(float).tiny))
+        return float(max(energies))
+
+    def _sums(self) -> tuple[FloatArray, FloatArray]:
+        """Return the score (N,) of a level in each sample, and its information."""
+        weighted = self.information * self.function
+        return np.sum(weighted * self.shift, axis=1), np.sum(weighted * self.function, axis=1)
+
+    def _levels(self, is_on: NDArray[np.bool_]) -> FloatArray:
+        """Return the levels (N, G) where each state has its own."""
+        levels = np.zeros_like(self.shift)
+        for state in (is_on, ~is_on):
+            function = self.function[state]
+            weighted = self.information[state] * function
+            square = np.maximum(np.sum(weighted * function, axis=0), np.finfo(float).tiny)
+            levels[state] = np.sum(weighted * self.shift[state], axis=0) / square
+        return levels
+
+    def _left(self, levels: FloatArray) -> float:
+        return float(np.sum(self.information * (self.shift - levels * self.function) ** 2))
+
+    def _advantage(self, states: Switching) -> FloatArray:
+        """Return the energy (N,) that the level of the second state explains beyond that of the first."""
+        if states.is_on.all() or not states.is_on.any():
+            return np.zeros(len(self.shift))
+        levels = self._levels(states.is_on)
+        on, off = levels[np.argmax(states.is_on)], levels[np.argmin(states.is_on)]
+        lost = (self.shift - off * self.function) ** 2 - (self.shift - on * self.function) ** 2
+        advantage: FloatArray = np.sum(self.information * lost, axis=1)
+        return advantage
+
+
+def _segmented(advantage: FloatArray, price: float) -> NDArray[np.bool_]:
+    """Return the states (N,) that gain most in all, where each change of state has a price.
+
+    Viterbi's recursion (Error bounds for convolutional codes, IEEE Trans. Inf. Theory 13, 1967, p. 260) for two states
+    is one of their difference, which no change makes larger than the price.
+    """
+    lead, leads = 0.0, []
+    for one in advantage.tolist():
+        lead = min(max(lead, -price), price) + one
+        leads.append(lead)
+    is_on = np.empty(len(leads), dtype=bool)
+    state = lead > 0
+    for place in range(len(leads) - 1, -1, -1):
+        state = leads[place] > (-price if state else price)
+        is_on[place] = state
+    return is_on

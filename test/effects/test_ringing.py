@@ -1,0 +1,89 @@
+"""Filters that ring."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.signal import lsim
+
+from tam_calibration.effects.fitted import Contribution, FittedEffect
+from tam_calibration.effects.ringing import Ringing
+from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
+
+EFFECT = Ringing()
+SHAPE = {"frequency_hz": 1.3, "damping": 0.2}
+WHOLE = {"amplitude": 1.0, "delay": 0.2 / (np.pi * 1.3)}
+
+
+def test_coefficients_come_back(turning, refitted):
+    """Amplitude and delay of a sensor and of an axis are told from the calibration."""
+    keys = (0, None, "response"), (2, 1, "response of the axis")
+    deviation, error = refitted(EFFECT, turning(), SHAPE, *keys)
+    assert np.abs(deviation).max() < 4
+    assert error.max() < 0.3
+
+
+@pytest.mark.parametrize(
+    "shape", [SHAPE, {"frequency_hz": 0.4, "damping": 0.05}, {"frequency_hz": 6.0, "damping": 0.4}]
+)
+def test_it_is_what_an_oscillator_adds(turning, shape):
+    """With the delay of the filter, it is the response of the differential equation at a fine step, less the field."""
+    finer = turning(samples=60_000, step_s=0.001)
+    omega, damping = 2 * np.pi * shape["frequency_hz"], shape["damping"]
+    start = finer.sensed_T[0, 3:6]
+    system = [omega**2], [1, 2 * damping * omega, omega**2]
+    passed = np.column_stack([lsim(system, own - own[0], finer.time_s)[1] for own in finer.sensed_T[:, 3:6].T]) + start
+    values = {"amplitude": 1.0, "delay": 2 * damping / omega}
+    situation = finer.take(slice(None, None, 50))
+    fitted = FittedEffect("ringing", shape, (Contribution(1, None, "response", values),))
+    found = EFFECT.signal(situation, fitted)[:, 3:6]
+    expected = (passed - finer.sensed_T[:, 3:6])[::50]
+    settled = situation.time_s > 6 / (damping * omega)
+    assert settled.sum() > 200
+    assert_allclose(found[settled], expected[settled], atol=0.02 * np.abs(expected[settled]).max())
+
+
+def test_a_slow_field_shows_no_more_than_its_bend(turning):
+    """Gain and delay are taken out: the response to a field that turns slowly is (4 ζ² - 1)/ω² times its bend."""
+    situation = turning(step_s=0.01)
+    response = EFFECT.terms(situation, {"frequency_hz": 20.0, "damping": 0.3})[0].features[:, 0]
+    bend = np.gradient(np.gradient(situation.sensed_T[:, 0], 0.01), 0.01)
+    settled = slice(300, -10)
+    expected = (4 * 0.3**2 - 1) / (2 * np.pi * 20) ** 2 * bend[settled]
+    assert_allclose(response[settled], expected, atol=0.02 * np.abs(expected).max())
+
+
+def test_a_hole_leaves_no_trace_behind_it(turning):
+    """Some periods after a hole all is as without it."""
+    situation = turning()
+    kept = np.r_[0:400, 600:1200]
+    shape = {"frequency_hz": 3.0, "damping": 0.4}
+    whole, broken = (EFFECT.terms(part, shape)[0].features for part in (situation, situation.take(kept)))
+    same = np.r_[0:390, 500:1000]
+    assert_allclose(broken[same], whole[kept][same], atol=1e-4 * np.abs(whole).max())
+
+
+def test_frequencies_reach_from_the_motion_to_half_the_sampling_rate(turning, left_by):
+    """Few are tried."""
+    situation = turning()
+    tried = list(EFFECT.shapes(situation, left_by(EFFECT, situation, SHAPE)))
+    frequencies = sorted({shape["frequency_hz"] for shape in tried})
+    motion = (
+        np.sqrt(np.mean(np.gradient(situation.field_T, 0.05, axis=0) ** 2)) / np.std(situation.field_T, axis=0).max()
+    )
+    assert 1.2 < 2 * np.pi * frequencies[0] / motion < 3 and frequencies[-1] == pytest.approx(10)
+    assert len(tried) == 10
+    assert all(0 < shape["damping"] < 1 for shape in tried)
+
+
+def test_poses_show_nothing(turning):
+    """Without motion nothing rings."""
+    poses = np.random.default_rng(1).normal(size=(300, 4))
+    assert "jumps" in EFFECT.obstacle(turning(samples=300, attitude=poses))
+    assert EFFECT.obstacle(turning()) is None
+
+
+def test_it_survives_a_file():
+    """Read again from what is written, it is the same."""
+    fitted = FittedEffect("ringing", SHAPE, (Contribution(1, None, "response", WHOLE),))
+    units = dict(EFFECT.shape_units) | {"amplitude": "1", "delay": "s"}
+    assert EffectFile.model_validate(effect_to_mapping(fitted, units)).to_fitted() == fitted

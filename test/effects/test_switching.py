@@ -1,0 +1,65 @@
+"""States that are on in windows of time."""
+
+import numpy as np
+import pytest
+
+from tam_calibration.effects.switching import Level
+
+COUNT = 4000
+EDGES = (300, 340, 900, 1400, 1450, 1500, 2800, 2830, 3600, 3700)
+
+
+def level(states, size=2.0, noise=1.0, seed=2):
+    """Return residuals that follow a wave by a level of two states, of some size in standard deviations."""
+    generator = np.random.default_rng(seed)
+    wave = np.sqrt(2) * np.cos(0.11 * np.arange(COUNT))[:, None]
+    shift = size * states[:, None] * wave + noise * generator.normal(size=(COUNT, 1))
+    return Level(shift, wave, np.ones((COUNT, 1)))
+
+
+def windows(edges=EDGES):
+    """Return where the state is on."""
+    return np.isin(
+        np.arange(COUNT), np.concatenate([np.arange(*pair) for pair in zip(edges[::2], edges[1::2], strict=True)])
+    )
+
+
+def test_windows_are_found_to_some_samples():
+    """Each begins and ends where it did, within what the noise hides."""
+    measured = level(windows())
+    found = measured.settled(measured.start())
+    assert len(found.windows) == 5
+    assert np.abs(np.ravel(found.windows) - np.array(EDGES)).max() <= 12
+    assert found.gain > measured.foretold()
+
+
+def test_no_noise_leaves_no_doubt():
+    """Edges are found to the sample, and the whole energy beyond one level is explained."""
+    measured = level(windows(), noise=1e-6)
+    found = measured.settled(measured.start())
+    distance = np.abs(np.ravel(found.windows) - np.array(EDGES))
+    assert distance.max() <= 1
+    assert found.scale < 0.02
+
+
+@pytest.mark.parametrize("noise", [1.0, 3.0])
+def test_noise_has_no_windows(noise):
+    """Whatever its size, chance pays for no change of state."""
+    measured = level(np.zeros(COUNT), noise=noise)
+    found = measured.settled(measured.start())
+    assert found.windows == []
+
+
+def test_a_slow_course_is_foretold_better():
+    """A level that swings smoothly is no switching, though two states explain most of it."""
+    measured = level(np.sin(np.arange(COUNT) / 100))
+    found = measured.settled(measured.start())
+    assert len(found.windows) >= 2
+    assert found.gain < measured.foretold()
+
+
+def test_the_rarer_state_is_the_window():
+    """What is on nearly all the time is off in windows."""
+    measured = level(~windows(EDGES[:4]))
+    found = measured.settled(measured.start())
+    assert np.abs(np.ravel(found.windows) - np.array(EDGES[:4])).max() <= 12
