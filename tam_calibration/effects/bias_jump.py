@@ -1,27 +1,20 @@
 """A bias that jumps, once or on and off."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
+from tam_calibration.effects.change_point import Path, best_jumps, path_of
 from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.effects.saturation import inside_range
-from tam_calibration.effects.spikes import LONGEST_BURST
-from tam_calibration.units import FloatArray
 
 _LEAST_SAMPLES = 24
-_SHORTEST = LONGEST_BURST + 1
-"""Samples on either side of a jump; fewer are outliers."""
-
-_ROUNDS = 3
 _MOST_OF_ROWS = 3
-_PRECISE = 1e-6
 
 _GROSS = 0.01
-"""Of the field: misfits above are no small disturbances, which the sums here take them for."""
+"""Of the field: misfits above are no small disturbances, which the sums here take the lengths of fields for."""
 
 
 class BiasJump(LinearEffect):
@@ -54,13 +47,14 @@ class BiasJump(LinearEffect):
             return []
         intensity = float(np.median(situation.intensity_T))
         middle = (situation.time_s[1:] + situation.time_s[:-1]) / 2
-        whole, *rows = (_best(path) for path in _paths(inside_range(misfit)))
+        whole, *rows = (best_jumps(path) for path in _paths(inside_range(misfit)))
         ranked = [sorted((row[kind] for row in rows), key=lambda jump: -jump.gain)[:_MOST_OF_ROWS] for kind in range(2)]
         cuts = dict.fromkeys(jump.cuts for jump in (*whole, *ranked[0], *ranked[1]) if jump.gain > 0)
         shapes: list[Shape] = [
             dict(zip(self.shape_units, (float(middle[cut]) for cut in found), strict=False)) for found in cuts
         ]
-        gross = None if np.sqrt(np.mean(misfit.row_shift_T**2)) < _GROSS * intensity else moved_sphere(misfit.recording)
+        is_small = situation.follows_attitude or np.sqrt(np.mean(misfit.row_shift_T**2)) < _GROSS * intensity
+        gross = None if is_small else moved_sphere(misfit.recording)
         return shapes if gross is None else [gross.shape, *shapes]
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
@@ -71,68 +65,13 @@ class BiasJump(LinearEffect):
         return [Term.of_row(situation, row, "offset", parts, step) for row in range(situation.scalar_row + 1)]
 
 
-@dataclass(frozen=True)
-class _Jump:
-    gain: float
-    cuts: tuple[int, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _Path:
-    """Sums over the samples up to each: of the score, its information, and its products with the nuisance.
-
-    ``score`` (N - 1, C) has the part that the nuisance explains taken off; ``nuisance`` (N - 1, P) is orthonormal.
-    """
-
-    score: FloatArray
-    information: FloatArray
-    nuisance: FloatArray
-
-    def gain(self, given: int | None = None) -> FloatArray:
-        """Return the gain of a jump behind each sample, or of one between it and a given one."""
-        if given is None:
-            score, information, nuisance = self.score, self.information, self.nuisance
-        else:
-            score, nuisance = self.score - self.score[given], self.nuisance - self.nuisance[given]
-            information = np.abs(self.information - self.information[given])
-        left = information - np.einsum("nj,nj->n", nuisance, nuisance)
-        enough = left > _PRECISE * self.information[-1]
-        enough[: _SHORTEST - 1] = enough[len(left) - _SHORTEST + 1 :] = False
-        if given is not None:
-            enough[max(given - _SHORTEST + 1, 0) : given + _SHORTEST] = False
-        gain: FloatArray = np.divide(np.sum(score**2, axis=1), left, out=np.zeros_like(left), where=enough)
-        return gain
-
-
-def _best(path: _Path) -> tuple[_Jump, _Jump]:
-    """Return the best single jump and the best pair of jumps on and off."""
-    gain = path.gain()
-    single = _Jump(float(gain.max()), (int(gain.argmax()),))
-    largest = np.argmax(np.sum((path.score - path.score.mean(axis=0)) ** 2, axis=1))
-    pair = max((_pair(path, start) for start in {single.cuts[0], int(largest)}), key=lambda jump: jump.gain)
-    return single, pair
-
-
-def _pair(path: _Path, start: int) -> _Jump:
-    """Return a pair of jumps of which neither can be moved alone to gain more."""
-    first, best = start, _Jump(0.0, (start,))
-    for _ in range(_ROUNDS):
-        gain = path.gain(first)
-        second = int(gain.argmax())
-        if gain[second] <= best.gain:
-            break
-        best = _Jump(float(gain[second]), (min(first, second), max(first, second)))
-        first = second
-    return best
-
-
-def _paths(misfit: Misfit) -> Iterator[_Path]:
+def _paths(misfit: Misfit) -> Iterator[Path]:
     """Yield the path of jumps anywhere in the differential channels, then that of each row alone."""
     counted = misfit.is_counted
     direction = misfit.situation.field_T / misfit.situation.intensity_T[:, None]
     constant = np.column_stack([counted, counted[:, None] * direction])
     own = np.where(counted[:, None], misfit.differential, 0)
-    between = _path(own, constant, np.ones(len(own)) * counted)
+    between = path_of(own, constant, np.ones(len(own)) * counted)
     has_reference = counted & np.isfinite(misfit.common_mode)
     common = np.where(has_reference, misfit.common_mode, 0)
     slope = np.where(has_reference[:, None], misfit.row_slope, 0)
@@ -142,20 +81,9 @@ def _paths(misfit: Misfit) -> Iterator[_Path]:
     if between.score.shape[1]:
         yield between
     for row, norm in enumerate(norms):
-        path = _path(common[:, None], functions, slope[:, row])
+        path = path_of(common[:, None], functions, slope[:, row])
         score = path.score
         if row < len(misfit.directions):
             score = score + between.score @ misfit.directions[row][:, None]
         nuisance = np.concatenate([np.sqrt(norm) * between.nuisance, path.nuisance], axis=1)
-        yield _Path(score, norm * between.information + path.information, nuisance)
-
-
-def _path(residual: FloatArray, functions: FloatArray, slope: FloatArray) -> _Path:
-    """Return the path of jumps of a size slope (N,) in residuals (N, C) of which functions (N, P) are nuisance."""
-    value, vector = np.linalg.eigh(functions.T @ functions)
-    kept = value > _PRECISE**2 * value[-1]
-    orthonormal = functions @ (vector[:, kept] / np.sqrt(value[kept]))
-    residual = residual - orthonormal @ (orthonormal.T @ residual)
-    score = np.cumsum(slope[:, None] * residual, axis=0)
-    nuisance = np.cumsum(slope[:, None] * orthonormal, axis=0)
-    return _Path(score[:-1], np.cumsum(slope**2)[:-1], nuisance[:-1])
+        yield Path(score, norm * between.information + path.information, nuisance)

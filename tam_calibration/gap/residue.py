@@ -38,7 +38,11 @@ def residue_of(nominal: Model, model: Model, before: Channels, variance: float) 
         field_T, scalar = situation.field_T, np.where(before.precision > 0, situation.intensity_T + drawn, np.nan)
     readings = situation.errors.distort(field_T) + noise
     twin = Channels.at(
-        replace(nominal.recording, readings_T=readings, scalar_T=scalar), array, nominal.errors, nominal.intensity_T
+        replace(nominal.recording, readings_T=readings, scalar_T=scalar),
+        array,
+        nominal.errors,
+        nominal.intensity_T,
+        world=nominal.world,
     )
 
     typical = np.array([np.median(row[row > 0]) if row.any() else np.inf for row in before.misfit.row_information.T])
