@@ -289,13 +289,20 @@ class Channels:
         for piece in self._pieces(part):
             first, second = self._seen(left, piece), self._seen(right, piece)
             between += first[0] @ second[0].T
-            common += first[1] @ second[1].T
+            if self._has_reference:
+                common += first[1] @ second[1].T
         total = between[np.ix_(left.index, right.index)] * self.coupling[np.ix_(left.rows, right.rows)]
         if left.scatter is not None:
             total = left.scatter.T @ total
         if right.scatter is not None:
             total = total @ right.scatter
+        if not self._has_reference:
+            return total
         return total + left.by_column(right.by_column(common.T, self.turn).T, self.turn)
+
+    @cached_property
+    def _has_reference(self) -> bool:
+        return bool(self.precision.any())
 
     def _seen(self, design: Design, piece: slice) -> tuple[FloatArray, FloatArray]:
         """Return the features (F, n) of a design in samples that count, and what it adds to the whitened common mode.
@@ -314,6 +321,8 @@ class Channels:
         features = np.ascontiguousarray(design.features[piece].T)
         if not counted.all():
             features = features * counted
+        if not self._has_reference:
+            return features, features[:0]
         if design.is_shared:
             return features, (features[:, None] * direction).reshape(-1, features.shape[1])
         by_atom = features[design.index]
