@@ -13,7 +13,7 @@ from tam_calibration.effects.bias_jump import BiasJump
 from tam_calibration.effects.change_point import best_jumps, path_of
 from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.errors import SensorErrors
-from tam_calibration.gap.regression import Base, pseudo_inverse
+from tam_calibration.gap.regression import Base
 from tam_calibration.gap.world import World, turns
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
@@ -114,5 +114,5 @@ def bias_variance(base: Base) -> float:
 
     Directions that the recording does not tell have none: a fit that tells fewer is to be set back before.
     """
-    covariance = pseudo_inverse(base.information)[np.ix_(_BIAS, _BIAS)]
+    covariance = base.inverse[np.ix_(_BIAS, _BIAS)]
     return float(np.trace(covariance)) * base.energy / max(base.channels.count - base.rank, 1.0)

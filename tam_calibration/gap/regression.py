@@ -142,6 +142,11 @@ class Base:
         Whitened channels.
     designs : sequence of Design
         Of the calibration, then of the accepted effects.
+
+    Attributes
+    ----------
+    inverse : (P, P) array
+        Of the information, within the directions that the data determine.
     """
 
     def __init__(self, channels: Channels, designs: Sequence[Design]) -> None:
@@ -153,8 +158,8 @@ class Base:
         numbers = range(len(self.designs))
         information = np.block([[blocks[row, column] for column in numbers] for row in numbers])
         self._score = np.concatenate([channels.score(design) for design in designs])
-        self._inverse = pseudo_inverse(information)
-        self.step = self._inverse @ self._score
+        self.inverse = pseudo_inverse(information)
+        self.step = self.inverse @ self._score
         self.information = information
         self.energy = max(channels.energy - float(self._score @ self.step), _LEAST_ENERGY * channels.energy)
 
@@ -162,7 +167,7 @@ class Base:
         """Return the normal equations of a design with the base eliminated."""
         own = self.channels.cross(design, design)
         crossed = np.concatenate([self.channels.cross(left, design) for left in self.designs])
-        eliminated = crossed.T @ self._inverse
+        eliminated = crossed.T @ self.inverse
         return Projected(
             own - eliminated @ crossed,
             self.channels.score(design) - eliminated @ self._score,
