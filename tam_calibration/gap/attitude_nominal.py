@@ -13,6 +13,8 @@ from tam_calibration.effects.bias_jump import BiasJump
 from tam_calibration.effects.change_point import best_jumps, path_of
 from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.errors import SensorErrors
+from tam_calibration.fit.noise import fast_noise
+from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.world import World, turns
 from tam_calibration.recording import Recording
@@ -107,6 +109,23 @@ def _factor(products: FloatArray) -> FloatArray:
 def _jump(shape: dict[str, float], offset_T: FloatArray) -> FittedEffect:
     contributions = (Contribution(0, axis, "offset", {"offset": value}) for axis, value in enumerate(offset_T.tolist()))
     return FittedEffect(BiasJump.name, shape, tuple(contributions))
+
+
+def attitude_variance(channels: Channels, world: World) -> FloatArray:
+    """Return the variance (3,) that the white noise of the attitude adds to each row of a sensor, T².
+
+    A small turn moves a field across its direction only: the fast differences of the residual across the field of the
+    world exceed those along it by the attitude's noise, of which a row has what it mostly sees across.
+    """
+    situation, counted = channels.situation, channels.is_counted
+    assert situation.attitude is not None
+    residual = channels.misfit.row_shift_T[counted, :-1]
+    in_world = np.einsum("nji,nj->ni", turns(situation.attitude[counted]), residual)
+    frame = np.linalg.qr(world.field_T[:, None], mode="complete")[0]
+    along, *across = fast_noise(in_world @ frame)
+    variance = max(float(np.mean(np.square(across)) - along**2), 0.0)
+    seen_across: FloatArray = 1 - np.mean(channels.direction[counted, :3] ** 2, axis=0)
+    return variance * seen_across
 
 
 def bias_variance(base: Base) -> float:

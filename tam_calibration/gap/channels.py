@@ -156,7 +156,8 @@ class Channels:
     ) -> "Channels":
         assert recording.attitude is not None and recording.scalar_T is None
         count = recording.sample_count
-        whitening = Whitening.of_known_field(array, row_variance)
+        beyond = np.append(world.variance_T2, 0.0)
+        whitening = Whitening.of_known_field(array, beyond if row_variance is None else beyond + row_variance)
         added = np.zeros((count, 3 * recording.sensor_count + 1)) if added_T is None else added_T
         attitude = world.attitude(recording.attitude)
         # An intensity that is taken for constant and is too large by what is added to it.

@@ -15,7 +15,7 @@ from tam_calibration.effects.removal import attitude_known, filled
 from tam_calibration.effects.term import Key, chosen
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.noise import complete_noise
-from tam_calibration.gap.attitude_nominal import Oriented, bias_variance
+from tam_calibration.gap.attitude_nominal import Oriented, attitude_variance, bias_variance
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.nominal import start, stepped, wild_samples, without_jump
 from tam_calibration.gap.regression import Base
@@ -165,9 +165,11 @@ class Model:
         except (InputError, Refused, LinAlgError):
             return None
         base = model.base()
+        assert model.world is not None
         if by_length.calibration_rank == _SPHERE_RANK and bias_variance(by_length) < bias_variance(base):
             return None
-        return replace(model, recording=recording, gross=start.jump)
+        world = replace(model.world, variance_T2=attitude_variance(base.channels, model.world))
+        return replace(model, recording=recording, world=world, gross=start.jump)
 
     def _is_gross(self) -> bool:
         """Whether the misfit is no small disturbance of the field."""

@@ -6,7 +6,7 @@ attitude, Λ how that stands to the sensor's own frame, and D and o the sensor's
 noise but the sensor's and the attitude's. The scale of D and the length of h are one: det D = 1.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,10 +28,13 @@ class World:
         In the world, tesla.
     mount : (3, 3) array
         Rotation that turns vectors of the attitude's frame into the array's, which is the first sensor's own.
+    variance_T2 : (3,) array
+        That the noise of the attitude adds to each row of the sensor, T².
     """
 
     field_T: FloatArray
     mount: FloatArray
+    variance_T2: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     @classmethod
     def of(
@@ -68,7 +71,7 @@ class World:
     @property
     def aligned(self) -> "World":
         """The same field, for attitudes of the array's own frame."""
-        return World(self.field_T, np.eye(3))
+        return replace(self, mount=np.eye(3))
 
     def attitude(self, recorded: FloatArray) -> FloatArray:
         """Return quaternions (N, 4) from the array's frame to the world of those recorded."""
@@ -90,10 +93,11 @@ class World:
             When a matrix is no longer one of a sensor.
         """
         matrix, bias = update(errors, step[:-3], unit_T)
-        field = self.field_T + step[-3:] * unit_T
-        if not (np.isfinite(matrix).all() and np.isfinite(bias).all() and field.any()):
+        in_world = self.field_T + step[-3:] * unit_T
+        if not (np.isfinite(matrix).all() and np.isfinite(bias).all() and in_world.any()):
             raise Refused("the nominal fit does not settle: the readings do not fit one calibration")
-        return World.of(matrix, bias, field, self.mount)
+        stepped, world = World.of(matrix, bias, in_world, self.mount)
+        return stepped, replace(world, variance_T2=self.variance_T2)
 
 
 def world_design(situation: Situation, unit_T: float, stride: int = 1) -> Design:

@@ -103,3 +103,23 @@ def test_a_turn_about_one_axis_is_fitted_as_far_as_it_tells(lone):
     model = Model.nominal(recording, made.array)
     assert model.world is not None
     assert model.base().channels.energy == pytest.approx(2700, rel=0.1)
+
+
+@pytest.mark.parametrize("noise_T", [20e-9, 60e-9])
+def test_the_noise_of_the_attitude_is_told_from_that_of_the_sensor(lone, noise_T):
+    """An attitude known to 0.03° adds its share to the variance of each row, which then leaves no excess."""
+    made = lone(3000, noise_T, np.radians(0.03))
+    model = Model.nominal(made.recording, made.array)
+    unit = made.field_T / made.world.intensity_T
+    expected = (np.radians(0.03) * made.world.intensity_T) ** 2 * (1 - np.mean(unit**2, axis=0))
+    assert_allclose(model.world.variance_T2, expected, atol=0.06 * (expected.mean() + noise_T**2))
+    assert model.base().channels.energy == pytest.approx(9000, rel=0.06)
+
+
+def test_a_noisy_sensor_does_not_make_the_attitude_noisy(lone):
+    """Noise of twice the sheet is the sensor's, along the field as across it."""
+    made = lone(3000, 20e-9)
+    sheet = replace(made.array, vector_noise_T=np.array([10e-9]))
+    model = Model.nominal(made.recording, sheet)
+    assert np.all(model.world.variance_T2 < 0.1 * 20e-9**2)
+    assert model.base().channels.energy == pytest.approx(4 * 9000, rel=0.1)
