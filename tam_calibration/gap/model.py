@@ -188,6 +188,14 @@ class Model:
             counted &= self.is_oriented
         return counted
 
+    @property
+    def row_noise_T(self) -> FloatArray:
+        """(3K,) standard deviation of the white noise of each row: the array's, and what the attitude adds."""
+        assert self.array.vector_noise_T is not None
+        variance = np.repeat(self.array.vector_noise_T**2, 3)
+        noise: FloatArray = np.sqrt(variance if self.world is None else variance + self.world.variance_T2)
+        return noise
+
     def channels(self, added_T: FloatArray | None = None) -> Channels:
         """Return the channels at the errors of the fit, what is added to the rows taken off."""
         variances = [finding.variance for finding in self.findings if finding.variance is not None]

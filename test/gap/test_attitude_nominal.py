@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.gap.attitude_nominal import Oriented
 from tam_calibration.gap.model import Model
+from tam_calibration.gap.size import measure
 
 MAGNET_T = np.array([-3e-6, -0.3e-6, 27e-6])
 
@@ -123,3 +124,12 @@ def test_a_noisy_sensor_does_not_make_the_attitude_noisy(lone):
     model = Model.nominal(made.recording, sheet)
     assert np.all(model.world.variance_T2 < 0.1 * 20e-9**2)
     assert model.base().channels.energy == pytest.approx(4 * 9000, rel=0.1)
+
+
+def test_the_size_of_a_gap_does_not_depend_on_the_noise_of_the_attitude(lone):
+    """A tone of 200 nT in one axis is told as that, in nT of one axis of three, whatever its noise floors."""
+    made = lone(3000, 20e-9, np.radians(0.03))
+    tone = np.outer(200e-9 * np.sqrt(2) * np.sin(1.7 * made.recording.time_s), [1, 0, 0])
+    model = Model.nominal(made.with_added(tone).recording, made.array)
+    assert model.world.variance_T2.any()
+    assert measure(model, model, 1.0).before_T == pytest.approx(200e-9 / np.sqrt(3), rel=0.1)
