@@ -22,7 +22,7 @@ from tam_calibration.effects.saturation import inside_range
 _MOST_OF_ROWS = 3
 
 _GROSS = 0.01
-"""Of the field: misfits above are no small disturbances, which the sums here take them for."""
+"""Of the field: misfits above are no small disturbances, which the sums here take the lengths of fields for."""
 
 
 class BiasJump(LinearEffect):
@@ -64,7 +64,8 @@ class BiasJump(LinearEffect):
             return []
         intensity = float(np.median(situation.intensity_T))
         shapes = self.sought(situation, inside_range(misfit))
-        gross = None if np.sqrt(np.mean(misfit.row_shift_T**2)) < _GROSS * intensity else moved_sphere(misfit.recording)
+        is_small = situation.follows_attitude or np.sqrt(np.mean(misfit.row_shift_T**2)) < _GROSS * intensity
+        gross = None if is_small else moved_sphere(misfit.recording)
         return shapes if gross is None else [gross.shape, *shapes]
 
     def sought(self, situation: Situation, misfit: Misfit) -> list[Shape]:

@@ -152,7 +152,7 @@ def best_excess(moments: Moments, situation: Situation) -> Excess | None:
         if len(rows) * moments.sample_count >= moments.channel_count:
             continue  # a floor could not be told from the excess
         least = (_SCALAR_PART if place.sensor == SCALAR else _LEAST_PART) * stated[rows]
-        if (single[rows] < least / 2).any():
+        if (single[rows] <= least / 2).any():
             continue
         for weight in (np.ones(len(rows)), single[rows] / single[rows].max())[: len(rows)]:
             part = single[rows] if len(rows) == 1 else _scaled(moments, place.rows, weight)

@@ -29,7 +29,7 @@ class Flexure(LinearEffect):
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the array was not tilted, or that its sensor has none to turn against, where it is so."""
-        if situation.sensor_count < 2:
+        if situation.sensor_count < 2 and not situation.follows_attitude:
             return "a turn of a single sensor does not change the length of the field"
         up = upwards(situation)
         tilt = float(np.sqrt(np.mean(np.sum((up - up.mean(axis=0)) ** 2, axis=1))))

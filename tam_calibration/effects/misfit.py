@@ -21,9 +21,9 @@ class Misfit:
         As read.
     situation : Situation
         What the model knows of it.
-    differential : (N, 3K - 3) array
-        Whitened residuals between the sensors, of unit variance under the model.
-    directions : (3K, 3K - 3) array
+    differential : (N, C) array
+        Whitened residuals between the sensors, or against the field of the world, of unit variance under the model.
+    directions : (3K, C) array
         How a shift of each row by one tesla moves them.
     common_mode : (N,) array
         Whitened residual of the scalar against the length of the field; NaN where there is no reference.

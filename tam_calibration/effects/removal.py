@@ -145,6 +145,13 @@ def filled(recording: Recording) -> Recording:
     return replace(recording, **channels)
 
 
+def attitude_known(recording: Recording) -> NDArray[np.bool_] | None:
+    """Return in which samples (N,) the attitude is known; None where it was not recorded."""
+    if recording.attitude is None:
+        return None
+    return np.asarray(np.isfinite(recording.attitude).all(axis=1))
+
+
 def removable(effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
     """Return the effects that can be taken off: those that add to the readings what the channels tell."""
     return tuple(fitted for fitted in effects if isinstance(effect_named(fitted.effect), LinearEffect))

@@ -38,6 +38,8 @@ class Situation:
         Quaternions x, y, z, w from the array frame to the world, finite.
     memory : Memory, optional
         Of what was before, where these samples continue others.
+    follows_attitude : bool
+        Whether the field is one of the world that the attitude turns, and not what the sensors read.
     """
 
     time_s: FloatArray
@@ -48,6 +50,7 @@ class Situation:
     current_A: FloatArray | None = None
     attitude: FloatArray | None = None
     memory: Memory | None = None
+    follows_attitude: bool = False
 
     @property
     def sample_count(self) -> int:
@@ -93,4 +96,13 @@ class Situation:
         channels = (self.temperature_C, self.current_A, self.attitude)
         temperature, current, attitude = (None if channel is None else channel[index] for channel in channels)
         field, time = self.field_T[index], self.time_s[index]
-        return Situation(time, field, self.errors, self.array, temperature, current, attitude)
+        return Situation(
+            time,
+            field,
+            self.errors,
+            self.array,
+            temperature,
+            current,
+            attitude,
+            follows_attitude=self.follows_attitude,
+        )

@@ -28,11 +28,11 @@ def complete_noise(array: Array, source: SampleSource) -> tuple[Array, bool]:
     if estimated:
         readings, reference = _stretches(source)
     if vector is None:
-        fast = np.sqrt(np.mean(_fast_noise(readings) ** 2, axis=1))
+        fast = np.sqrt(np.mean(fast_noise(readings) ** 2, axis=1))
         spread = readings.std(axis=0).mean(axis=1)
         vector = np.minimum(fast, np.maximum(_LARGEST_PART_OF_SPREAD * spread, _SMALLEST_T))
     if needs_scalar and len(reference) > 3:
-        scalar = float(_fast_noise(reference[:, None])[0])
+        scalar = float(fast_noise(reference[:, None])[0])
     return replace(array, vector_noise_T=vector, scalar_noise_T=scalar), estimated
 
 
@@ -44,7 +44,7 @@ def _stretches(source: SampleSource) -> tuple[FloatArray, FloatArray]:
     return np.concatenate([block.readings_T for block in chosen]), scalar[np.isfinite(scalar)]
 
 
-def _fast_noise(values: FloatArray) -> FloatArray:
+def fast_noise(values: FloatArray) -> FloatArray:
     """Return the robust standard deviation of the white noise along the first axis."""
     difference = np.diff(values, n=min(3, len(values) - 1), axis=0)
     spread = np.median(np.abs(difference), axis=0) / (_MEDIAN_ABSOLUTE_OF_NORMAL * _THIRD_DIFFERENCE_NORM)

@@ -9,7 +9,7 @@ from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration, EffectSize
 from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.effects.removal import added_to, filled, on_sensors
+from tam_calibration.effects.removal import added_to, on_sensors
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.identifiability import require_determined
@@ -70,14 +70,13 @@ def calibrate_with_effects(
         )
     recording.check_plausible()
     require_determined(recording, array)
-    complete = filled(recording)
     if AUTO in effects:
-        found = search(complete, array, progress=progress)
+        found = search(recording, array, progress=progress)
         gap = conclude(found)
         model = found.nominal if gap.verdict == "no_gap" else found.model
         warnings: tuple[str, ...] = (gap.statement,) if gap.verdict in ("partly_explained", "unexplained") else ()
     else:
-        model, warnings = _with_named(Model.nominal(complete, array), effects)
+        model, warnings = _with_named(Model.nominal(recording, array), effects)
     if model.parts or model.findings:
         return _kept(model, array, warnings)
     calibration = calibrate(recording, array)
@@ -114,7 +113,9 @@ def _kept(model: Model, array: Array, warnings: tuple[str, ...]) -> Calibration:
     """Return the calibration of what is left without the effects, with the effects and what is not known of them."""
     recording, findings = model.recording, tuple(finding.fitted for finding in model.findings)
     calibration = calibrate(_without(model), array)
-    at_end = replace(model, array=calibration.array, errors=calibration.errors, intensity_T=calibration.intensity_T)
+    at_end = replace(
+        model, array=calibration.array, errors=calibration.errors, intensity_T=calibration.intensity_T, world=None
+    )
     joint = Joint(at_end, tuple(_free(part, at_end) for part in model.parts))
     assert calibration.covariance is not None
     shared = joint.shared_covariance(calibration.errors, calibration.has_scalar_reference)

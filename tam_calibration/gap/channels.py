@@ -2,6 +2,7 @@
 
 The field of every sample is eliminated: left are 3K - 3 differential channels between the sensors and one common-mode
 channel, the scalar minus the length of the field that the sensors agree on; white with unit variance under the model.
+Where the attitude tells the field of every sample (``World``), each axis is a channel of its own.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.array import Array
 from tam_calibration.effects.effect import LinearEffect
-from tam_calibration.effects.fitted import Shape
+from tam_calibration.effects.fitted import SCALAR, Shape
 from tam_calibration.effects.misfit import Misfit
 from tam_calibration.effects.situation import Situation
 from tam_calibration.effects.term import Term, thinned
@@ -23,6 +24,7 @@ from tam_calibration.errors import SensorErrors
 from tam_calibration.gap.design import Design, calibration_design
 from tam_calibration.gap.normal import Normal
 from tam_calibration.gap.whitening import Whitening
+from tam_calibration.gap.world import World, world_design
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
@@ -40,10 +42,10 @@ class Channels:
     recording : Recording
         As read; a scalar channel is NaN or None where there is no reference.
     situation : Situation
-        With the field that the sensors agree on.
-    directions : (3K, 3K - 3) array
-        How a shift of each row moves the differential channels, 1/T.
-    differential : (N, 3K - 3) array
+        With the field that the sensors agree on, or that of the world.
+    directions : (3K, C) array
+        How a shift of each row moves the C differential channels, 1/T: 3K - 3, or 3K in the field of the world.
+    differential : (N, C) array
         Residuals of them.
     direction : (N, 4) array
         Of the field in the array frame, and 1.
@@ -81,6 +83,7 @@ class Channels:
         is_counted: NDArray[np.bool_] | None = None,
         row_variance: FloatArray | None = None,
         stride: int = 1,
+        world: World | None = None,
     ) -> "Channels":
         """Return the channels of a recording.
 
@@ -102,14 +105,20 @@ class Channels:
             Of white noise beyond that of the array, T².
         stride : int
             See the class.
+        world : World, optional
+            Of a recording with attitude and without scalar: its field takes the place of that of the readings.
         """
+        if world is not None:
+            return cls._in_world(recording, array, errors, world, added_T, is_counted, row_variance, stride)
         whitening = Whitening.of(array, errors, row_variance)
         added = np.zeros(3 * recording.sensor_count + 1) if added_T is None else added_T
         rows = recording.readings_T.reshape(recording.sample_count, -1) - errors.bias_T.ravel() - added[..., :-1]
         field = rows @ whitening.unmix.T
         length = norm(field, axis=1)
         direction = field / length[:, None]
-        scalar = np.full(len(rows), intensity_T) if recording.scalar_T is None else recording.scalar_T - added[..., -1]
+        scalar = (
+            (intensity_T if recording.scalar_T is None else recording.scalar_T) - added[..., -1] + np.zeros(len(rows))
+        )
         known = np.isfinite(scalar)
         situation = Situation(
             recording.time_s,
@@ -150,6 +159,50 @@ class Channels:
             channels = replace(channels, differential=channels.differential - taken[:, None] * along, misfit_T=misfit)
         return channels
 
+    @classmethod
+    def _in_world(
+        cls,
+        recording: Recording,
+        array: Array,
+        errors: SensorErrors,
+        world: World,
+        added_T: FloatArray | None,
+        is_counted: NDArray[np.bool_] | None,
+        row_variance: FloatArray | None,
+        stride: int,
+    ) -> "Channels":
+        assert recording.attitude is not None and recording.scalar_T is None
+        count = recording.sample_count
+        beyond = np.append(world.variance_T2, 0.0)
+        whitening = Whitening.of_known_field(array, beyond if row_variance is None else beyond + row_variance)
+        added = np.zeros((count, 3 * recording.sensor_count + 1)) if added_T is None else added_T
+        attitude = world.attitude(recording.attitude)
+        # An intensity that is taken for constant and is too large by what is added to it.
+        field = world.field(attitude) * (1 - added[:, -1:] / world.intensity_T)
+        situation = Situation(
+            recording.time_s,
+            field,
+            errors,
+            array,
+            recording.temperature_C,
+            recording.current_A,
+            attitude,
+            follows_attitude=True,
+        )
+        rows = (recording.readings_T - errors.bias_T).reshape(count, -1) - added[:, :-1] - situation.sensed_T
+        return cls(
+            recording,
+            situation,
+            whitening.directions,
+            rows @ whitening.directions,
+            np.column_stack([field / situation.intensity_T[:, None], np.ones(count)]),
+            whitening.turn,
+            np.zeros(count),
+            np.zeros(count),
+            np.ones(count, dtype=bool) if is_counted is None else is_counted,
+            stride,
+        )
+
     @property
     def row_direction(self) -> FloatArray:
         """(N, 3K + 1) how a shift of each row moves the scalar minus the length of the field."""
@@ -173,12 +226,28 @@ class Channels:
         taken = len(self._taken[0])
         if any(len(term.features) != taken for term in terms):
             terms = list(thinned(terms, self.stride))
+        if self.situation.follows_attitude:
+            terms = [self._on_sensors(term) for term in terms]
         return Design.of(terms)
+
+    def _on_sensors(self, term: Term) -> Term:
+        """Return what an intensity that is not measured, and too large by a term, takes from the readings."""
+        if term.sensor != SCALAR:
+            return term
+        situation = self.situation
+        along = (situation.sensed_T / situation.intensity_T[:, None])[:: self.stride]
+        features = -(along[:, :, None] * term.features[:, None, :]).reshape(len(along), -1)
+        rows, atoms = np.divmod(np.arange(features.shape[1]), len(term.columns))
+        return replace(term, features=features, rows=rows, columns=term.columns[atoms])
 
     @cached_property
     def calibration(self) -> Design:
         """The design of the calibration itself, at the samples that the normal equations take."""
-        return calibration_design(self.situation, self.stride)
+        own = calibration_design(self.situation, self.stride)
+        if not self.situation.follows_attitude:
+            return own
+        unit = float(np.mean(self.situation.intensity_T))
+        return Design.joined([own, world_design(self.situation, unit, self.stride)])
 
     @property
     def has_scalar(self) -> bool:
@@ -238,13 +307,20 @@ class Channels:
         for piece in self._pieces(part):
             first, second = self.seen(left, piece), self.seen(right, piece)
             between += first[0] @ second[0].T
-            common += first[1] @ second[1].T
+            if self._has_reference:
+                common += first[1] @ second[1].T
         total = between[np.ix_(left.index, right.index)] * self.coupling[np.ix_(left.rows, right.rows)]
         if left.scatter is not None:
             total = left.scatter.T @ total
         if right.scatter is not None:
             total = total @ right.scatter
+        if not self._has_reference:
+            return total
         return total + left.by_column(right.by_column(common.T, self.turn).T, self.turn)
+
+    @cached_property
+    def _has_reference(self) -> bool:
+        return bool(self.precision.any())
 
     def seen(self, design: Design, piece: slice) -> tuple[FloatArray, FloatArray]:
         """Return the features (F, n) of a design in samples that count, and what it adds to the whitened common mode.
@@ -263,6 +339,8 @@ class Channels:
         features = np.ascontiguousarray(design.features[piece].T)
         if not counted.all():
             features = features * counted
+        if not self._has_reference:
+            return features, features[:0]
         if design.is_shared:
             return features, (features[:, None] * direction).reshape(-1, features.shape[1])
         by_atom = features[design.index]

@@ -43,7 +43,9 @@ class Setting:
             situation.current_A,
             situation.attitude,
         )
-        return Channels.at(recording, self.model.array, self.model.errors, self.model.intensity_T)
+        model = self.model
+        world = None if situation.attitude is None or model.world is None else model.world.aligned
+        return Channels.at(recording, model.array, model.errors, model.intensity_T, world=world)
 
     @property
     def minutes(self) -> float:

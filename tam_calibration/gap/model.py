@@ -11,18 +11,25 @@ from numpy.typing import NDArray
 from tam_calibration.array import Array
 from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, LinearEffect, Shape, Term
 from tam_calibration.effects.moved_sphere import moved_sphere
+from tam_calibration.effects.removal import attitude_known, filled
 from tam_calibration.effects.term import Key, chosen
 from tam_calibration.errors import SensorErrors
+from tam_calibration.fit.noise import complete_noise
+from tam_calibration.gap.attitude_nominal import Oriented, attitude_variance, bias_variance
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.nominal import start, stepped, wild_samples, without_jump
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.search import Hypothesis
 from tam_calibration.gap.selection import columns_of
+from tam_calibration.gap.world import World
 from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 _MOST_STEPS = 8
+_SPHERE_RANK = 9
+"""Of the calibration of one sensor by the length of the field, where that tells all of it."""
+
 _GROSS = 0.01
 """Of the field: a misfit above is no small disturbance."""
 
@@ -89,6 +96,10 @@ class Model:
         Of the fit.
     intensity_T : float
         Where there is no scalar channel.
+    world : World, optional
+        The field of the world, where the attitude tells more of one sensor than the length of the field does.
+    is_oriented : (N,) array of bool, optional
+        Whether the attitude of a sample is known; of the world.
     parts : tuple of Part
         Accepted effects that add to the rows.
     findings : tuple of Finding
@@ -103,6 +114,8 @@ class Model:
     array: Array
     errors: SensorErrors
     intensity_T: float
+    world: World | None = None
+    is_oriented: NDArray[np.bool_] | None = None
     parts: tuple[Part, ...] = ()
     findings: tuple[Finding, ...] = ()
     gross: FittedEffect | None = None
@@ -115,10 +128,15 @@ class Model:
         That is a few readings beyond all others, or a jump.
         """
         stride = recording.sample_count // _ENOUGH_SAMPLES + 1
-        wild = wild_samples(recording)
+        is_oriented, wild = attitude_known(recording), wild_samples(recording)
         if wild.any():
             tame = cls.nominal(recording.take(~wild), array)
-            return replace(tame, recording=recording, stride=stride)
+            return replace(tame, recording=filled(recording), is_oriented=is_oriented, stride=stride)
+        recording = filled(recording)
+        if recording.sensor_count == 1 and recording.scalar_T is None and is_oriented is not None:
+            in_world = cls._in_world(recording, array, is_oriented, stride)
+            if in_world is not None:
+                return in_world
         noisy, errors, intensity = start(recording, array)
         plain = cls(recording, noisy, errors, intensity, stride=stride).settled()
         if not plain._is_gross():
@@ -131,6 +149,27 @@ class Model:
         jump = replace(jump, contributions=jumping)
         noisy, errors, intensity = start(without_jump(recording, jump), array)
         return cls(recording, noisy, errors, intensity, gross=jump, stride=stride)
+
+    @classmethod
+    def _in_world(
+        cls, recording: Recording, array: Array, is_oriented: NDArray[np.bool_], stride: int
+    ) -> "Model | None":
+        """Fit one sensor in the field of the world; None where the length of the field alone tells its bias better."""
+        noisy, _ = complete_noise(array, recording)
+        try:
+            start = Oriented.of(recording.take(is_oriented))
+            clean = recording if start.jump is None else without_jump(recording, start.jump)
+            intensity = start.world.intensity_T
+            model = cls(clean, noisy, start.errors, intensity, start.world, is_oriented, stride=stride).settled()
+            by_length = replace(model, world=None).base()
+        except (InputError, Refused, LinAlgError):
+            return None
+        base = model.base()
+        assert model.world is not None
+        if by_length.calibration_rank == _SPHERE_RANK and bias_variance(by_length) < bias_variance(base):
+            return None
+        world = replace(model.world, variance_T2=attitude_variance(base.channels, model.world))
+        return replace(model, recording=recording, world=world, gross=start.jump)
 
     def _is_gross(self) -> bool:
         """Whether the misfit is no small disturbance of the field."""
@@ -145,7 +184,17 @@ class Model:
         for finding in self.findings:
             if finding.flagged is not None:
                 counted &= ~finding.flagged
+        if self.world is not None and self.is_oriented is not None:
+            counted &= self.is_oriented
         return counted
+
+    @property
+    def row_noise_T(self) -> FloatArray:
+        """(3K,) standard deviation of the white noise of each row: the array's, and what the attitude adds."""
+        assert self.array.vector_noise_T is not None
+        variance = np.repeat(self.array.vector_noise_T**2, 3)
+        noise: FloatArray = np.sqrt(variance if self.world is None else variance + self.world.variance_T2)
+        return noise
 
     def channels(self, added_T: FloatArray | None = None) -> Channels:
         """Return the channels at the errors of the fit, what is added to the rows taken off."""
@@ -153,7 +202,15 @@ class Model:
         beyond = np.sum(variances, axis=0) if variances else None
         spreads = tuple(finding.spread_T for finding in self.findings if finding.spread_T is not None)
         return Channels.at(
-            self.recording, self.array, self.errors, self.intensity_T, added_T, self.is_counted, beyond, self.stride
+            self.recording,
+            self.array,
+            self.errors,
+            self.intensity_T,
+            added_T,
+            self.is_counted,
+            beyond,
+            self.stride,
+            self.world,
         ).whitened(spreads)
 
     def settled(self) -> "Model":
@@ -173,7 +230,7 @@ class Model:
         """Return the model after a step, shortened until it does not climb, with its base; None where none helps."""
         for length in _STEP_LENGTHS:
             try:
-                model = self._stepped(length * base.step, float(np.mean(base.channels.situation.intensity_T)))
+                model = self._stepped(length * base.step, base)
                 moved = model.base()
             except (InputError, Refused, LinAlgError):
                 continue
@@ -181,13 +238,17 @@ class Model:
                 return model, moved
         return None
 
-    def _stepped(self, step: FloatArray, unit_T: float) -> "Model":
-        ends = np.cumsum([12 * self.recording.sensor_count, *(len(part.values) for part in self.parts)])
+    def _stepped(self, step: FloatArray, base: Base) -> "Model":
+        ends = np.cumsum([design.width for design in base.designs])
         own, *others = np.split(step, ends[:-1])
         parts = tuple(
             replace(part, values=part.values + change) for part, change in zip(self.parts, others, strict=True)
         )
-        return replace(self, errors=stepped(self.errors, own, unit_T), parts=parts)
+        unit_T = float(np.mean(base.channels.situation.intensity_T))
+        if self.world is None:
+            return replace(self, errors=stepped(self.errors, own, unit_T), parts=parts)
+        errors, world = self.world.stepped(self.errors, own, unit_T)
+        return replace(self, errors=errors, world=world, intensity_T=world.intensity_T, parts=parts)
 
     def signal(self) -> FloatArray:
         """Return what the effects add to the rows, (N, 3K + 1), tesla."""

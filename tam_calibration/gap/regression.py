@@ -143,6 +143,11 @@ class Base:
         Whitened channels.
     designs : sequence of Design
         Of the calibration, then of the accepted effects.
+
+    Attributes
+    ----------
+    inverse : (P, P) array
+        Of the information, within the directions that the data determine.
     """
 
     def __init__(self, channels: Channels, designs: Sequence[Design]) -> None:
@@ -154,8 +159,8 @@ class Base:
         numbers = range(len(self.designs))
         information = np.block([[blocks[row, column] for column in numbers] for row in numbers])
         self._score = np.concatenate([channels.score(design) for design in designs])
-        self._inverse = pseudo_inverse(information)
-        self.step = self._inverse @ self._score
+        self.inverse = pseudo_inverse(information)
+        self.step = self.inverse @ self._score
         self.information = information
         self.energy = max(channels.energy - float(self._score @ self.step), _LEAST_ENERGY * channels.energy)
 
@@ -172,14 +177,14 @@ class Base:
     def eliminated(self, design: Design) -> tuple[FloatArray, FloatArray]:
         """Return the information (B, P) of the base on a design, and what it becomes (P, B) with the base solved."""
         crossed = np.concatenate([self.channels.cross(left, design) for left in self.designs])
-        return crossed, crossed.T @ self._inverse
+        return crossed, crossed.T @ self.inverse
 
     def of_residual(self, differential: FloatArray, common: FloatArray) -> "Base":
         """Return the base of another residual of the same samples, see ``Channels.with_residual``."""
         other = copy(self)
         other.channels = self.channels.with_residual(differential, common)
         other._score = np.concatenate([other.channels.score(design) for design in self.designs])
-        other.step = self._inverse @ other._score
+        other.step = self.inverse @ other._score
         other.energy = max(
             other.channels.energy - float(other._score @ other.step), _LEAST_ENERGY * other.channels.energy
         )

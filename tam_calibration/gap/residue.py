@@ -23,12 +23,11 @@ def residue_of(nominal: Model, model: Model, before: Channels, variance: float) 
         Of the channels' white noise, in what is stated.
     """
     array = nominal.array
-    assert array.vector_noise_T is not None
     generator = np.random.default_rng(0)
     situation = before.situation
     scale = float(np.sqrt(variance))
     noise = generator.normal(size=(situation.sample_count, situation.sensor_count, 3)) * (
-        scale * array.vector_noise_T[None, :, None]
+        scale * nominal.row_noise_T.reshape(-1, 3)
     )
     direction = situation.field_T / situation.intensity_T[:, None]
     field_T: FloatArray = nominal.intensity_T * direction
@@ -38,7 +37,11 @@ def residue_of(nominal: Model, model: Model, before: Channels, variance: float) 
         field_T, scalar = situation.field_T, np.where(before.precision > 0, situation.intensity_T + drawn, np.nan)
     readings = situation.errors.distort(field_T) + noise
     twin = Channels.at(
-        replace(nominal.recording, readings_T=readings, scalar_T=scalar), array, nominal.errors, nominal.intensity_T
+        replace(nominal.recording, readings_T=readings, scalar_T=scalar),
+        array,
+        nominal.errors,
+        nominal.intensity_T,
+        world=nominal.world,
     )
 
     typical = np.array([np.median(row[row > 0]) if row.any() else np.inf for row in before.misfit.row_information.T])

@@ -64,8 +64,7 @@ def measure(nominal: Model, model: Model, variance: float) -> Size:
     first, last = left_by(nominal, interleaved).excess(variance), left_by(model, interleaved).excess(variance)
     before, after = float(np.sqrt(max(first.mean(), 0))), float(np.sqrt(max(last.mean(), 0)))
     closed, interval = _closed(first, last)
-    assert model.array.vector_noise_T is not None
-    floor = float(np.sqrt(variance * np.mean(model.array.vector_noise_T**2)))
+    floor = float(np.sqrt(variance * np.mean(model.row_noise_T**2)))
     tensors = [_tensor_excess(one, variance) for one in (nominal, model)]
     return Size(before, after, before * floor, after * floor, tensors[0], tensors[1], floor, closed, interval)
 

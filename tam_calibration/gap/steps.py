@@ -4,7 +4,6 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from tam_calibration.array import Array
-from tam_calibration.effects.removal import filled
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.looking import Looking, Progress
 from tam_calibration.gap.model import Model
@@ -50,7 +49,7 @@ def search(
     """
     tell = progress or (lambda what, part: None)
     tell("nominal calibration", 0.0)
-    nominal = Model.nominal(filled(recording), array)
+    nominal = Model.nominal(recording, array)
     looking = Looking(nominal, frozenset(without), tell)
     best = looking.found(looking.gross)
     for start in looking.other_starts(best):

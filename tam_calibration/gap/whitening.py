@@ -20,8 +20,8 @@ class Whitening:
         Weighted least-squares estimate of the field from the rows without bias.
     covariance : (3, 3) array
         Of that estimate, T².
-    directions : (3K, 3K - 3) array
-        How a shift of each row moves the differential channels, 1/T.
+    directions : (3K, C) array
+        How a shift of each row moves the differential channels, 1/T; C is 3K - 3, or 3K where the field is known.
     scalar_variance : float
         Of the scalar magnetometer's noise, T².
     """
@@ -34,18 +34,23 @@ class Whitening:
     @classmethod
     def of(cls, array: Array, errors: SensorErrors, row_variance: FloatArray | None = None) -> "Whitening":
         """Return the whitening of an array with noise, and with white noise (3K + 1,) beyond it, T²."""
-        assert array.vector_noise_T is not None
         matrix = errors.matrix.reshape(-1, 3)
-        beyond = np.zeros(len(matrix) + 1) if row_variance is None else row_variance
-        weight = 1 / np.sqrt(np.repeat(array.vector_noise_T**2, 3) + beyond[:-1])
+        weight = _weight(array, row_variance)
         covariance = inv(matrix.T @ (weight[:, None] ** 2 * matrix))
         basis, _ = np.linalg.qr(weight[:, None] * matrix, mode="complete")
         return cls(
             covariance @ (weight[:, None] ** 2 * matrix).T,
             covariance,
             weight[:, None] * basis[:, 3:],
-            float((array.scalar_noise_T or 0.0) ** 2 + beyond[-1]),
+            float((array.scalar_noise_T or 0.0) ** 2 + (0.0 if row_variance is None else row_variance[-1])),
         )
+
+    @classmethod
+    def of_known_field(cls, array: Array, row_variance: FloatArray | None = None) -> "Whitening":
+        """Return the whitening of rows that are compared with a field known otherwise: each is a channel of its own."""
+        weight = _weight(array, row_variance)
+        rows = len(weight)
+        return cls(np.zeros((3, rows)), np.zeros((3, 3)), np.diag(weight), 0.0)
 
     @property
     def turn(self) -> FloatArray:
@@ -58,3 +63,11 @@ class Whitening:
         """Return the variance (N,) of the scalar minus the length of a field in a direction (N, 3), T²."""
         variance: FloatArray = self.scalar_variance + np.einsum("ni,ij,nj->n", direction, self.covariance, direction)
         return variance
+
+
+def _weight(array: Array, row_variance: FloatArray | None) -> FloatArray:
+    """Return the inverse standard deviation (3K,) of the rows of the sensors, 1/T."""
+    assert array.vector_noise_T is not None
+    variance = np.repeat(array.vector_noise_T**2, 3)
+    weight: FloatArray = 1 / np.sqrt(variance if row_variance is None else variance + row_variance[:-1])
+    return weight

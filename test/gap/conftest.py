@@ -11,6 +11,7 @@ from tam_calibration.array import Array
 from tam_calibration.errors import SensorErrors
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.model import Model
+from tam_calibration.gap.world import World
 from tam_calibration.recording import Recording
 
 FIELD_T = np.array([12e-6, 18e-6, -45e-6])
@@ -142,3 +143,49 @@ def make_dense(run):
 def dense():
     """Return the maker of dense channels."""
     return make_dense
+
+
+@dataclass(frozen=True, eq=False)
+class Lone:
+    """A recording of one sensor with attitude and without scalar, its array, the true errors, world and field."""
+
+    recording: Recording
+    array: Array
+    errors: SensorErrors
+    world: World
+    field_T: np.ndarray
+
+    def channels(self, **options):
+        """Return the channels at the truth."""
+        return Channels.at(self.recording, self.array, self.errors, self.world.intensity_T, world=self.world, **options)
+
+    def with_added(self, added_T):
+        """Return the same with something (N, 3) added to the readings."""
+        return replace(self, recording=replace(self.recording, readings_T=self.recording.readings_T + added_T[:, None]))
+
+
+def make_lone(samples=900, noise_T=NOISE_T, attitude_noise=0.0, seed=1):
+    """Return a sensor that tumbles for a minute, a third of a turn apart from what records its attitude in radians."""
+    generator = np.random.default_rng(seed)
+    time = np.linspace(0, 60, samples)
+    of_sensor = Rotation.from_euler("XYZ", np.outer(time, [0.9, 0.55, 0.35]))
+    mount = Rotation.from_rotvec(2 * np.pi / 3 / np.sqrt(3) * np.array([1, 1, 1])) * Rotation.from_rotvec(
+        [0, 0.05, 0.1]
+    )
+    field = of_sensor.inv().apply(FIELD_T)
+    scale = np.array([[1.03, 0.99, 1.0]])
+    scale /= np.cbrt(np.prod(scale))
+    errors = SensorErrors(scale, np.zeros((1, 3)), np.array([[3e-7, -2e-7, 5e-7]]), np.zeros((1, 3)))
+    readings = errors.distort(field) + noise_T * generator.normal(size=(samples, 1, 3))
+    wrong = Rotation.from_rotvec(attitude_noise * generator.normal(size=(samples, 3)))
+    recorded = (of_sensor * mount * wrong).as_quat()
+    recording = Recording(time, readings, attitude=recorded)
+    return Lone(
+        recording, Array(np.zeros((1, 3)), np.array([noise_T])), errors, World(FIELD_T, mount.as_matrix()), field
+    )
+
+
+@pytest.fixture(scope="session")
+def lone():
+    """Return the maker of runs of one sensor with attitude."""
+    return make_lone

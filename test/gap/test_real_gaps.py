@@ -1,11 +1,20 @@
 """Real recordings of one sensor without a scalar: what is known of them comes out, and nothing is made up."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.linalg import norm
 
+from tam_calibration.effects.bias_jump import BiasJump
+from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.files import read_array, read_recording
 from tam_calibration.gap import diagnose
+from tam_calibration.gap.coloured import sandwich
+from tam_calibration.gap.hypotheses import examine
+from tam_calibration.gap.model import Model
+from tam_calibration.gap.regression import Base
 
 RECORDINGS = Path(__file__).parents[3] / "shared" / "data" / "recordings"
 
@@ -36,6 +45,48 @@ def test_a_magnet_in_the_middle_is_a_step_on_and_a_step_off():
     assert 93 < first.fitted.shape["end_s"] < 164
     assert max(abs(one.values["offset"]) for one in first.fitted.contributions) > 40e-6
     assert gap.size.closed > 0.95
+
+
+@pytest.mark.parametrize("noise_T", [15e-9, 750e-9, None])
+@pytest.mark.parametrize(
+    ("name", "times", "size"), [("broad_33", (42.4, 98.5), (-3056e-9, -309e-9, 26890e-9)), ("broad_32", None, None)]
+)
+def test_a_magnet_on_and_off_is_found_by_attitude_whatever_noise_is_stated(name, times, size, noise_T):
+    """Times to a second, size to 15 % and direction to 15°, of broad_32 as the lengths of its readings tell them."""
+    recording, array = read_recording(RECORDINGS / f"{name}.csv"), read_array(RECORDINGS / "broad.yaml")
+    noise = None if noise_T is None else np.array([noise_T])
+    model = Model.nominal(recording, replace(array, vector_noise_T=noise))
+    if times is None:
+        by_length = moved_sphere(recording)
+        times = tuple(by_length.shape.values())
+        size = [one.values["offset"] for one in by_length.contributions]
+    assert model.world is not None
+    assert list(model.gross.shape.values()) == pytest.approx(times, abs=1)
+    offset = np.array([one.values["offset"] for one in model.gross.contributions])
+    assert norm(offset) == pytest.approx(norm(size), rel=0.15)
+    assert offset @ size > np.cos(np.radians(15)) * norm(offset) * norm(size)
+
+
+@pytest.mark.parametrize(("name", "rest_T"), [("broad_02", 0.92e-6), ("broad_08", 1.79e-6)])
+@pytest.mark.parametrize("until", [0.77, 2.0])
+def test_a_jump_of_three_times_the_rest_is_found(name, rest_T, until):
+    """Put into a run that has none: times to a second, offset to 20 %, and its interval holds what was put in."""
+    recording, array = read_recording(RECORDINGS / f"{name}.csv"), read_array(RECORDINGS / "broad.yaml")
+    phase = (recording.time_s - recording.time_s[0]) / np.ptp(recording.time_s)
+    put = 3 * rest_T * np.array([0.3, 0.9, -0.3]) / norm([0.3, 0.9, -0.3])
+    inside = (phase > 0.42) & (phase < until)
+    readings = recording.readings_T + inside[:, None, None] * put
+    nominal = Model.nominal(replace(recording, readings_T=readings), array)
+    found = examine(nominal.base(), BiasJump())
+    model = nominal.accept(found.form)
+    times = recording.time_s[inside][[0, -1]] if until < 1 else recording.time_s[inside][:1]
+    assert list(found.form.shape.values()) == pytest.approx(times, abs=1)
+    channels = model.channels(model.signal())
+    (part,) = model.parts
+    deviation = part.values - put
+    assert norm(deviation) < 0.2 * norm(put)
+    error = np.sqrt(np.diag(sandwich(Base(channels, [channels.calibration]), [channels.design(part.terms(channels))])))
+    assert (np.abs(deviation) < 3 * error).all()
 
 
 def test_the_gradients_of_a_room_are_not_blamed_on_the_sensor():

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from tam_calibration.gap.standing import AGAINST_RIVAL, beats, energy_explained, holds, open_part
 
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.hypotheses import evidence_of, examine, rivals
 from tam_calibration.gap.search import best_form
-from tam_calibration.gap.standing import AGAINST_RIVAL, beats, energy_explained, holds, open_part
 
 
 @pytest.fixture(scope="module")

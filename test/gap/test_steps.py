@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tam_calibration.gap.standing import LEAST_EVIDENCE
 
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap import diagnose
-from tam_calibration.gap.standing import LEAST_EVIDENCE
 from tam_calibration.gap.steps import search
 
 SAMPLES = 600

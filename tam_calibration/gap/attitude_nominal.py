@@ -1,0 +1,138 @@
+"""The nominal fit of one sensor in the field of the world, beside a jump of its bias however large.
+
+The readings y = M Rᵀ h + o are linear in the nine products of M's and h's elements of each axis and in the offset, so
+that sums over the samples tell exactly what a jump at any time, or one on and off, leaves of them. The products of all
+axes make one matrix of rank one, vec(M) hᵀ, from which M and h follow; Gauss-Newton ends it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tam_calibration.effects.bias_jump import BiasJump
+from tam_calibration.effects.change_points import Path, without
+from tam_calibration.effects.fitted import Contribution, FittedEffect
+from tam_calibration.errors import SensorErrors
+from tam_calibration.fit.noise import fast_noise
+from tam_calibration.gap.channels import Channels
+from tam_calibration.gap.regression import Base
+from tam_calibration.gap.world import World, turns
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+_LEAST_FALL = 4.0
+"""How many times smaller the squares must be with a jump than without, for it to be gross."""
+
+_OPEN = 1e-6
+"""Combinations of the products of so little relative size are not told by the turns of the recording."""
+
+_BIAS = [3, 7, 11]
+"""Where the offsets stand in the design of a sensor's calibration."""
+
+
+@dataclass(frozen=True, eq=False)
+class Oriented:
+    """Where the fit in the field of the world starts: errors, world, and a gross jump that they do without."""
+
+    errors: SensorErrors
+    world: World
+    jump: FittedEffect | None
+
+    @classmethod
+    def of(cls, recording: Recording) -> "Oriented":
+        """Return the start of the fit of one sensor whose attitude is known in all samples.
+
+        Raises
+        ------
+        InputError
+            When no fit is one of a sensor.
+        """
+        assert recording.attitude is not None
+        readings, turned = recording.readings_T[:, 0], turns(recording.attitude)
+        products = np.column_stack([turned.reshape(len(turned), 9), np.ones(len(turned))])
+        shape = _gross_jump(recording.time_s, readings, products)
+        step = np.empty((len(turned), 0)) if shape is None else _step(recording.time_s, shape)
+        values = np.linalg.lstsq(np.column_stack([products, step]), readings, rcond=_OPEN)[0]
+        start = min(
+            (_Linear.at(matrix, turned, step, readings) for matrix in (_factor(values[:9]), np.eye(3))),
+            key=lambda one: one.left,
+        )
+        errors, world = World.of(start.matrix[None], start.offsets[:1], start.field_T, np.eye(3))
+        return cls(errors, world, None if shape is None else _jump(shape, start.offsets[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """The field and the offsets (before a jump, and its size) that fit best with a matrix, and the squares left."""
+
+    matrix: FloatArray
+    field_T: FloatArray
+    offsets: FloatArray
+    left: float
+
+    @classmethod
+    def at(cls, matrix: FloatArray, turned: FloatArray, step: FloatArray, readings: FloatArray) -> "_Linear":
+        constant = np.column_stack([np.ones(len(step)), step])
+        offsets = np.einsum("np,ij->nipj", constant, np.eye(3)).reshape(3 * len(step), -1)
+        design = np.column_stack([(matrix @ turned).reshape(-1, 3), offsets])
+        values = np.linalg.lstsq(design, readings.ravel(), rcond=_OPEN)[0]
+        left = float(np.sum((readings.ravel() - design @ values) ** 2))
+        return cls(matrix, values[:3], values[3:].reshape(-1, 3), left)
+
+
+def _gross_jump(time_s: FloatArray, readings: FloatArray, products: FloatArray) -> dict[str, float] | None:
+    """Return the times of the jump, or of that on and off, without which the readings are of no calibration."""
+    values = np.linalg.lstsq(products, readings, rcond=_OPEN)[0]
+    left = float(np.sum((readings - products @ values) ** 2))
+    path = Path.of(*without(readings, products), np.ones((len(readings), 1)))
+    best = max(path.best(), key=lambda jump: jump.gain)
+    if left < _LEAST_FALL * (left - best.gain):
+        return None
+    middle = (time_s[1:] + time_s[:-1]) / 2
+    return {name: float(middle[cut]) for name, cut in zip(BiasJump.shape_units, best.cuts, strict=False)}
+
+
+def _step(time_s: FloatArray, shape: dict[str, float]) -> FloatArray:
+    """Return 1 in the samples of a jump and 0 in the others, (N, 1)."""
+    return np.where((time_s >= shape["time_s"]) & (time_s < shape.get("end_s", np.inf)), 1.0, 0.0)[:, None]
+
+
+def _factor(products: FloatArray) -> FloatArray:
+    """Return the matrix M of which, with a field h, products (9, 3) are made most nearly; right-handed."""
+    of_axis = products.T.reshape(9, 3)
+    left, _, _ = np.linalg.svd(of_axis, full_matrices=False)
+    matrix = np.sqrt(3) * left[:, 0].reshape(3, 3)
+    # (M, h) and (-M, -h) are the same.
+    right_handed: FloatArray = matrix * np.sign(np.linalg.det(matrix))
+    return right_handed
+
+
+def _jump(shape: dict[str, float], offset_T: FloatArray) -> FittedEffect:
+    contributions = (Contribution(0, axis, "offset", {"offset": value}) for axis, value in enumerate(offset_T.tolist()))
+    return FittedEffect(BiasJump.name, shape, tuple(contributions))
+
+
+def attitude_variance(channels: Channels, world: World) -> FloatArray:
+    """Return the variance (3,) that the white noise of the attitude adds to each row of a sensor, T².
+
+    A small turn moves a field across its direction only: the fast differences of the residual across the field of the
+    world exceed those along it by the attitude's noise, of which a row has what it mostly sees across.
+    """
+    situation, counted = channels.situation, channels.is_counted
+    assert situation.attitude is not None
+    residual = channels.misfit.row_shift_T[counted, :-1]
+    in_world = np.einsum("nji,nj->ni", turns(situation.attitude[counted]), residual)
+    frame = np.linalg.qr(world.field_T[:, None], mode="complete")[0]
+    along, *across = fast_noise(in_world @ frame)
+    variance = max(float(np.mean(np.square(across)) - along**2), 0.0)
+    seen_across: FloatArray = 1 - np.mean(channels.direction[counted, :3] ** 2, axis=0)
+    return variance * seen_across
+
+
+def bias_variance(base: Base) -> float:
+    """Return the variance of a sensor's three offsets together at the scale of the residual, in units of the field's.
+
+    Directions that the recording does not tell have none: a fit that tells fewer is to be set back before.
+    """
+    covariance = base.inverse[np.ix_(_BIAS, _BIAS)]
+    return float(np.trace(covariance)) * base.energy / max(base.channels.count - base.rank, 1.0)

@@ -1,0 +1,103 @@
+"""Standard errors of coefficients that hold whatever the residual is: coloured, drifting, larger here than there.
+
+A coefficient is a sum over the samples of its influence times their residuals. How far that sum goes astray is told by
+the same products summed against slow cosines of time: if what is left is stationary in them, these sums vary as much
+as the one that is the error. The mean of the squares of a few of them is the variance, with few degrees of freedom but
+whatever the correlation time is, up to a fraction of the recording (Lazarus, Lewis, Stock and Watson, HAR inference:
+recommendations for practice, J. Bus. Econ. Stat. 36, 2018, p. 541: equally weighted cosines). The fit has taken a part
+of each cosine's sum away; how much, and how many sums are left to count, follows from the design as if the residual
+were white (Bell and McCaffrey, Bias reduction in standard errors, Surv. Methodol. 28, 2002, p. 169).
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from tam_calibration.gap.channels import Channels
+from tam_calibration.gap.design import Design
+from tam_calibration.gap.regression import Base
+from tam_calibration.units import FloatArray
+
+_COSINES = 8
+"""Half periods of the slowest cosines: more make the errors more certain, and too small beside a slow drift."""
+
+_BLOCKS = 4 * _COSINES
+"""Blocks of time in which samples are summed; the fastest cosine has eight a period."""
+
+_TWO_SIDED = 0.975
+_NORMAL_QUANTILE = 1.959963984540054
+"""Of the standard normal distribution: so many standard errors are to cover 95 %."""
+
+
+def sandwich(base: Base, effects: Sequence[Design]) -> FloatArray:
+    """Return the covariance of the coefficients of effects, the calibration fitted beside them.
+
+    Parameters
+    ----------
+    base : Base
+        Of the calibration and what else is fitted and not asked for, at channels from which the signal of the effects
+        is taken off.
+    effects : sequence of Design
+        P columns in all.
+
+    Returns
+    -------
+    (P, P) array
+        1.96 of its standard errors to both sides cover 95 %: the few degrees of freedom are in them. Directions that
+        cannot be seen have no variance.
+    """
+    joined = Design.joined([*base.designs, *effects])
+    information, score = _by_block(base.channels, joined)
+    visible = base.project(Design.joined(effects)).inverse()[0]
+    solve, own = _solution(base, information.sum(axis=0), visible)
+    left = score - information @ (solve @ score.sum(axis=0))
+    influence = solve[:, own]
+    cosines = _cosines(len(information))
+    sums = cosines.T @ (left @ influence)
+    scale = np.array([_scale(information, solve, one, cosines) for one in influence.T])
+    covariance: FloatArray = scale[:, None] * (sums.T @ sums / _COSINES) * scale
+    return covariance
+
+
+def _solution(base: Base, information: FloatArray, visible: FloatArray) -> tuple[FloatArray, slice]:
+    """Return the inverse of the joint information within what can be seen, and where the effects stand in it."""
+    width = len(information) - len(visible)
+    carried = np.vstack([-base.inverse @ information[:width, width:], np.eye(len(visible))])
+    solve = carried @ visible @ carried.T
+    solve[:width, :width] += base.inverse
+    return solve, slice(width, None)
+
+
+def _by_block(channels: Channels, design: Design) -> tuple[FloatArray, FloatArray]:
+    """Return the information (M, Q, Q) and the score (M, Q) of a design in blocks of time."""
+    bounds = np.linspace(0, len(design.features), _BLOCKS + 1).astype(int).tolist()
+    parts = [slice(start, stop) for start, stop in pairwise(bounds)]
+    information = np.array([channels.cross(design, design, part) for part in parts])
+    return information, np.array([channels.score(design, part) for part in parts])
+
+
+def _cosines(count: int) -> FloatArray:
+    """Return the cosines (M, B) of 1, 2, … half periods in so many blocks, of unit mean square."""
+    phase = np.pi * (np.arange(count) + 0.5) / count
+    cosines: FloatArray = np.sqrt(2) * np.cos(np.outer(phase, np.arange(1, _COSINES + 1)))
+    return cosines
+
+
+def _scale(information: FloatArray, solve: FloatArray, influence: FloatArray, cosines: FloatArray) -> float:
+    """Return by how much the root mean square of a coefficient's sums is too small, as of white residuals.
+
+    The sums' covariance is wᵀ P w, with w the influence times the cosines and P what the fit leaves.
+    """
+    from scipy.stats import t
+
+    answer = information @ influence
+    energy = answer @ influence
+    sums = cosines.T @ answer
+    covariance = (cosines.T * energy) @ cosines - sums @ solve @ sums.T
+    total = float(np.trace(covariance))
+    if total <= 0:
+        return 0.0
+    freedom = total**2 / float(np.sum(covariance**2))
+    quantile = float(t.ppf(_TWO_SIDED, freedom)) / _NORMAL_QUANTILE
+    return quantile * float(np.sqrt(energy.sum() * _COSINES / total))

@@ -1,0 +1,116 @@
+"""A field that stands still in the world, which the attitude turns into the array's frame.
+
+One sensor alone tells the length of the field only: any turn of it fits any reading. With the attitude recorded, its
+three axes read y = D Λ Rᵀ h + o, with h the field of the world, Rᵀ the turn from the world to the frame of the
+attitude, Λ how that stands to the sensor's own frame, and D and o the sensor's errors: three channels that hold no
+noise but the sensor's and the attitude's. The scale of D and the length of h are one: det D = 1.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tam_calibration.effects.effect import Situation
+from tam_calibration.errors import SensorErrors
+from tam_calibration.fit.scale import free_scale
+from tam_calibration.gap.design import Design, update
+from tam_calibration.problems import Refused
+from tam_calibration.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """The field of the world, and how the frame of the attitude stands to the array's.
+
+    Parameters
+    ----------
+    field_T : (3,) array
+        In the world, tesla.
+    mount : (3, 3) array
+        Rotation that turns vectors of the attitude's frame into the array's, which is the first sensor's own.
+    variance_T2 : (3,) array
+        That the noise of the attitude adds to each row of the sensor, T².
+    """
+
+    field_T: FloatArray
+    mount: FloatArray
+    variance_T2: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    @classmethod
+    def of(
+        cls, matrix: FloatArray, bias_T: FloatArray, field_T: FloatArray, mount: FloatArray
+    ) -> tuple[SensorErrors, "World"]:
+        """Return the errors of sensors in the frame of the first, and the world beside them.
+
+        Parameters
+        ----------
+        matrix : (K, 3, 3) array
+            From the field in the frame that the mount leads to, to the readings without bias; of any scale.
+        bias_T : (K, 3) array
+            Reading in zero field, tesla.
+        field_T : (3,) array
+            In the world; matrix times field is what is read, tesla.
+        mount : (3, 3) array
+            From the frame of the attitude to that of the matrices.
+
+        Raises
+        ------
+        InputError
+            When a matrix is singular or its sensor left-handed.
+        """
+        first = SensorErrors.from_matrix(matrix, bias_T).rotation[0]
+        own = matrix @ first.T
+        scale = float(free_scale(own))
+        return SensorErrors.from_matrix(scale * own, bias_T), cls(field_T / scale, first @ mount)
+
+    @property
+    def intensity_T(self) -> float:
+        """Length of the field."""
+        return float(np.linalg.norm(self.field_T))
+
+    @property
+    def aligned(self) -> "World":
+        """The same field, for attitudes of the array's own frame."""
+        return replace(self, mount=np.eye(3))
+
+    def attitude(self, recorded: FloatArray) -> FloatArray:
+        """Return quaternions (N, 4) from the array's frame to the world of those recorded."""
+        from scipy.spatial.transform import Rotation
+
+        turned: FloatArray = (Rotation.from_quat(recorded) * Rotation.from_matrix(self.mount).inv()).as_quat()
+        return turned
+
+    def field(self, attitude: FloatArray) -> FloatArray:
+        """Return the field (N, 3) in the array's frame at attitudes (N, 4) of the array, tesla."""
+        return turns(attitude) @ self.field_T
+
+    def stepped(self, errors: SensorErrors, step: FloatArray, unit_T: float) -> tuple[SensorErrors, "World"]:
+        """Return errors and world after a step of their designs: [D Λ | o] of each sensor, then the world's field.
+
+        Raises
+        ------
+        InputError, Refused
+            When a matrix is no longer one of a sensor.
+        """
+        matrix, bias = update(errors, step[:-3], unit_T)
+        in_world = self.field_T + step[-3:] * unit_T
+        if not (np.isfinite(matrix).all() and np.isfinite(bias).all() and in_world.any()):
+            raise Refused("the nominal fit does not settle: the readings do not fit one calibration")
+        stepped, world = World.of(matrix, bias, in_world, self.mount)
+        return stepped, replace(world, variance_T2=self.variance_T2)
+
+
+def world_design(situation: Situation, unit_T: float, stride: int = 1) -> Design:
+    """Return the design of the world's field: its three components as the rows read them, in units of the intensity."""
+    assert situation.attitude is not None
+    read = unit_T * situation.errors.matrix.reshape(-1, 3) @ turns(situation.attitude[::stride])
+    rows, columns = np.divmod(np.arange(read[0].size), 3)
+    return Design(read.reshape(len(read), -1), np.arange(len(rows)), rows, columns, 3)
+
+
+def turns(attitude: FloatArray) -> FloatArray:
+    """Return the matrices (N, 3, 3) that turn vectors of the world into a frame at attitudes (N, 4) to the world."""
+    from scipy.spatial.transform import Rotation
+
+    matrices: FloatArray = Rotation.from_quat(attitude).inv().as_matrix()
+    return matrices
