@@ -40,7 +40,8 @@ class Channels:
     recording : Recording
         As read; a scalar channel is NaN or None where there is no reference.
     situation : Situation
-        With the field that the sensors agree on.
+        With the field that the sensors agree on, moved to where the intensity wants it as far as it is the surer: its
+        noise is then independent of the misfit, which a product of both would take for an error of scale.
     directions : (3K, 3K - 3) array
         How a shift of each row moves the differential channels, 1/T.
     differential : (N, 3K - 3) array
@@ -110,10 +111,13 @@ class Channels:
         length = norm(field, axis=1)
         direction = field / length[:, None]
         scalar = np.full(len(rows), intensity_T) if recording.scalar_T is None else recording.scalar_T - added[..., -1]
-        known = np.isfinite(scalar)
+        misfit = np.where(np.isfinite(scalar), scalar - length, 0.0)
+        precision = np.where(np.isfinite(scalar), 1 / whitening.common_variance(direction), 0.0)
+        # Along the direction only, so that a turn of the array is seen by no channel.
+        moved = length + (1 - precision * whitening.scalar_variance) * misfit
         situation = Situation(
             recording.time_s,
-            field,
+            moved[:, None] * direction,
             errors,
             array,
             recording.temperature_C,
@@ -127,8 +131,8 @@ class Channels:
             rows @ whitening.directions,
             np.column_stack([direction, np.ones(len(rows))]),
             whitening.turn,
-            np.where(known, scalar - length, 0.0),
-            np.where(known, 1 / whitening.common_variance(direction), 0.0),
+            misfit,
+            precision,
             np.ones(len(rows), dtype=bool) if is_counted is None else is_counted,
             stride,
         )
