@@ -118,12 +118,11 @@ def _of_rows(channels: Channels) -> tuple[FloatArray, FloatArray]:
     readings = channels.recording.readings_T.reshape(len(counted), -1)[counted]
     fresh = _fresh(readings)
     if channels.differential.size:
-        mixing = channels.directions @ channels.directions.T
-        residual = channels.differential[counted][fresh] @ channels.directions.T
+        mixing: FloatArray = channels.directions @ channels.directions.T
+        residual: FloatArray = channels.differential[counted][fresh] @ channels.directions.T
     else:
-        mixing = channels.row_direction[:, :-1][counted][fresh]
+        mixing = np.sqrt(np.mean(channels.row_direction[counted][fresh, :-1] ** 2, axis=0))[None]
         residual = channels.misfit_T[counted][fresh][:, None]
-        mixing = np.sqrt(np.mean(mixing**2, axis=0))[None]
     seen = np.array([_white(series) for series in residual.T])
     colour = np.array([_colour_of(series) for series in residual.T])
     variance = np.array([_white(series) for series in readings[fresh].T])
@@ -213,8 +212,8 @@ def _remarks(floor: Floor, stated: Array, sample_count: int) -> tuple[str, ...]:
     level = floor.sensor_level_T
     if stated.vector_noise_T is None:
         return (
-            f"The noise is not stated: {_named(level)} {_are(level)} taken from differences of neighbouring samples, so "
-            "that nothing white can be called a gap.",
+            f"The noise is not stated: {_named(level)} {_are(level)} taken from differences of neighbouring samples, "
+            "so that nothing white can be called a gap.",
         )
     least, total = _least_factor(sample_count), _by_sensor(floor.total_T)
     return tuple(

@@ -18,6 +18,7 @@ from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.nominal import starts, stepped, wild_samples, without_jump
 from tam_calibration.gap.physical import objection_to, sensed_intensity
+from tam_calibration.gap.refusal import without_calibration
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.search import Hypothesis
 from tam_calibration.gap.selection import columns_of
@@ -39,8 +40,6 @@ _KNOWN: "WeakKeyDictionary[Model, Base]" = WeakKeyDictionary()
 
 _HELD_BACK = 0.01
 """Part of the energy that a further step would take, from which a fit has not settled."""
-
-NO_CALIBRATION = "no calibration within the bounds of sensors and the Earth's field fits the recording"
 
 _SAME_NOISE = 0.02
 """Relative difference of noises that is not worth another fit."""
@@ -140,7 +139,7 @@ class Model:
         beside = None if jump is None else cls._within_bounds(without_jump(recording, jump), noisy, stride)
         if jump is None or beside is None:
             if plain is None:
-                raise Refused(NO_CALIBRATION)
+                raise Refused(without_calibration(recording))
             return plain
         largest = max(abs(value) for one in jump.contributions for value in one.values.values())
         jumping = tuple(one for one in jump.contributions if max(map(abs, one.values.values())) > _LEAST_JUMP * largest)
@@ -166,6 +165,8 @@ class Model:
         """Return the model with the noise that the recording shows, where none is stated or it is contradicted."""
         floor = floor_of(self.channels(), stated)
         noise_T = self.array.vector_noise_T
+        assert noise_T is not None
+        before_T = noise_T
         if stated.vector_noise_T is not None:
             noise_T = stated.vector_noise_T * floor.factor_common_to_all(int(self.is_counted.sum()))
         elif floor.is_told:
@@ -173,7 +174,7 @@ class Model:
         else:
             base = self.base()
             noise_T = noise_T * np.sqrt(base.energy / max(base.channels.count - base.rank, 1.0))
-        if np.allclose(noise_T, self.array.vector_noise_T, rtol=_SAME_NOISE, atol=0):
+        if np.allclose(noise_T, before_T, rtol=_SAME_NOISE, atol=0):
             return self
         return replace(self, array=replace(self.array, vector_noise_T=noise_T)).settled()
 

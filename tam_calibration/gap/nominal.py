@@ -102,7 +102,7 @@ def _mounted(recording: Recording) -> Iterator[Start]:
 
 
 def _centers(readings_T: FloatArray, intensity_T: float | None) -> Iterator[tuple[FloatArray, float]]:
-    """Yield centres and radii of spheres: that on which most readings lie, and those of a usual radius about their ring."""
+    """Yield centres and radii of spheres: that on which most readings lie, and those of a usual radius about a ring."""
     low, high = EARTH_FIELD_T
     center, radius = sphere_of_most(readings_T)
     if low <= radius <= high:

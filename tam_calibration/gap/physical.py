@@ -88,7 +88,8 @@ def prior_at(errors: SensorErrors, intensity_T: float | None) -> Prior:
         The constant that stands for a scalar reference; None where there is one.
     """
     count = errors.sensor_count
-    blocks, deviates = [], []
+    blocks: list[FloatArray] = []
+    deviates: list[FloatArray] = []
     for sensor, matrix in enumerate(errors.matrix):
         own, deviate = _of_axes(matrix)
         block = np.zeros((len(own), count, 3, 4))
