@@ -79,7 +79,7 @@ class Floor:
         return _by_sensor(self.level_T)
 
     def factor_common_to_all(self, sample_count: int) -> float:
-        """Return by how much the noise of most rows exceeds what is stated, or falls short of it; 1 where it may not."""
+        """Return by how much the noise of most rows is more or less than stated; 1 where the sheet may be right."""
         if not (self.is_told and np.isfinite(self.stated_T[:-1]).all()):
             return 1.0
         rows = slice(0, -1)

@@ -64,7 +64,7 @@ def noise_variance(model: Model, rivals: tuple[Evidence, ...], least_evidence: f
     gain = max((rival.gain for rival in rivals if rival.delta_bic > least_evidence), default=0.0)
     whole = base.energy / max(base.channels.count - base.rank, 1.0)
     variance = min(whole * exp(-gain / base.channels.count), LARGEST_NOISE**2)
-    return float(max(variance, min(_SURE_PART * _white_part(model), whole)))
+    return float(max(variance, min(_SURE_PART * _white_part(model), whole, LARGEST_NOISE**2)))
 
 
 def _white_part(model: Model) -> float:
