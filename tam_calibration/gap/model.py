@@ -138,6 +138,7 @@ class Model:
         jump = moved_sphere(recording)
         beside = None if jump is None else cls._within_bounds(without_jump(recording, jump), noisy, stride)
         if jump is None or beside is None:
+            plain = cls._of_most(recording, noisy, stride) if plain is None else plain
             if plain is None:
                 raise Refused(without_calibration(recording))
             return plain
@@ -157,6 +158,27 @@ class Model:
                     model = model.settled()
                     if model.is_settled:
                         return model
+            except (InputError, Refused, LinAlgError):
+                continue
+        return None
+
+    @classmethod
+    def _of_most(cls, recording: Recording, array: Array, stride: int) -> "Model | None":
+        """Return a fit to the half of the samples that it fits best, by least trimmed squares.
+
+        Each step fits the half with the least energy under the fit before (Rousseeuw and Van Driessen 1999).
+        """
+        for begin in starts(recording, array):
+            model = cls(recording, array, begin.errors, begin.intensity_T, stride=stride)
+            if model.objection is not None:
+                continue
+            try:
+                for _ in range(_MOST_ROUNDS):
+                    energy = model.channels().energy_per_sample
+                    half = replace(model, recording=recording.take(energy <= np.median(energy))).settled()
+                    model = replace(half, recording=recording)
+                if half.is_settled and not half._is_gross():
+                    return model
             except (InputError, Refused, LinAlgError):
                 continue
         return None

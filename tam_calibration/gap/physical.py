@@ -73,8 +73,22 @@ def objection_to(errors: SensorErrors, intensity_T: float) -> str | None:
 
 
 def sensed_intensity(errors: SensorErrors, intensity_T: float) -> float:
-    """Return an intensity that stands for a scalar reference in the mean unit of the sensors, tesla."""
-    return intensity_T * float(np.exp(np.log(np.linalg.det(errors.matrix)).mean() / 3))
+    """Return an intensity that stands for a scalar reference in the unit of the sensor that has it most as the Earth.
+
+    Sensors may read in units of their own; a fit that runs away takes all of them with it.
+    """
+    sensed = _sensed(errors, intensity_T)
+    return float(sensed[_most_like_the_earth(sensed)])
+
+
+def _sensed(errors: SensorErrors, intensity_T: float) -> FloatArray:
+    sensed: FloatArray = intensity_T * np.cbrt(np.linalg.det(errors.matrix))
+    return sensed
+
+
+def _most_like_the_earth(sensed_T: FloatArray) -> int:
+    low, high = EARTH_FIELD_T
+    return int(np.argmin(np.abs(np.log(sensed_T / sqrt(low * high)))))
 
 
 def prior_at(errors: SensorErrors, intensity_T: float | None) -> Prior:
@@ -133,8 +147,10 @@ def _of_intensity(errors: SensorErrors, intensity_T: float) -> tuple[FloatArray,
     """Return the derivatives (1, 12K) of the deviate of the intensity by the errors, and the deviate (1,)."""
     low, high = EARTH_FIELD_T
     weight = 2 * _DEVIATIONS / log(high / low)
+    sensed = _sensed(errors, intensity_T)
+    sensor = _most_like_the_earth(sensed)
     slope = np.zeros((errors.sensor_count, 3, 4))
     # The logarithm of a determinant changes by the trace of the inverse times the change.
-    slope[..., :3] = np.swapaxes(np.linalg.inv(errors.matrix), 1, 2) / (3 * errors.sensor_count)
-    deviate = weight * log(sensed_intensity(errors, intensity_T) / sqrt(low * high))
+    slope[sensor, :, :3] = np.linalg.inv(errors.matrix[sensor]).T / 3
+    deviate = weight * log(sensed[sensor] / sqrt(low * high))
     return weight * slope.reshape(1, -1), np.array([deviate])

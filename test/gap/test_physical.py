@@ -60,7 +60,7 @@ def test_the_score_is_the_slope_of_the_energy(has_scalar):
 
 
 def test_bounds_lie_at_three_and_a_half_deviations():
-    """An axis at the largest cosine, and the field at the ends of the Earth's, each cost 3.5² beside the other terms."""
+    """An axis at the largest cosine, and the field at the ends of the Earth's, each cost 3.5²."""
     angle = np.degrees(np.arcsin(0.35))
     assert prior_at(errors_of(skewed(angle)), None).energy == pytest.approx(3.5**2, rel=0.01)
     assert prior_at(errors_of(np.eye(3)), 15e-6).energy == pytest.approx(3.5**2, rel=0.01)
@@ -73,6 +73,8 @@ def test_two_axes_that_differ_by_the_largest_ratio_cost_as_much():
     assert energy == pytest.approx(3.5**2, rel=0.01)
 
 
-def test_the_intensity_is_told_in_the_mean_unit_of_the_sensors():
-    """A sensor that reads four times as much beside one without errors: twice the field."""
-    assert sensed_intensity(errors_of(np.eye(3), 4 * np.eye(3)), FIELD_T) == pytest.approx(2 * FIELD_T)
+def test_the_intensity_is_told_in_the_unit_that_suits_the_earth():
+    """A sensor that reads ten times as much, or a tenth, beside one without errors."""
+    for gain in (0.1, 10):
+        assert sensed_intensity(errors_of(gain * np.eye(3), np.eye(3)), FIELD_T) == pytest.approx(FIELD_T)
+    assert sensed_intensity(errors_of(2 * np.eye(3), 4 * np.eye(3)), FIELD_T) == pytest.approx(2 * FIELD_T)
