@@ -7,9 +7,11 @@ from tam_calibration.gap.result import Cause, Gap
 from tam_calibration.report.formatting import sentence
 from tam_calibration.report.gap_rows import (
     CAUSES_HEADER,
+    NOISE_HEADER,
     SIZE_HEADER,
     cause_row,
     closed_words,
+    noise_rows,
     parameter_rows,
     place,
     size_rows,
@@ -22,9 +24,13 @@ _ROWS = 12
 def print_gap(console: Console, gap: Gap) -> None:
     """Print the verdict, the size, where it lies, its causes, what became of each hypothesis, and what to record."""
     sensor_count = len(gap.residue.floor_T) // 3
+    for remark in gap.remarks:
+        console.print(remark, soft_wrap=True)
     console.print(gap.headline, style="bold", soft_wrap=True)
     if gap.verdict != "not_identifiable":
         console.print(_table(SIZE_HEADER, size_rows(gap.size)))
+    if gap.floor is not None:
+        console.print(_table(NOISE_HEADER, noise_rows(gap.floor)))
     if gap.where.sensors:
         console.print(f"Where: {where_words(gap.where, sensor_count)}.")
     if gap.causes:

@@ -10,6 +10,7 @@ from tam_calibration.calibration import Provenance
 from tam_calibration.effects.fitted import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.files.json_text import to_json
 from tam_calibration.files.whole import write_whole
+from tam_calibration.gap.floor import Floor
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
 from tam_calibration.units import for_people, to_nanotesla
 
@@ -45,7 +46,9 @@ def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]
         "schema": SCHEMA,
         "verdict": gap.verdict,
         "statement": gap.statement,
+        "remarks": list(gap.remarks),
         "gap": _size(gap.size),
+        "noise": None if gap.floor is None else _noise(gap.floor),
         "where": _where(gap.where),
         "causes": [_cause(cause) for cause in gap.causes],
         "considered": [_considered(considered) for considered in gap.considered],
@@ -112,6 +115,21 @@ def _size(size: Size) -> dict[str, Any]:
         **_rounded({f"{name}_nT_per_m": to_nanotesla(value) for name, value in gradients.items()}),
         "floor_nT": _round(to_nanotesla(size.floor_T)),
     }
+
+
+def _noise(floor: Floor) -> list[dict[str, Any]]:
+    """Return the noise of each row: as it is, how alike neighbouring samples are, and as stated; null where unknown."""
+    last = len(floor.level_T) - 1
+    return [
+        {
+            "sensor": "scalar" if row == last else row // 3 + 1,
+            "axis": None if row == last else "xyz"[row % 3],
+            "level_nT": _round(to_nanotesla(level)),
+            "colour": _round(colour),
+            "stated_nT": _round(to_nanotesla(stated)),
+        }
+        for row, (level, colour, stated) in enumerate(zip(floor.level_T, floor.colour, floor.stated_T, strict=True))
+    ]
 
 
 def _where(where: Where) -> dict[str, Any]:

@@ -42,7 +42,9 @@ class Channels:
     recording : Recording
         As read; a scalar channel is NaN or None where there is no reference.
     situation : Situation
-        With the field that the sensors agree on, or that of the world.
+        With the field of the world, or that which the sensors agree on, moved to where the intensity wants it as far as
+        it is the surer: its noise is then independent of the misfit, which a product of both would take for an error of
+        scale.
     directions : (3K, C) array
         How a shift of each row moves the C differential channels, 1/T: 3K - 3, or 3K in the field of the world.
     differential : (N, C) array
@@ -119,10 +121,13 @@ class Channels:
         scalar = (
             (intensity_T if recording.scalar_T is None else recording.scalar_T) - added[..., -1] + np.zeros(len(rows))
         )
-        known = np.isfinite(scalar)
+        misfit = np.where(np.isfinite(scalar), scalar - length, 0.0)
+        precision = np.where(np.isfinite(scalar), 1 / whitening.common_variance(direction), 0.0)
+        # Along the direction only, so that a turn of the array is seen by no channel.
+        moved = length + (1 - precision * whitening.scalar_variance) * misfit
         situation = Situation(
             recording.time_s,
-            field,
+            moved[:, None] * direction,
             errors,
             array,
             recording.temperature_C,
@@ -136,8 +141,8 @@ class Channels:
             rows @ whitening.directions,
             np.column_stack([direction, np.ones(len(rows))]),
             whitening.turn,
-            np.where(known, scalar - length, 0.0),
-            np.where(known, 1 / whitening.common_variance(direction), 0.0),
+            misfit,
+            precision,
             np.ones(len(rows), dtype=bool) if is_counted is None else is_counted,
             stride,
         )

@@ -1,14 +1,19 @@
 """The diagnosis of a recording: is there a gap, where, which effect causes it, and how far it shrinks."""
 
 from collections.abc import Collection
+from dataclasses import replace
+
+from numpy.linalg import LinAlgError
 
 from tam_calibration.array import Array
 from tam_calibration.gap.conclude import conclude
+from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.looking import Progress
+from tam_calibration.gap.refusal import open_parameters, refusal_of, require_no_copies
 from tam_calibration.gap.result import Gap
-from tam_calibration.gap.short import at_rest, is_at_rest, needed_samples, too_short
+from tam_calibration.gap.short import at_rest, is_at_rest, needed_samples, too_short, without_nominal
 from tam_calibration.gap.steps import search
-from tam_calibration.problems import InputError
+from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 
 
@@ -37,8 +42,6 @@ def diagnose(
     ------
     InputError
         When the recording cannot be used or does not belong to the array.
-    Refused
-        When no calibration fits any part of it.
     """
     if recording.sensor_count != array.sensor_count:
         raise InputError(
@@ -50,4 +53,19 @@ def diagnose(
         return too_short(recording)
     if is_at_rest(recording):
         return at_rest(recording)
-    return conclude(search(recording, array, without, progress))
+    require_no_copies(recording)
+    refusal = refusal_of(recording, array)
+    told = () if refusal is None else (f"tam calibrate would refuse this recording: {refusal}.",)
+    # One sensor without attitude has no channel but the length of the field, which open parameters take up.
+    alone = recording.sensor_count == 1 and recording.attitude is None
+    if alone and (left_open := open_parameters(recording, array)) is not None:
+        return without_nominal(recording, left_open)
+    try:
+        found = search(recording, array, without, progress)
+        gap = conclude(found)
+    except Refused as problem:
+        return replace(without_nominal(recording, str(problem)), remarks=told)
+    except LinAlgError:
+        return replace(without_nominal(recording, "its equations have no solution"), remarks=told)
+    floor = floor_of(found.nominal.channels(), array)
+    return replace(gap, floor=floor, remarks=(*told, *floor.remarks))

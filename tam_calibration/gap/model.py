@@ -17,7 +17,10 @@ from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.gap.attitude_nominal import Oriented, attitude_variance, bias_variance
 from tam_calibration.gap.channels import Channels
-from tam_calibration.gap.nominal import start, stepped, wild_samples, without_jump
+from tam_calibration.gap.floor import floor_of
+from tam_calibration.gap.nominal import starts, stepped, wild_samples, without_jump
+from tam_calibration.gap.physical import objection_to, sensed_intensity
+from tam_calibration.gap.refusal import without_calibration
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.search import Hypothesis
 from tam_calibration.gap.selection import columns_of
@@ -26,7 +29,7 @@ from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
-_MOST_STEPS = 8
+_MOST_STEPS, _MOST_ROUNDS = 8, 4
 _SPHERE_RANK = 9
 """Of the calibration of one sensor by the length of the field, where that tells all of it."""
 
@@ -41,7 +44,13 @@ _ENOUGH_SAMPLES = 8000
 
 _KNOWN: "WeakKeyDictionary[Model, Base]" = WeakKeyDictionary()
 
-_STEP_LENGTHS = (1.0, 0.5, 0.125)
+_HELD_BACK = 0.01
+"""Part of the energy that a further step would take, from which a fit has not settled."""
+
+_SAME_NOISE = 0.02
+"""Relative difference of noises that is not worth another fit."""
+
+_STEP_LENGTHS = (1.0, 0.5, 0.125, 0.03)
 _SETTLED = 1e-3
 
 
@@ -137,18 +146,82 @@ class Model:
             in_world = cls._in_world(recording, array, is_oriented, stride)
             if in_world is not None:
                 return in_world
-        noisy, errors, intensity = start(recording, array)
-        plain = cls(recording, noisy, errors, intensity, stride=stride).settled()
-        if not plain._is_gross():
+        noisy, _ = complete_noise(array, recording)
+        plain = cls._within_bounds(recording, noisy, stride)
+        if plain is not None:
+            plain = plain._with_floor(array)
+        if plain is not None and not plain._is_gross():
             return plain
         jump = moved_sphere(recording)
-        if jump is None:
+        beside = None if jump is None else cls._within_bounds(without_jump(recording, jump), noisy, stride)
+        if jump is None or beside is None:
+            plain = cls._of_most(recording, noisy, stride) if plain is None else plain
+            if plain is None:
+                raise Refused(without_calibration(recording))
             return plain
         largest = max(abs(value) for one in jump.contributions for value in one.values.values())
         jumping = tuple(one for one in jump.contributions if max(map(abs, one.values.values())) > _LEAST_JUMP * largest)
-        jump = replace(jump, contributions=jumping)
-        noisy, errors, intensity = start(without_jump(recording, jump), array)
-        return cls(recording, noisy, errors, intensity, gross=jump, stride=stride)
+        return replace(beside, recording=recording, gross=replace(jump, contributions=jumping))
+
+    @classmethod
+    def _within_bounds(cls, recording: Recording, array: Array, stride: int) -> "Model | None":
+        """Return the first fit, from the starts there are, that settles where sensors and the Earth's field can be."""
+        for begin in starts(recording, array):
+            model = cls(recording, array, begin.errors, begin.intensity_T, stride=stride)
+            if model.objection is not None:
+                continue
+            try:
+                for _ in range(_MOST_ROUNDS):
+                    model = model.settled()
+                    if model.is_settled:
+                        return model
+            except (InputError, Refused, LinAlgError):
+                continue
+        return None
+
+    @classmethod
+    def _of_most(cls, recording: Recording, array: Array, stride: int) -> "Model | None":
+        """Return a fit to the half of the samples that it fits best, by least trimmed squares.
+
+        Each step fits the half with the least energy under the fit before (Rousseeuw and Van Driessen 1999).
+        """
+        for begin in starts(recording, array):
+            model = cls(recording, array, begin.errors, begin.intensity_T, stride=stride)
+            if model.objection is not None:
+                continue
+            try:
+                for _ in range(_MOST_ROUNDS):
+                    energy = model.channels().energy_per_sample
+                    half = replace(model, recording=recording.take(energy <= np.median(energy))).settled()
+                    model = replace(half, recording=recording)
+                if half.is_settled and not half._is_gross():
+                    return model
+            except (InputError, Refused, LinAlgError):
+                continue
+        return None
+
+    def _with_floor(self, stated: Array) -> "Model":
+        """Return the model with the noise that the recording shows, where none is stated or it is contradicted."""
+        floor = floor_of(self.channels(), stated)
+        noise_T = self.array.vector_noise_T
+        assert noise_T is not None
+        before_T = noise_T
+        if stated.vector_noise_T is not None:
+            noise_T = stated.vector_noise_T * floor.factor_common_to_all(int(self.is_counted.sum()))
+        elif floor.is_told:
+            noise_T = floor.sensor_level_T
+        else:
+            base = self.base()
+            noise_T = noise_T * np.sqrt(base.energy / max(base.channels.count - base.rank, 1.0))
+        if np.allclose(noise_T, before_T, rtol=_SAME_NOISE, atol=0):
+            return self
+        return replace(self, array=replace(self.array, vector_noise_T=noise_T)).settled()
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether no step would lower the energy by much: bounds do not hold the fit back."""
+        base = self.base()
+        return base.fall <= _HELD_BACK * base.channels.energy
 
     @classmethod
     def _in_world(
@@ -217,8 +290,7 @@ class Model:
         """Return the model with calibration and effects fitted together, by Gauss-Newton steps that do not climb."""
         model, base = self, self.base()
         for _ in range(_MOST_STEPS):
-            fall = base.channels.energy - base.energy
-            if fall < _SETTLED * max(1.0, base.energy / base.channels.count):
+            if base.fall < _SETTLED * max(1.0, base.energy / base.channels.count):
                 break
             moved = model._downhill(base)
             if moved is None:
@@ -234,9 +306,17 @@ class Model:
                 moved = model.base()
             except (InputError, Refused, LinAlgError):
                 continue
-            if moved.channels.energy <= base.channels.energy:
+            if moved.energy_with(base.prior_weight) <= base.energy_with(base.prior_weight) and model.objection is None:
                 return model, moved
         return None
+
+    @property
+    def objection(self) -> str | None:
+        """What of the calibration no sensor and no place on Earth has, in one clause, or None."""
+        intensity_T = self.intensity_T
+        if self.recording.scalar_T is None:
+            intensity_T = sensed_intensity(self.errors, intensity_T)
+        return objection_to(self.errors, intensity_T)
 
     def _stepped(self, step: FloatArray, base: Base) -> "Model":
         ends = np.cumsum([design.width for design in base.designs])

@@ -1,10 +1,11 @@
 """The nominal fit: the calibration that a diagnosis starts from, whatever else is in the recording."""
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.linalg import norm
+from numpy.linalg import LinAlgError, norm
 from numpy.typing import NDArray
 
 from tam_calibration.array import Array
@@ -13,44 +14,64 @@ from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.effects.situation import Situation
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.noise import complete_noise
 from tam_calibration.fit.scale import sphere_of_most
 from tam_calibration.gap.design import update
 from tam_calibration.problems import InputError, Refused
-from tam_calibration.recording import Recording
+from tam_calibration.recording import EARTH_FIELD_T, Recording
 from tam_calibration.units import FloatArray
 
-_LEAST_RADIUS = 0.1
 _SURE_HAND = 1e-3
 _WILD, _MOST_WILD = 4.0, 0.02
 """Times the median length from which a reading is wild, and the part of the samples up to which these are few."""
 
+_USUAL_INTENSITY_T = float(np.sqrt(EARTH_FIELD_T[0] * EARTH_FIELD_T[1]))
+"""Where neither readings nor a scalar tell the intensity: the middle of what the Earth has."""
 
-def start(recording: Recording, array: Array) -> tuple[Array, SensorErrors, float]:
-    """Return the array with its noise, the errors of a first fit and the intensity that stands for a scalar channel.
 
-    Where no calibration fits the whole recording, that of a part of it is taken; where none fits any part, the
-    spheres on which most readings lie.
+@dataclass(frozen=True, eq=False)
+class Start:
+    """The errors of a first fit, and the intensity that stands for a scalar channel."""
+
+    errors: SensorErrors
+    intensity_T: float
+
+
+def starts(recording: Recording, array: Array) -> Iterator[Start]:
+    """Yield where a fit may begin: calibrations of the whole, sensors without errors but for their mounting, and parts.
+
+    A calibration of a part serves where something changed in the rest; sensors without errors serve where the readings
+    tell no calibration by themselves.
+
+    Parameters
+    ----------
+    recording : Recording
+        Without wild samples.
+    array : Array
+        With noise.
 
     Raises
     ------
     InputError
         When a sensor is left-handed.
     """
-    noisy, _ = complete_noise(array, recording)
-    for part in _parts(recording.sample_count):
-        for robust in (False, True):
-            try:
-                # A fit that has no solution may well divide by zero on its way to say so.
-                with np.errstate(all="ignore"):
-                    fitted = maximum_likelihood(recording.take(part), array, robust=robust)
-            except (InputError, Refused):
-                continue
-            if array.vector_noise_T is None:
-                noisy = replace(noisy, vector_noise_T=fitted.array.vector_noise_T)
-            return noisy, fitted.errors, fitted.intensity_T
+    whole, *parts = _parts(recording.sample_count)
+    yield from _calibrations(recording.take(whole), array)
     _check_hands(recording)
-    return noisy, *_spheres(recording)
+    yield from _mounted(recording)
+    for part in parts:
+        yield from _calibrations(recording.take(part), array)
+
+
+def _calibrations(recording: Recording, array: Array) -> Iterator[Start]:
+    """Yield the calibrations by maximum likelihood, of Gaussian and of robust errors, that there are."""
+    for robust in (False, True):
+        try:
+            # A fit that has no solution may well divide by zero on its way to say so.
+            with np.errstate(all="ignore"):
+                fitted = maximum_likelihood(recording, array, robust=robust)
+        except (InputError, Refused, LinAlgError):
+            continue
+        yield Start(fitted.errors, fitted.intensity_T)
 
 
 def _check_hands(recording: Recording) -> None:
@@ -63,15 +84,35 @@ def _check_hands(recording: Recording) -> None:
             raise InputError(f"sensor {sensor + 1} has left-handed or dependent axes: check their order and signs")
 
 
-def _spheres(recording: Recording) -> tuple[SensorErrors, float]:
-    """Return the biases and scale factors of the spheres on which most readings lie, and their intensity."""
-    found = [sphere_of_most(readings) for readings in np.swapaxes(recording.readings_T, 0, 1)]
-    radius = np.array([radius for _, radius in found])
-    mean = float(radius.mean())
-    intensity = mean if recording.scalar_T is None else float(np.nanmean(recording.scalar_T))
-    scale = np.maximum(radius, _LEAST_RADIUS * mean) / intensity
-    matrix = scale[:, None, None] * np.eye(3)
-    return SensorErrors.from_matrix(matrix, np.array([center for center, _ in found])), intensity
+def _mounted(recording: Recording) -> Iterator[Start]:
+    """Yield sensors without errors but for bias, gain and mounting, for each centre that the first may have."""
+    readings = recording.readings_T
+    centered = readings - np.median(readings, axis=0)
+    size = np.sqrt(np.mean(np.sum(centered**2, axis=2), axis=0))
+    left, _, right = np.linalg.svd(np.einsum("nki,nj->kij", centered, centered[:, 0]))
+    left[..., -1] *= np.linalg.det(left @ right)[:, None]
+    turned = (size / size[0])[:, None, None] * (left @ right)
+    turned[0] = np.eye(3)
+    scalar_T = None if recording.scalar_T is None else float(np.nanmedian(recording.scalar_T))
+    middle = np.median(readings, axis=0)
+    for center, radius_T in _centers(readings[:, 0], scalar_T):
+        intensity_T = radius_T if scalar_T is None else scalar_T
+        bias = middle - turned @ (middle[0] - center)
+        yield Start(SensorErrors.from_matrix(turned * radius_T / intensity_T, bias), intensity_T)
+
+
+def _centers(readings_T: FloatArray, intensity_T: float | None) -> Iterator[tuple[FloatArray, float]]:
+    """Yield centres and radii of spheres: that on which most readings lie, and those of a usual radius about a ring."""
+    low, high = EARTH_FIELD_T
+    center, radius = sphere_of_most(readings_T)
+    if low <= radius <= high:
+        yield center, radius
+    middle = np.median(readings_T, axis=0)
+    values, axes = np.linalg.eigh(np.cov(readings_T, rowvar=False))
+    usual = _USUAL_INTENSITY_T if intensity_T is None else intensity_T
+    height = np.sqrt(max(usual**2 - values.sum(), 0.0))
+    for sign in (1, -1):
+        yield middle + sign * height * axes[:, 0], usual
 
 
 def wild_samples(recording: Recording) -> NDArray[np.bool_]:

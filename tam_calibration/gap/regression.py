@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.design import Design
+from tam_calibration.gap.physical import prior_at
 from tam_calibration.units import FloatArray
 
 Numbers = TypeVar("Numbers", float, FloatArray)
@@ -135,7 +136,10 @@ def _sure_inverses(information: FloatArray) -> tuple[NDArray[np.bool_], FloatArr
 
 
 class Base:
-    """What is fitted in any case: the calibration, and the effects that were accepted.
+    """What is fitted in any case: the calibration, with what sensors can be as its prior, and the effects accepted.
+
+    Where the model leaves more than noise, the prior counts as much more: no unknown part may push the calibration
+    where no sensor can be.
 
     Parameters
     ----------
@@ -159,10 +163,25 @@ class Base:
         numbers = range(len(self.designs))
         information = np.block([[blocks[row, column] for column in numbers] for row in numbers])
         self._score = np.concatenate([channels.score(design) for design in designs])
+        is_free = channels.has_scalar or channels.situation.follows_attitude
+        intensity_T = None if is_free else float(np.median(channels.situation.intensity_T))
+        prior = prior_at(channels.situation.errors, intensity_T)
+        own = len(prior.score)
+        self.prior_energy = prior.energy
+        self.prior_weight = max(1.0, channels.energy / max(channels.count, 1.0))
+        information[:own, :own] += self.prior_weight * prior.information
+        self._prior_score = np.zeros(len(self._score))
+        self._prior_score[:own] = self.prior_weight * prior.score
+        self._score = self._score + self._prior_score
         self.inverse = pseudo_inverse(information)
         self.step = self.inverse @ self._score
         self.information = information
-        self.energy = max(channels.energy - float(self._score @ self.step), _LEAST_ENERGY * channels.energy)
+        self.fall = float(self._score @ self.step)
+        self.energy = max(channels.energy - self.fall, _LEAST_ENERGY * channels.energy)
+
+    def energy_with(self, prior_weight: float) -> float:
+        """Return the energy of the channels and that of the prior of so much weight: what a fit makes small."""
+        return self.channels.energy + prior_weight * self.prior_energy
 
     def project(self, design: Design) -> Projected:
         """Return the normal equations of a design with the base eliminated."""

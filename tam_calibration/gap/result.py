@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from tam_calibration.effects.fitted import FittedEffect
+from tam_calibration.gap.floor import Floor
 from tam_calibration.units import FloatArray
 
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained", "not_identifiable"]
@@ -168,6 +169,10 @@ class Gap:
         The verdict in one sentence.
     residue : Residue
         For plots.
+    floor : Floor, optional
+        Noise of every row; None without a verdict.
+    remarks : tuple of str
+        What to know before the verdict, one sentence each: why no calibration would be had, and what the noise is.
     """
 
     verdict: Verdict
@@ -179,6 +184,8 @@ class Gap:
     next_recording: str
     statement: str
     residue: Residue = field(repr=False)
+    floor: Floor | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def headline(self) -> str:

@@ -48,6 +48,16 @@ def too_short(recording: Recording) -> Gap:
     )
 
 
+def without_nominal(recording: Recording, why: str) -> Gap:
+    """Return that no calibration can be had to hold the recording against, why, and for which time."""
+    first, last = recording.time_span_s
+    return _nothing(
+        recording,
+        "there is no calibration to start from",
+        f"No verdict on the time from {first:.1f} to {last:.1f} s: {why}.",
+    )
+
+
 def _nothing(recording: Recording, why: str, statement: str) -> Gap:
     count = recording.sensor_count
     needed = needed_samples(count)

@@ -7,6 +7,7 @@ import numpy as np
 
 from tam_calibration.array import TENSOR_OUTPUTS
 from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Size
@@ -15,6 +16,12 @@ from tam_calibration.units import FloatArray
 
 LARGEST_NOISE = 1.2
 """White noise of so many times the data sheet's, common to all sensors, is not yet a gap."""
+
+LEAST_NOISE = 0.5
+"""White noise is no less than this part of the data sheet's where nothing tells it."""
+
+_SURE_PART = 0.8
+"""Of the variance that differences show, which is sure: their own error is some per cent."""
 
 _T_OF_FOLDS = 2.776
 """97.5 % quantile of Student's t with as many degrees of freedom as there are folds less one."""
@@ -48,14 +55,24 @@ def is_interleaved(model: Model) -> bool:
 
 
 def noise_variance(model: Model, rivals: tuple[Evidence, ...], least_evidence: float) -> float:
-    """Return the variance of the white noise of the channels, in units of the variance stated.
+    """Return the variance of the white noise of the channels, in units of the variance that the model's array has.
 
-    What a rival without physics still explains is not noise, nor is what exceeds ``LARGEST_NOISE``.
+    What a rival without physics still explains is not noise, nor is what exceeds ``LARGEST_NOISE``; but never less
+    than most of the floor that differences of neighbouring samples show, which no function may explain away.
     """
     base = model.base()
     gain = max((rival.gain for rival in rivals if rival.delta_bic > least_evidence), default=0.0)
-    energy = base.energy * exp(-gain / base.channels.count)
-    return float(min(energy / max(base.channels.count - base.rank, 1.0), LARGEST_NOISE**2))
+    whole = base.energy / max(base.channels.count - base.rank, 1.0)
+    variance = min(whole * exp(-gain / base.channels.count), LARGEST_NOISE**2)
+    return float(max(variance, min(_SURE_PART * _white_part(model), whole, LARGEST_NOISE**2)))
+
+
+def _white_part(model: Model) -> float:
+    """Return the variance of the white noise that differences show in most rows, in that of the model's array."""
+    floor = floor_of(model.channels(model.signal() if model.parts else None), model.array)
+    if not floor.is_told:
+        return LEAST_NOISE**2
+    return float(np.median(floor.level_T[:-1] / floor.stated_T[:-1])) ** 2
 
 
 def measure(nominal: Model, model: Model, variance: float) -> Size:

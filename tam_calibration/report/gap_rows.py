@@ -5,11 +5,14 @@ from collections.abc import Mapping, Sequence
 
 from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.files.gap_json import numbers_of
+from tam_calibration.gap.floor import Floor
 from tam_calibration.gap.result import Cause, Considered, Size, Where
 from tam_calibration.report.formatting import fixed, join, number, with_error
 from tam_calibration.units import to_nanotesla
 
 SIZE_HEADER = ("size of the gap, out of sample", "before", "after its causes are added", "noise floor")
+
+NOISE_HEADER = ("noise of", "x (nT)", "y (nT)", "z (nT)", "stated (nT)", "alike from sample to sample")
 
 CAUSES_HEADER = ("cause", "where", "probability", "share", "explains out of sample", "ΔBIC", "cannot be told from")
 
@@ -29,6 +32,27 @@ def size_rows(size: Size) -> list[list[str]]:
         gradients = (number(to_nanotesla(value)) for value in (size.before_T_per_m, size.after_T_per_m))
         rows.append(["gradient tensor (nT/m)", *gradients, ""])
     return rows
+
+
+def noise_rows(floor: Floor) -> list[list[str]]:
+    """Return the noise of each sensor's axes as differences tell it, as stated, and its lag-one correlation."""
+    level, stated = to_nanotesla(floor.level_T), to_nanotesla(floor.stated_T)
+    rows = [
+        [
+            f"sensor {first // 3 + 1}",
+            *(_known(value) for value in level[first : first + 3]),
+            _known(stated[first]),
+            _known(floor.colour[first : first + 3].mean()),
+        ]
+        for first in range(0, len(level) - 1, 3)
+    ]
+    if math.isfinite(level[-1]):
+        rows.append(["scalar", _known(level[-1]), "", "", _known(stated[-1]), _known(floor.colour[-1])])
+    return rows
+
+
+def _known(value: float) -> str:
+    return number(value) if math.isfinite(value) else "–"
 
 
 def closed_words(size: Size) -> str:

@@ -13,10 +13,12 @@ from tam_calibration.report.gap_map import plot_map
 from tam_calibration.report.gap_rows import (
     CAUSES_HEADER,
     CONSIDERED_HEADER,
+    NOISE_HEADER,
     SIZE_HEADER,
     cause_row,
     closed_words,
     considered_row,
+    noise_rows,
     parameter_rows,
     place,
     size_rows,
@@ -44,9 +46,11 @@ _TERMS = (
 def _verdict(view: GapView) -> list[Section]:
     gap = view.gap
     emphasis = "good" if gap.verdict in ("no_gap", "explained") else "doubt"
-    blocks: list[Block] = [Text(gap.headline, emphasis)]
+    blocks: list[Block] = [*(Text(remark, "doubt") for remark in gap.remarks), Text(gap.headline, emphasis)]
     if gap.verdict != "not_identifiable":
         blocks.append(Table(SIZE_HEADER, size_rows(gap.size)))
+    if gap.floor is not None:
+        blocks.append(Table(NOISE_HEADER, noise_rows(gap.floor)))
     if gap.causes:
         blocks.append(Text(sentence(closed_words(gap.size))))
     blocks += [Text("Words of this page:"), Points(_TERMS)]

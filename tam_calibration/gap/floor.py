@@ -1,0 +1,235 @@
+"""The noise floor of every row, told by differences of neighbouring samples beside whatever else is in the residual.
+
+White noise has the same power at all frequencies, and what is slow, a tone or a spike has little in most of those near
+the Nyquist frequency: the median of the power in the upper half of the band is that of the noise. It is taken of the
+third differences of the residuals between the sensors, or without these of the misfit of the intensity, clipped where
+few are far larger than the rest. How much of it is of which row is told by how the residuals depend on the rows,
+beginning at the differences of the readings themselves: what the residuals leave open stays as these have it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.array import Array
+from tam_calibration.effects.quantization import find_lattices
+from tam_calibration.gap.channels import Channels
+from tam_calibration.units import FloatArray, to_nanotesla
+
+CONTRADICTED = 2.0
+"""Times the stated noise, or parts of it, from which a data sheet is wrong.
+
+Sheets tell typical sensors, which differ by some ten per cent; at twice the noise another bandwidth or sensor is meant.
+"""
+
+_CHANCE = 8.0
+"""Over the root of the number of samples: five standard deviations of the logarithm of a level."""
+
+_SLOW_RAD = 0.1
+"""Median angle between the fields of neighbouring samples up to which differences hold noise and not the motion."""
+
+_CLIP = 4.0
+"""Robust standard deviations at which differences are clipped."""
+
+_ROUNDS = 200
+_MEDIAN_OF_NORMAL = 0.6745
+_LEAST_SAMPLES = 20
+_LARGEST_COLOUR = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Floor:
+    """The noise of every row beside the rest of the residual.
+
+    Parameters
+    ----------
+    level_T : (3K + 1,) array
+        Standard deviation of white noise, tesla; NaN where differences do not tell it.
+    colour : (3K + 1,) array
+        Correlation of the noise of neighbouring samples: 0 of white noise, towards 1 of noise that is slow.
+    stated_T : (3K + 1,) array
+        What the array file states; NaN where it does not.
+    remarks : tuple of str
+        What this says of the stated noise, one sentence each.
+    """
+
+    level_T: FloatArray
+    colour: FloatArray
+    stated_T: FloatArray
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def is_told(self) -> bool:
+        """Whether the differences tell the noise of the sensors."""
+        return bool(np.isfinite(self.level_T[:-1]).all())
+
+    @property
+    def total_T(self) -> FloatArray:
+        """(3K + 1,) standard deviation with the colour: of an autoregressive process that has this level above."""
+        colour = np.clip(self.colour, 0, _LARGEST_COLOUR)
+        # Its power at the middle of the upper half of the band, in that of white noise of the same variance.
+        part = (1 - colour**2) / (1 + colour**2 - 2 * colour * np.cos(0.75 * np.pi))
+        total: FloatArray = self.level_T / np.sqrt(part)
+        return total
+
+    @property
+    def sensor_level_T(self) -> FloatArray:
+        """(K,) root mean square level of each sensor's axes."""
+        return _by_sensor(self.level_T)
+
+    def factor_common_to_all(self, sample_count: int) -> float:
+        """Return by how much the noise of most rows is more or less than stated; 1 where the sheet may be right."""
+        if not (self.is_told and np.isfinite(self.stated_T[:-1]).all()):
+            return 1.0
+        rows = slice(0, -1)
+        much = _middle(self.level_T[rows] / self.stated_T[rows])
+        little = _middle(self.total_T[rows] / self.stated_T[rows])
+        least = _least_factor(sample_count)
+        return much if much > least else little if little < 1 / least else 1.0
+
+
+def floor_of(channels: Channels, stated: Array) -> Floor:
+    """Return the floor of the rows at a model.
+
+    Parameters
+    ----------
+    channels : Channels
+        What the model leaves.
+    stated : Array
+        As the user has it.
+    """
+    row_count = 3 * stated.sensor_count
+    level, colour = np.full(row_count + 1, np.nan), np.full(row_count + 1, np.nan)
+    if channels.recording.scalar_T is not None:
+        known = channels.recording.scalar_T[np.isfinite(channels.recording.scalar_T)]
+        if len(known) >= _LEAST_SAMPLES:
+            level[-1], colour[-1] = np.sqrt(_white(known)), _colour_of(known)
+    is_slow = _median_turn(channels) < _SLOW_RAD
+    if is_slow and channels.is_counted.sum() >= _LEAST_SAMPLES:
+        level[:-1], colour[:-1] = _of_rows(channels)
+    floor = Floor(level, colour, _stated_T(stated))
+    return Floor(level, colour, floor.stated_T, _remarks(floor, stated, int(channels.is_counted.sum())))
+
+
+def _of_rows(channels: Channels) -> tuple[FloatArray, FloatArray]:
+    """Return the levels and colours of the sensors' rows."""
+    counted = channels.is_counted
+    readings = channels.recording.readings_T.reshape(len(counted), -1)[counted]
+    fresh = _fresh(readings)
+    if channels.differential.size:
+        mixing: FloatArray = channels.directions @ channels.directions.T
+        residual: FloatArray = channels.differential[counted][fresh] @ channels.directions.T
+    else:
+        mixing = np.sqrt(np.mean(channels.row_direction[counted][fresh, :-1] ** 2, axis=0))[None]
+        residual = channels.misfit_T[counted][fresh][:, None]
+    seen = np.array([_white(series) for series in residual.T])
+    colour = np.array([_colour_of(series) for series in residual.T])
+    variance = np.array([_white(series) for series in readings[fresh].T])
+    share = mixing**2
+    # Multiplicative steps towards the variances that make what is seen; they stay positive (Lee & Seung 1999).
+    for _ in range(_ROUNDS):
+        variance = variance * (share.T @ (seen / (share @ variance))) / share.sum(axis=0)
+    for lattice in find_lattices(channels.misfit):
+        if lattice.row < len(variance):
+            rounding = lattice.step_T**2 / 12
+            variance[lattice.row] = max(variance[lattice.row] - rounding, rounding * 1e-2)
+    return np.sqrt(variance), np.broadcast_to(colour, variance.shape)
+
+
+def _white(series: FloatArray) -> float:
+    """Return the variance of white noise in a series (N,), beside what is slow, a tone or a spike."""
+    difference = _clipped(np.diff(series, n=3))
+    power = np.abs(np.fft.rfft(difference)) ** 2 / len(difference)
+    frequency = np.fft.rfftfreq(len(difference))
+    upper = frequency >= 0.25
+    # Half of all exponentially distributed powers lie below ln 2 times their mean.
+    level = float(np.median(power[upper] / (2 * np.sin(np.pi * frequency[upper])) ** 6) / np.log(2))
+    return max(level, np.finfo(float).tiny)
+
+
+def _clipped(difference: FloatArray) -> FloatArray:
+    """Return differences without the tails beyond those of noise; as they are where most of them are zero."""
+    size = float(np.median(np.abs(difference))) / _MEDIAN_OF_NORMAL
+    return np.clip(difference, -_CLIP * size, _CLIP * size) if size > 0 else difference
+
+
+def _colour_of(series: FloatArray) -> float:
+    """Return the lag-one correlation of noise in a series from its differences over one and two samples.
+
+    Noise of the correlation φᵏ over k samples has differences of the variance 2 σ² (1 - φᵏ).
+    """
+    one, two = (np.mean(_clipped(series[lag:] - series[:-lag]) ** 2) for lag in (1, 2))
+    return float(np.clip(two / one - 1, -1, 1)) if one > 0 else 0.0
+
+
+def _fresh(readings: FloatArray) -> NDArray[np.bool_]:
+    """Return which samples (N,) are read anew: all, where few only repeat the one before or fill a line between two."""
+    fresh = np.ones(len(readings), dtype=bool)
+    size = np.abs(np.diff(readings, axis=0)).sum(axis=1)
+    off_line = np.abs(readings[1:-1] - (readings[2:] + readings[:-2]) / 2).sum(axis=1)
+    tiny = 1e-6 * max(float(np.median(size)), float(size.mean()))
+    fresh[1:-1] = (off_line > tiny) & (size[:-1] > tiny)
+    is_filled = (~fresh).mean() > 0.2 and fresh.sum() >= _LEAST_SAMPLES
+    return fresh if is_filled else np.ones(len(readings), dtype=bool)
+
+
+def _median_turn(channels: Channels) -> float:
+    direction = channels.direction[:, :3]
+    cosine = np.sum(direction[1:] * direction[:-1], axis=1)
+    return float(np.median(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def _stated_T(array: Array) -> FloatArray:
+    vector = np.full(array.sensor_count, np.nan) if array.vector_noise_T is None else array.vector_noise_T
+    scalar = np.nan if array.scalar_noise_T is None else array.scalar_noise_T
+    return np.append(np.repeat(vector, 3), scalar)
+
+
+def _by_sensor(rows: FloatArray) -> FloatArray:
+    root: FloatArray = np.sqrt(np.mean(rows[:-1].reshape(-1, 3) ** 2, axis=1))
+    return root
+
+
+def _middle(values: FloatArray) -> float:
+    """Return the lower median: what most rows have, though a sensor of two is noisier."""
+    return float(np.sort(values)[(len(values) - 1) // 2])
+
+
+def _least_factor(sample_count: int) -> float:
+    return float(np.exp(max(np.log(CONTRADICTED), _CHANCE / np.sqrt(max(sample_count, 1)))))
+
+
+def _remarks(floor: Floor, stated: Array, sample_count: int) -> tuple[str, ...]:
+    """Return what the floor says of the stated noise."""
+    if not floor.is_told:
+        if stated.vector_noise_T is not None:
+            return ()
+        return (
+            "The noise is not stated, and the attitude changes so much from sample to sample that no differences tell "
+            "it: it is taken from the residual, so that nothing white can be called a gap.",
+        )
+    level = floor.sensor_level_T
+    if stated.vector_noise_T is None:
+        return (
+            f"The noise is not stated: {_named(level)} {_are(level)} taken from differences of neighbouring samples, "
+            "so that nothing white can be called a gap.",
+        )
+    least, total = _least_factor(sample_count), _by_sensor(floor.total_T)
+    return tuple(
+        f"The stated noise of sensor {sensor + 1} is contradicted: stated {_nT(sheet)}, found {_nT(found)}."
+        for sensor, (sheet, white, whole) in enumerate(zip(stated.vector_noise_T, level, total, strict=True))
+        for found in ([white] if white > least * sheet else [whole] if whole < sheet / least else [])
+    )
+
+
+def _named(level_T: FloatArray) -> str:
+    return ", ".join(f"{_nT(one)} of sensor {sensor + 1}" for sensor, one in enumerate(level_T))
+
+
+def _are(level_T: FloatArray) -> str:
+    return "is" if len(level_T) == 1 else "are"
+
+
+def _nT(value_T: float) -> str:
+    return f"{to_nanotesla(float(value_T)):.3g} nT"

@@ -1,0 +1,156 @@
+"""What sensors and the Earth's field can be: a wide prior that keeps a fit from running away, and its bounds.
+
+What a sensor's axes differ in is told by the rows m of its matrix D Λ, whatever way it is mounted: their lengths are
+the scale factors, and the cosines between them how far from right angles the axes stand. The prior takes the
+logarithms of the scale factors about their mean, these cosines, and without a scalar reference the logarithm of the
+field's intensity for normal, with deviations so wide that a recording that tells them itself does not notice.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+from math import log, sqrt
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.errors import SensorErrors
+from tam_calibration.recording import EARTH_FIELD_T
+from tam_calibration.units import FloatArray
+
+LARGEST_RATIO = 2.0
+"""Of the scale factors of two axes of a sensor. Data sheets allow some per cent, soft iron beside it some ten."""
+
+LARGEST_COSINE = 0.35
+"""Between two axes of a sensor: 20 degrees off the right angle. Data sheets allow one, soft iron some."""
+
+_DEVIATIONS = 3.5
+"""Of the prior, in which its bounds lie: normal deviates reach them once in two thousand times."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """The prior linearised at errors, in the columns of ``calibration_design``.
+
+    Parameters
+    ----------
+    information : (12K, 12K) array
+        Of the prior.
+    score : (12K,) array
+        Downhill.
+    energy : float
+        Sum of the squared deviates.
+    """
+
+    information: FloatArray
+    score: FloatArray
+    energy: float
+
+
+def objection_to(errors: SensorErrors, intensity_T: float) -> str | None:
+    """Return in one clause what of a calibration no sensor and no place on Earth has, or None.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Of the sensors.
+    intensity_T : float
+        Of the field; without a scalar reference in the sensors' own unit, see ``sensed_intensity``.
+    """
+    low, high = EARTH_FIELD_T
+    if not low <= intensity_T <= high:
+        return f"a field of {intensity_T * 1e6:.3g} µT, where the Earth's has {low * 1e6:.0f} to {high * 1e6:.0f}"
+    scale = errors.scale_factor
+    ratio = scale.max(axis=1) / scale.min(axis=1)
+    worst = int(ratio.argmax())
+    if ratio[worst] > LARGEST_RATIO:
+        return f"scale factors of sensor {worst + 1} that differ by a factor of {ratio[worst]:.3g}"
+    cosine = np.abs([_cosines(matrix) for matrix in errors.matrix]).max(axis=1)
+    worst = int(cosine.argmax())
+    if cosine[worst] > LARGEST_COSINE:
+        degrees = np.degrees(np.arcsin(min(cosine[worst], 1.0)))
+        return f"axes of sensor {worst + 1} that stand {degrees:.0f} degrees off the right angle"
+    return None
+
+
+def sensed_intensity(errors: SensorErrors, intensity_T: float) -> float:
+    """Return an intensity that stands for a scalar reference in the unit of the sensor that has it most as the Earth.
+
+    Sensors may read in units of their own; a fit that runs away takes all of them with it.
+    """
+    sensed = _sensed(errors, intensity_T)
+    return float(sensed[_most_like_the_earth(sensed)])
+
+
+def _sensed(errors: SensorErrors, intensity_T: float) -> FloatArray:
+    sensed: FloatArray = intensity_T * np.cbrt(np.linalg.det(errors.matrix))
+    return sensed
+
+
+def _most_like_the_earth(sensed_T: FloatArray) -> int:
+    low, high = EARTH_FIELD_T
+    return int(np.argmin(np.abs(np.log(sensed_T / sqrt(low * high)))))
+
+
+def prior_at(errors: SensorErrors, intensity_T: float | None) -> Prior:
+    """Return the prior at some errors.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Of K sensors.
+    intensity_T : float, optional
+        The constant that stands for a scalar reference; None where there is one.
+    """
+    count = errors.sensor_count
+    blocks: list[FloatArray] = []
+    deviates: list[FloatArray] = []
+    for sensor, matrix in enumerate(errors.matrix):
+        own, deviate = _of_axes(matrix)
+        block = np.zeros((len(own), count, 3, 4))
+        block[:, sensor, :, :3] = own
+        blocks.append(block.reshape(len(own), -1))
+        deviates.append(deviate)
+    if intensity_T is not None:
+        slope, one = _of_intensity(errors, intensity_T)
+        blocks.append(slope)
+        deviates.append(one)
+    jacobian, deviate = np.concatenate(blocks), np.concatenate(deviates)
+    return Prior(jacobian.T @ jacobian, -jacobian.T @ deviate, float(deviate @ deviate))
+
+
+def _of_axes(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives (6, 3, 3) of a sensor's deviates by its matrix, and the deviates (6,)."""
+    length = norm(matrix, axis=1)
+    unit = matrix / length[:, None]
+    of_length = np.zeros((3, 3, 3))
+    of_length[range(3), range(3)] = unit / length[:, None]
+    of_cosine = np.zeros((3, 3, 3))
+    cosine = _cosines(matrix)
+    for index, (one, other) in enumerate(combinations(range(3), 2)):
+        of_cosine[index, one] = (unit[other] - cosine[index] * unit[one]) / length[one]
+        of_cosine[index, other] = (unit[one] - cosine[index] * unit[other]) / length[other]
+    # The logarithms of two axes that are alike uncertain differ by √2 times the deviation of each.
+    scale = sqrt(2) * _DEVIATIONS / log(LARGEST_RATIO)
+    angle = _DEVIATIONS / LARGEST_COSINE
+    logarithm = np.log(length)
+    deviates = np.concatenate([scale * (logarithm - logarithm.mean()), angle * cosine])
+    return np.concatenate([scale * (of_length - of_length.mean(axis=0)), angle * of_cosine]), deviates
+
+
+def _cosines(matrix: FloatArray) -> FloatArray:
+    """Return the cosines (3,) between the rows xy, xz and yz of a matrix."""
+    unit = matrix / norm(matrix, axis=1)[:, None]
+    return np.array([unit[one] @ unit[other] for one, other in combinations(range(3), 2)])
+
+
+def _of_intensity(errors: SensorErrors, intensity_T: float) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives (1, 12K) of the deviate of the intensity by the errors, and the deviate (1,)."""
+    low, high = EARTH_FIELD_T
+    weight = 2 * _DEVIATIONS / log(high / low)
+    sensed = _sensed(errors, intensity_T)
+    sensor = _most_like_the_earth(sensed)
+    slope = np.zeros((errors.sensor_count, 3, 4))
+    # The logarithm of a determinant changes by the trace of the inverse times the change.
+    slope[sensor, :, :3] = np.linalg.inv(errors.matrix[sensor]).T / 3
+    deviate = weight * log(sensed[sensor] / sqrt(low * high))
+    return weight * slope.reshape(1, -1), np.array([deviate])

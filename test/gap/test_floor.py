@@ -1,0 +1,126 @@
+"""The floor of each row is that of its noise, whatever is slow, a tone, a spike or a step in the residual."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.signal import lfilter
+
+from tam_calibration.array import Array
+from tam_calibration.gap.floor import floor_of
+
+
+def floor(made, stated=None):
+    """Return the floor of a run at its true errors."""
+    return floor_of(made.channels(), made.array if stated is None else stated)
+
+
+def added(made, seed, size_T, colour=0.0, rows=None):
+    """Return a run with noise of so much in some rows, correlated from sample to sample."""
+    samples, count = made.recording.sample_count, made.row_count
+    white = np.random.default_rng(seed).normal(size=(samples, count))
+    noise = size_T * lfilter([np.sqrt(1 - colour**2)], [1, -colour], white, axis=0)
+    noise[:, -1] = 0
+    if rows is not None:
+        noise[:, [row for row in range(count) if row not in rows]] = 0
+    return made.with_added(noise)
+
+
+@pytest.mark.parametrize("sensors", [1, 2, 4])
+def test_the_floor_is_the_noise(run, sensors):
+    """Of every row within what 3000 samples tell, and white; without a remark where the sheet has it."""
+    made = run(3000, sensors, has_scalar=False)
+    found = floor(made)
+    assert_allclose(found.level_T[:-1], 1e-9, rtol=0.15)
+    assert_allclose(found.colour[:-1], 0, atol=0.08)
+    assert found.remarks == () and found.factor_common_to_all(3000) == 1
+
+
+def test_the_noisier_axis_is_told(run):
+    """One of twelve rows has ten times the noise; the others keep theirs, and so does what is common to all."""
+    found = floor(added(run(3000), 5, 10e-9, rows=[4]))
+    assert found.level_T[4] == pytest.approx(10e-9, rel=0.15)
+    assert_allclose(np.delete(found.level_T[:-1], 4), 1e-9, rtol=0.3)
+    assert found.factor_common_to_all(3000) == 1
+
+
+@pytest.mark.parametrize("kind", ["drift", "tone", "spikes", "jump", "rounding"])
+def test_the_floor_holds_beside_what_is_no_noise(run, kind):
+    """Each thirty floors large in all rows, rounding in steps of ten."""
+    made = run(3000)
+    time, generator = made.recording.time_s, np.random.default_rng(2)
+    signal = {
+        "drift": 30e-9 * np.cos(0.4 * time),
+        "tone": 30e-9 * np.sin(2 * np.pi * 0.31 * np.arange(3000)),
+        "spikes": 1e-6 * (generator.random(3000) < 0.01),
+        "jump": 30e-9 * (time > 31),
+        "rounding": np.zeros(3000),
+    }[kind]
+    weight = generator.normal(size=made.row_count) * (np.arange(made.row_count) < 12)
+    made = made.with_added(signal[:, None] * weight)
+    if kind == "rounding":
+        readings = np.round(made.recording.readings_T / 10e-9) * 10e-9
+        made = replace(made, recording=replace(made.recording, readings_T=readings))
+    found = floor(made)
+    assert np.median(found.level_T[:-1]) < 1.5e-9 and found.factor_common_to_all(3000) == 1
+
+
+def test_coloured_noise_is_told_with_its_colour(run):
+    """Ten floors of noise with the correlation 0.8: its total is that, and its white part less."""
+    found = floor(added(run(6000), 3, 10e-9, colour=0.8))
+    assert_allclose(found.colour[:-1], 0.76, atol=0.06)
+    assert_allclose(found.total_T[:-1], 10e-9, rtol=0.25)
+    assert (found.level_T[:-1] < 0.5 * found.total_T[:-1]).all()
+
+
+@pytest.mark.parametrize(
+    ("factor", "said", "common"),
+    [(0.1, "stated 0.1 nT, found ", 10.0), (10.0, "stated 10 nT, found ", 0.1), (0.6, None, 1), (1.7, None, 1)],
+)
+def test_a_sheet_that_is_far_off_is_contradicted(run, factor, said, common):
+    """Up to twice or half of the noise it may be right."""
+    made = run(3000)
+    stated = Array(made.array.positions_m, factor * made.array.vector_noise_T, made.array.scalar_noise_T)
+    found = floor(made, stated)
+    assert len(found.remarks) == (0 if said is None else 4)
+    assert all(said in one and one.startswith("The stated noise of sensor") for one in found.remarks)
+    assert found.factor_common_to_all(3000) == pytest.approx(common, rel=0.1)
+
+
+def test_few_samples_contradict_a_sheet_by_more_than_chance_only(run):
+    """With 64 samples a factor of e is five deviations: 2.4 times the noise is not told, 3.5 times is."""
+    for factor, told in ((2.4, False), (3.5, True)):
+        stated = Array(np.zeros((4, 3)), np.full(4, 1e-9 / factor), 2e-10)
+        common = [floor(run(64, seed=seed), stated).factor_common_to_all(64) > 1 for seed in range(9)]
+        assert (sum(common) > 4) == told
+
+
+def test_a_noise_that_is_not_stated_is_told(run):
+    """Nothing white can be called a gap then."""
+    made = run(1200)
+    (remark,) = floor(made, Array(made.array.positions_m)).remarks
+    assert remark.startswith("The noise is not stated: ") and "nothing white can be called a gap" in remark
+    assert "nT of sensor 4 are taken from differences" in remark
+
+
+def test_attitudes_that_leap_tell_no_floor(run):
+    """Of 1200 samples of a tumble in an order by chance the differences hold the motion."""
+    made = run(1200)
+    order = np.random.default_rng(0).permutation(1200)
+    recording = replace(
+        made.recording,
+        readings_T=made.recording.readings_T[order],
+        scalar_T=made.recording.scalar_T[order],
+    )
+    found = floor(replace(made, recording=recording), Array(made.array.positions_m))
+    assert not found.is_told and "it is taken from the residual" in found.remarks[0]
+
+
+def test_samples_that_fill_lines_are_left_out(run):
+    """Every second sample is the mean of its neighbours: the floor is that of the others."""
+    made = run(3000, 1, has_scalar=False)
+    readings = made.recording.readings_T.copy()
+    readings[1:-1:2] = (readings[:-2:2] + readings[2::2]) / 2
+    found = floor(replace(made, recording=replace(made.recording, readings_T=readings)))
+    assert_allclose(found.level_T[:-1], 1e-9, rtol=0.25)
