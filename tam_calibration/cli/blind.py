@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tam_calibration.blind import KINDS
+from tam_calibration.cli.blind_inject import inject
 from tam_calibration.cli.terminal import PATH, showing_progress, stdout, write_together
 from tam_calibration.problems import InputError, Refused
 
@@ -26,6 +27,9 @@ keys_option = click.option("--keys", "keys_path", type=PATH, help="The sealed ke
 @click.group()
 def command() -> None:
     """Check the diagnosis on recordings whose cause is known but withheld."""
+
+
+command.add_command(inject)
 
 
 @command.command()
