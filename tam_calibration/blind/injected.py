@@ -8,6 +8,7 @@ from numpy.random import Generator
 
 from tam_calibration.blind.disorder import noise_excess, outliers
 from tam_calibration.blind.disturbance import (
+    ALL,
     Disturbance,
     Draw,
     Signal,
@@ -22,13 +23,15 @@ from tam_calibration.blind.disturbance import (
 from tam_calibration.blind.electronics import nonlinearity, quantization, saturation
 from tam_calibration.blind.material import hysteresis
 from tam_calibration.blind.recorded import RecordedScene, model_of, own_residual, scene_of
-from tam_calibration.blind.scaling import scale_to
+from tam_calibration.blind.scaling import Scaled, scale_to
 from tam_calibration.blind.scene import Scene
 from tam_calibration.blind.timing import stale_samples
 from tam_calibration.problems import Refused
-from tam_calibration.units import FloatArray
+from tam_calibration.units import FloatArray, to_nanotesla
 
 TRIES = 20
+SEEN = 0.2
+"""Of the size of what is added to a sensor, the least share that the fit must leave: below, the size depends on it."""
 
 
 def _temperature_drift(rng: Generator, scene: Scene) -> Disturbance:
@@ -158,7 +161,7 @@ def inject(
     seen = (readings_T, scene.intensity_T)
     for _ in range(TRIES):
         scaled = scale_to(model, INJECTED[effect](rng, scene), times * own_nT, seen)
-        if scaled is not None:
+        if scaled is not None and _is_seen(scene, scaled):
             break
     else:
         raise Refused(f"{effect} cannot be {times:g} times what this recording leaves by itself, {own_nT:.3g} nT")
@@ -177,6 +180,16 @@ def inject(
         "seed": seed,
     }
     return Injected(readings_T + scaled.signal[0], *_made_up(rng, scene, effect), key)
+
+
+def _is_seen(scene: RecordedScene, scaled: Scaled) -> bool:
+    """Say whether the fit takes up no more than is usual, and nothing but a spike is larger than the field."""
+    sensors = [int(sensor) - 1 for sensor in scaled.disturbance.sensors if sensor != ALL] or slice(None)
+    change = scaled.signal[0][:, sensors]
+    added_nT = to_nanotesla(float(np.sqrt(((change - change.mean(axis=0)) ** 2).mean() * 3)))
+    spikes = scaled.disturbance.effect in ("outliers", "noise_excess")
+    within = spikes or float(np.abs(change).max()) < float(scene.intensity_T.mean())
+    return within and scaled.visible_gap > SEEN * added_nT
 
 
 def _made_up(rng: Generator, scene: RecordedScene, effect: str) -> tuple[FloatArray | None, FloatArray | None]:
