@@ -6,7 +6,6 @@ attitude turns, both robust.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.linalg import qr
@@ -71,17 +70,6 @@ class RecordedScene(Scene):
         return np.asarray(self._waveform(np.clip(time_s, self.time_s[0], self.time_s[-1])))
 
 
-class Model(Protocol):
-    """What is left of a signal by a nominal fit."""
-
-    @property
-    def channels(self) -> int:
-        """Redundant channels of a sample."""
-
-    def left(self, signal: Signal) -> FloatArray:
-        """Return what is left, in noise floors (N, any)."""
-
-
 @dataclass(frozen=True, eq=False)
 class AttitudeModel:
     """The nominal model of sensors whose attitude is recorded: reading = matrix · turned constant field + offset."""
@@ -106,14 +94,14 @@ class AttitudeModel:
         columns = np.concatenate([change, turned @ across.T], axis=2)
         return np.asarray(qr(columns.reshape(-1, columns.shape[2]))[0])
 
-    def left(self, signal: Signal) -> FloatArray:
-        """Return what is left of a signal after the best nominal fit, in noise floors (N, 3K)."""
-        rows = signal[0].reshape(-1) / self.scene.vector_noise_T
-        return np.asarray(rows - self.parameters @ (self.parameters.T @ rows)).reshape(-1, self.channels)
+    def whitened(self, signal: Signal) -> FloatArray:
+        """Return a signal in noise floors (N, 3K)."""
+        return np.asarray(signal[0].reshape(-1, self.channels) / self.scene.vector_noise_T)
 
     def visible_gap(self, signal: Signal) -> float:
-        """Return the root mean square over the redundant channels of what is left."""
-        return float(np.sqrt((self.left(signal) ** 2).mean()))
+        """Return the root mean square over the redundant channels of what the best nominal fit leaves of a signal."""
+        rows = self.whitened(signal).ravel()
+        return float(np.sqrt(((rows - self.parameters @ (self.parameters.T @ rows)) ** 2).mean()))
 
 
 def model_of(scene: RecordedScene) -> NominalModel | AttitudeModel:
@@ -121,9 +109,9 @@ def model_of(scene: RecordedScene) -> NominalModel | AttitudeModel:
     return NominalModel(scene) if scene.attitudes is None else AttitudeModel(scene)
 
 
-def own_residual(model: Model, fit: Fit, recorded_T: FloatArray) -> float:
+def own_residual(model: NominalModel | AttitudeModel, fit: Fit, recorded_T: FloatArray) -> float:
     """Return the robust root mean square over the redundant channels of what a recording leaves by itself."""
-    left = model.left((recorded_T - fit.readings_T, np.zeros(len(recorded_T))))
+    left = model.whitened((recorded_T - fit.readings_T, np.zeros(len(recorded_T))))
     return float(np.sqrt(np.median((left**2).sum(axis=1)) / chi2.median(model.channels)))
 
 
