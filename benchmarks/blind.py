@@ -1,11 +1,11 @@
 """The check on withheld effects: cases from a seed, their diagnosis, their score.
 
-Run ``python benchmarks/blind.py --seed SEED [--cases 400] [--folder KEPT] [--judged]``. Every recording is made by
+Run ``python benchmarks/blind.py --seed SEED [--cases 600] [--folder KEPT] [--judged]``. Every recording is made by
 ``tam blind make``, diagnosed by ``tam diagnose`` from its two files alone, once more with its true effect left out of
 the library, and scored against the sealed keys. With ``--judged`` the figures go to ``results/blind*.csv`` and into
 ``docs/gap_check.md``, with the pictures of its confusion matrix and reliability curve, which ``docs/gap.md`` shows too;
-the seed must then be one that nothing was tuned on. What the figures are, and what is asked of them, is described in
-``docs/gap_check.md``.
+the seed must then be one that nothing was tuned on, and the causes outside the library are those of the sealed half.
+What the figures are, and what is asked of them, is described in ``docs/gap_check.md``.
 """
 
 import re
@@ -31,7 +31,7 @@ MARKS = ("<!-- figures: written by benchmarks/blind.py -->", "<!-- end of figure
 
 @click.command()
 @click.option("--seed", type=click.IntRange(min=0), required=True)
-@click.option("--cases", default=400, show_default=True)
+@click.option("--cases", default=600, show_default=True)
 @click.option("--folder", type=click.Path(path_type=Path), help="Keep the cases here; they are answered anew.")
 @click.option("--judged", is_flag=True, help="Write the results and the figures of the documentation.")
 def main(seed: int, cases: int, folder: Path | None, judged: bool) -> None:
@@ -39,7 +39,7 @@ def main(seed: int, cases: int, folder: Path | None, judged: bool) -> None:
     with TemporaryDirectory() as passing:
         place = folder or Path(passing) / "cases"
         if not place.exists():
-            tam("make", place, "--seed", seed, "--cases", cases)
+            tam("make", place, "--seed", seed, "--cases", cases, "--outside", "sealed" if judged else "open")
         tam("answer", place)
         tam("answer", place, "--without-effect")
         keys = read_keys(place, None)

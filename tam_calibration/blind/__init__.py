@@ -3,5 +3,5 @@
 Nothing here is shared with the diagnosis that it checks: no model, no basis, no noise, no fit.
 """
 
-KINDS = ("single", "pair", "outside", "clean", "withheld", "short")
+KINDS = ("single", "pair", "outside", "clean", "withheld", "short", "mixed", "large")
 """Kinds of cases."""

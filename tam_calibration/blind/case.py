@@ -7,16 +7,16 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.random import Generator
 
-from tam_calibration.blind.catalogue import CATALOGUE, CHANNELS
-from tam_calibration.blind.disturbance import ALL, Disturbance, Signal
+from tam_calibration.blind.catalogue import CAUSES, CHANNELS
+from tam_calibration.blind.disturbance import ALL, Signal
+from tam_calibration.blind.given import array_of, columns_of, key_of
 from tam_calibration.blind.motion import MOTIONS
-from tam_calibration.blind.outside import OUTSIDE
 from tam_calibration.blind.plan import Plan
 from tam_calibration.blind.scaling import Scaled, scale_to
 from tam_calibration.blind.scene import Scene, Wish, draw_scene
 from tam_calibration.blind.visible import NominalModel
 from tam_calibration.problems import Refused
-from tam_calibration.units import FloatArray, from_degrees, to_nanotesla
+from tam_calibration.units import FloatArray, to_nanotesla
 
 WELL_CONDITIONED = 1e-3
 HIDDEN = 0.03
@@ -69,28 +69,27 @@ def _try(rng: Generator, plan: Plan) -> Case | None:
     seen = (scene.readings_T + noise[0], scene.intensity_T + noise[1])
     causes: list[Scaled] = []
     for effect, gap in zip(plan.effects, plan.gaps, strict=True):
-        disturbance = (CATALOGUE[effect].draw if effect in CATALOGUE else OUTSIDE[effect])(rng, scene)
-        scaled = scale_to(model, disturbance, gap, seen)
-        if scaled is None or not _can_be_seen(model, scaled):
+        scaled = scale_to(model, CAUSES[effect].draw(rng, scene), gap, seen)
+        if scaled is None or not _is_natural(scaled) or not _can_be_seen(model, scaled):
             return None
         causes.append(scaled)
-    if len(causes) == 2 and not _differ(model, causes):
+    if len(causes) == 2 and not _differ(model, causes, apart=plan.kind == "mixed"):
         return None
     recorded = _record(seen, causes)
     signal = (recorded[0] - seen[0], recorded[1] - seen[1])
     sheet = _sheet(rng)
     return Case(
-        _columns(rng, scene, plan, recorded),
-        _array(scene, sheet),
-        _key(plan, scene, causes, model.visible_gap(signal), sheet),
+        columns_of(rng, scene, plan, recorded),
+        array_of(scene, sheet),
+        key_of(plan, scene, causes, model.visible_gap(signal), sheet),
     )
 
 
 def _draw_wish(rng: Generator, plan: Plan) -> Wish:
     """Draw a recording that can show the causes."""
-    entries = [CATALOGUE[effect] for effect in plan.effects if effect in CATALOGUE]
+    entries = [CAUSES[effect] for effect in plan.effects]
     counts = [count for count in (1, 2, 3, 6) if all(count in entry.sensor_counts for entry in entries)]
-    if plan.kind in ("pair", "outside"):
+    if plan.kind == "pair":
         counts = [count for count in counts if count >= 3]
     other_array = rng.random() < 0.15
     sensor_count = int(rng.choice(counts)) if other_array and counts else 4
@@ -106,6 +105,7 @@ def _draw_wish(rng: Generator, plan: Plan) -> Wish:
         with_scalar=not without or any(entry.scalar_needed for entry in entries),
         with_holes=bool(rng.random() < 0.15),
         channels=tuple(sorted(recorded)),
+        coarse=plan.kind != "large" and any(entry.coarse for entry in entries),
     )
 
 
@@ -128,11 +128,17 @@ def _can_be_seen(model: NominalModel, scaled: Scaled) -> bool:
     return float(norm(model.left(scaled.signal))) > HIDDEN * float(norm(whole))
 
 
-def _differ(model: NominalModel, causes: list[Scaled]) -> bool:
-    """Say whether two causes leave unlike signals, and are not of one family at one place."""
-    families = {CATALOGUE[one.disturbance.effect].family for one in causes}
+def _is_natural(scaled: Scaled) -> bool:
+    """Say whether a cause changes no reading by more than it does in nature."""
+    largest_T = max(float(np.abs(part).max()) for part in scaled.signal)
+    return bool(to_nanotesla(largest_T) <= CAUSES[scaled.disturbance.effect].most_nT)
+
+
+def _differ(model: NominalModel, causes: list[Scaled], apart: bool) -> bool:
+    """Say whether two causes leave unlike signals, and are not of one family at one place; apart: nor at one place."""
+    families = {CAUSES[one.disturbance.effect].family for one in causes}
     places = [{*one.disturbance.sensors} for one in causes]
-    if len(families) == 1 and (places[0] & places[1] or ALL in places[0] | places[1]):
+    if (apart or len(families) == 1) and (places[0] & places[1] or ALL in places[0] | places[1]):
         return False
     first, second = (model.left(cause.signal).ravel() for cause in causes)
     return bool(abs(first @ second) < ALIKE * norm(first) * norm(second))
@@ -152,77 +158,3 @@ def _record(seen: Signal, causes: list[Scaled]) -> Signal:
 def _sheet(rng: Generator) -> FloatArray:
     """Draw by how much the true noise of vectors and scalar exceeds the data sheet's."""
     return np.ones(2) if rng.random() < 0.3 else rng.uniform(0.88, 1.12, 2)
-
-
-def _columns(rng: Generator, scene: Scene, plan: Plan, recorded: Signal) -> dict[str, FloatArray]:
-    """Return the columns of the recording, the deciding channel left out when it is withheld."""
-    vectors, scalar = recorded
-    columns = {"time_s": scene.time_s}
-    for sensor in range(scene.sensor_count):
-        for axis, name in enumerate("xyz"):
-            columns[f"b{sensor + 1}{name}_nT"] = to_nanotesla(vectors[:, sensor, axis])
-    if scene.with_scalar:
-        columns["scalar_nT"] = to_nanotesla(scalar)
-    withheld = CATALOGUE[plan.effects[0]].channel if plan.kind == "withheld" else ""
-    if "temperature" in scene.channels and withheld != "temperature":
-        error_C = rng.normal(size=scene.sample_count) * rng.uniform(0.005, 0.05)
-        columns["temperature_C"] = np.round(scene.temperature(scene.time_s) + error_C, 3)
-    if "current" in scene.channels and withheld != "current":
-        error_A = rng.normal(size=scene.sample_count) * rng.uniform(0.005, 0.03)
-        columns["current_A"] = np.round(scene.current(scene.time_s) + error_A, 4)
-    if "attitude" in scene.channels and withheld != "attitude":
-        error = rng.normal(size=(scene.sample_count, 3)) * from_degrees(rng.uniform(0.01, 0.1))
-        columns |= dict(zip(("qx", "qy", "qz", "qw"), _quaternions(scene.to_world, error).T, strict=True))
-    return columns
-
-
-def _quaternions(to_world: FloatArray, error: FloatArray) -> FloatArray:
-    """Return the recorded attitudes (N, 4), x, y, z, w, turned by small errors."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray((Rotation.from_matrix(to_world) * Rotation.from_rotvec(error)).as_quat())
-
-
-def _array(scene: Scene, sheet: FloatArray) -> dict[str, Any]:
-    """Return what a user knows: the geometry, the data sheet's noise, how it was recorded."""
-    arm = float(np.abs(scene.positions_m).max())
-    geometry = {"baseline_m": 2 * arm} if scene.sensor_count == 4 else {"positions_m": scene.positions_m.tolist()}
-    noise = {"vector_noise_nT": to_nanotesla(scene.vector_noise_T) / sheet[0]}
-    if scene.with_scalar:
-        noise["scalar_noise_nT"] = to_nanotesla(scene.scalar_noise_T) / sheet[1]
-    recording = {"motion": scene.motion.kind, "rate_hz": 1 / scene.step_s}
-    return geometry | {name: float(f"{value:.6g}") for name, value in noise.items()} | {"recording": recording}
-
-
-def _key(plan: Plan, scene: Scene, causes: list[Scaled], gap: float, sheet: FloatArray) -> dict[str, Any]:
-    withheld = CATALOGUE[plan.effects[0]].channel if plan.kind == "withheld" else ""
-    holes = bool((np.diff(scene.time_s) > 1.5 * scene.step_s).any())
-    return {
-        "kind": plan.kind,
-        "effects": [_cause_key(cause.disturbance, cause) for cause in causes],
-        "visible_gap": gap,
-        "withheld_channel": withheld,
-        "identifiable": plan.kind not in ("withheld", "short"),
-        "samples": scene.sample_count,
-        "sensors": scene.sensor_count,
-        "motion": scene.motion.kind,
-        "with_scalar": scene.with_scalar,
-        "holes": holes,
-        "noise_over_sheet": {"vector": float(sheet[0]), "scalar": float(sheet[1])},
-        "vector_noise_nT": to_nanotesla(scene.vector_noise_T),
-        "scalar_noise_nT": to_nanotesla(scene.scalar_noise_T),
-    }
-
-
-def _cause_key(disturbance: Disturbance, cause: Scaled) -> dict[str, Any]:
-    struck = int((np.abs(cause.signal[0]).sum(axis=(1, 2)) + np.abs(cause.signal[1]) > 0).sum())
-    return {
-        "effect": disturbance.effect,
-        "sensors": list(disturbance.sensors),
-        "axes": list(disturbance.axes),
-        "visible_gap": cause.visible_gap,
-        "amplitude": cause.amplitude,
-        "amplitude_unit": disturbance.amplitude_unit,
-        "samples_changed": struck,
-        "parameters": disturbance.parameters,
-    }

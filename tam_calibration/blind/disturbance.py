@@ -1,7 +1,7 @@
 """What one cause adds to a recording, for any size of it."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,9 @@ class Disturbance:
         All else that was drawn, for the key.
     after_noise : bool
         True for what the recorder does to the reading with its noise.
+    coefficients : dict
+        What a diagnosis can state too, for an amplitude of one: from "sensor 2 x offset" and the like to nT, nT/A,
+        nT/°C or s.
     """
 
     effect: str
@@ -46,6 +49,7 @@ class Disturbance:
     amplitude_unit: str
     parameters: dict[str, Any]
     after_noise: bool = False
+    coefficients: dict[str, float] = field(default_factory=dict)
 
 
 Draw = Callable[[Generator, Scene], Disturbance]
@@ -72,6 +76,20 @@ def of_sensors(scene: Scene, rows: dict[int, FloatArray]) -> Signal:
 def of_scalar(scene: Scene, change_T: FloatArray) -> Signal:
     """Return the signal of the scalar alone."""
     return silent(scene)[0], change_T
+
+
+def in_one_sensor(
+    scene: Scene, effect: str, sensor: int, mask: FloatArray, change_T: FloatArray, parameters: Mapping[str, object]
+) -> Disturbance:
+    """Return a cause in one sensor that grows with its amplitude, from its change (N, 3) at an amplitude of one."""
+    change = proportional(of_sensors(scene, {sensor: change_T}))
+    return Disturbance(effect, (sensor + 1,), named(mask), change, "nT", dict(parameters))
+
+
+def by_axis(sensor: int, quantity: str, values: FloatArray) -> dict[str, float]:
+    """Return the coefficients of a sensor's axes (3,) by their names, those of axes that are not disturbed left out."""
+    named_values = zip(AXES, numbers(values), strict=True)
+    return {f"sensor {sensor + 1} {axis} {quantity}": value for axis, value in named_values if value}
 
 
 def draw_sensor(rng: Generator, scene: Scene) -> int:

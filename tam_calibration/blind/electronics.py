@@ -8,6 +8,7 @@ from tam_calibration.blind.disturbance import (
     SCALAR,
     Disturbance,
     Signal,
+    by_axis,
     draw_axes,
     draw_sensor,
     named,
@@ -46,7 +47,8 @@ def time_skew(rng: Generator, scene: Scene) -> Disturbance:
         then = scene.readings_at(scene.time_s - sign * amplitude)[:, sensor]
         return of_sensors(scene, {sensor: mask * (then - scene.readings_T[:, sensor])})
 
-    return Disturbance("time_skew", (sensor + 1,), named(mask), change, "s", {"late": bool(sign > 0)})
+    parameters, delays = {"late": bool(sign > 0)}, by_axis(sensor, "delay", sign * mask)
+    return Disturbance("time_skew", (sensor + 1,), named(mask), change, "s", parameters, coefficients=delays)
 
 
 def quantization(rng: Generator, scene: Scene) -> Disturbance:

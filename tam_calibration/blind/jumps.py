@@ -7,6 +7,7 @@ from numpy.random import Generator
 from tam_calibration.blind.disturbance import (
     Disturbance,
     Signal,
+    by_axis,
     draw_axes,
     draw_direction,
     draw_sensor,
@@ -24,13 +25,19 @@ def bias_jump(rng: Generator, scene: Scene) -> Disturbance:
     sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.3)
     times_s = _times(rng, scene.duration_s)
     on = np.searchsorted(times_s, scene.time_s) % 2.0
-    parameters = {"times_s": numbers(times_s), "magnet": False}
+    parameters, steps = {"times_s": numbers(times_s), "magnet": False}, dict[str, float]()
     if mask.all() and scene.sensor_count > 1 and rng.random() < 0.5:
         parameters["magnet"] = True
         signal = _magnet(rng, scene, sensor, on)
     else:
-        signal = of_sensors(scene, {sensor: 1e-9 * np.outer(on, mask * rng.normal(size=3))})
-    return Disturbance("bias_jump", (sensor + 1,), named(mask), proportional(signal), "nT of the step", parameters)
+        step = mask * rng.normal(size=3)
+        signal = of_sensors(scene, {sensor: 1e-9 * np.outer(on, step)})
+        # A third step may have another size to who does not know that it is there and back.
+        steps = by_axis(sensor, "offset", step) if len(times_s) <= 2 else {}
+    change = proportional(signal)
+    return Disturbance(
+        "bias_jump", (sensor + 1,), named(mask), change, "nT of the step", parameters, coefficients=steps
+    )
 
 
 def _times(rng: Generator, duration_s: float) -> FloatArray:

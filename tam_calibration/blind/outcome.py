@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from tam_calibration.blind.rates import WITHIN_95
+
 NO_GAP = "no_gap"
 EXPLAINED = "explained"
 PARTLY_EXPLAINED = "partly_explained"
@@ -14,8 +16,10 @@ NONE = "none"
 PARTNERS = (
     frozenset({"time_skew", "eddy_current"}),
     frozenset({"nonlinearity", "hysteresis"}),
+    frozenset({"crosstalk", "eddy_current"}),
 )
-"""Effects of which one holds the other within it, on any data."""
+"""Effects of which one holds the other within it, on any data: what leaks late is, in the first order, what leaks in
+time, a misalignment, and a multiple of the field's change."""
 
 FEW_CLIPPED = 3
 """So few clipped samples are outliers to anyone who does not know."""
@@ -47,6 +51,11 @@ class Outcome:
     def truth(self) -> list[str]:
         """Names of the true causes."""
         return [str(effect["effect"]) for effect in self.key["effects"]]
+
+    @property
+    def other_names(self) -> set[str]:
+        """Effects that are as right an answer as none to the causes outside the library."""
+        return {str(effect["named"]) for effect in self.key["effects"] if effect.get("named")}
 
     @property
     def visible_gap(self) -> float:
@@ -91,8 +100,8 @@ class Outcome:
 
     @property
     def first_is_right(self) -> bool:
-        """Whether the first cause is a true one."""
-        return self.first in self.truth
+        """Whether the first cause is a true one, by any of its names."""
+        return self.first in {*self.truth, *self.other_names}
 
     @property
     def first_is_tolerable(self) -> bool:
@@ -103,7 +112,8 @@ class Outcome:
         """Say whether a cause is a true one or a nested partner of one, by nature or as the answer itself says."""
         name = str(cause["effect"])
         alike = {name, *map(str, cause.get("indistinguishable_from") or [])}
-        return any(effect in alike or name in self._partners(effect) for effect in self.truth)
+        true = (*self.truth, *self.other_names)
+        return any(effect in alike or name in self._partners(effect) for effect in true)
 
     def _partners(self, effect: str) -> set[str]:
         partners = {other for pair in PARTNERS if effect in pair for other in pair}
@@ -164,13 +174,48 @@ class Outcome:
 
     def told_and_true(self) -> list[tuple[float, bool]]:
         """Return every probability that the answer gives, and whether what it is given to is true."""
-        true = {"clean": {NO_GAP}, "outside": {NONE}}.get(self.kind, set(self.truth))
-        return [(value, name in true) for name, value in self.probabilities.items()]
+        return [(value, name in self._true_names) for name, value in self.probabilities.items()]
+
+    @property
+    def _true_names(self) -> set[str]:
+        if self.kind == "outside":
+            return self.other_names & {self.first} or {NONE}
+        return {NO_GAP} if self.kind == "clean" else {*self.truth, *self.other_names}
+
+    @property
+    def first_told(self) -> tuple[float, bool] | None:
+        """The probability that the answer gives to what it says first, and whether that is true."""
+        name = {NO_GAP: NO_GAP, UNEXPLAINED: NONE}.get(self.first, self.first)
+        told = self.probabilities.get(name)
+        return None if told is None else (told, name in self._true_names)
+
+    @property
+    def set_95(self) -> list[str] | None:
+        """The smallest set of causes that the answer holds the truth to be in with 95 %; none where it tells none."""
+        told = self.answer.get("set_95")
+        return None if told is None else [str(name) for name in told]
+
+    @property
+    def set_holds(self) -> bool:
+        """Whether that set holds the truth: the cause, "unknown" for one outside the library, or "no_gap"."""
+        true = {"clean": {NO_GAP}, "outside": {"unknown", *self.other_names}}.get(self.kind, set(self.truth[:1]))
+        return bool(true & set(self.set_95 or []))
+
+    def coefficients_held(self) -> list[bool]:
+        """Return of each coefficient that key and answer both state whether the answer's 95 % interval holds it."""
+        true = {name: value for one in self.key["effects"] for name, value in one.get("coefficients", {}).items()}
+        told = {name: one for cause in self.causes for name, one in (cause.get("parameters") or {}).items()}
+        both = [(told[name], value) for name, value in true.items() if name in told]
+        return [
+            abs(one["value"] - value) <= WITHIN_95 * one["standard_error"]
+            for one, value in both
+            if one.get("standard_error") is not None
+        ]
 
     @property
     def line(self) -> str:
         """Key against answer in one line."""
-        truth = " + ".join(map(_cause_in_words, self.key["effects"])) or "nothing"
+        truth = " + ".join(map(_truth_in_words, self.key["effects"])) or "nothing"
         told = " + ".join(map(_cause_in_words, self.causes)) or "no cause"
         conditions = [f"N={self.key['samples']}", f"K={self.key['sensors']}", self.key["motion"]]
         conditions += ["no scalar"] * (not self.key["with_scalar"]) + ["holes"] * self.key["holes"]
@@ -182,6 +227,10 @@ class Outcome:
             f"{self.name} {self.kind} [{', '.join(conditions)}]: {truth}, gap {self.visible_gap:.2g} → "
             f"{self.verdict}{why}: {told}, where {where or '–'}, {sizes}"
         )
+
+
+def _truth_in_words(cause: dict[str, Any]) -> str:
+    return "a sealed cause" if cause.get("sealed") else _cause_in_words(cause)
 
 
 def _cause_in_words(cause: dict[str, Any]) -> str:

@@ -1,6 +1,7 @@
-"""Causes that no library of effects holds: each in one sensor, each without a name of the sixteen."""
+"""Causes outside the library, the open half: each in one sensor. Rules of a diagnosis may be tuned on these.
 
-from collections.abc import Callable, Mapping
+Some have had a name in the library since; that name is then as right an answer as none.
+"""
 
 import numpy as np
 from numpy.random import Generator
@@ -10,11 +11,10 @@ from tam_calibration.blind.disturbance import (
     draw_axes,
     draw_direction,
     draw_sensor,
-    named,
+    in_one_sensor,
     numbers,
-    of_sensors,
-    proportional,
 )
+from tam_calibration.blind.entry import outside
 from tam_calibration.blind.motion import about
 from tam_calibration.blind.processes import draw_wander
 from tam_calibration.blind.scene import Scene
@@ -29,7 +29,7 @@ def random_walk_bias(rng: Generator, scene: Scene) -> Disturbance:
     sensor = draw_sensor(rng, scene)
     steps = rng.normal(size=(scene.sample_count, 3)) * np.gradient(scene.time_s)[:, None] ** 0.5
     walk = np.cumsum(steps, axis=0)
-    return _of_one(scene, "random_walk_bias", sensor, np.ones(3), 1e-9 * walk / walk.std(), {})
+    return in_one_sensor(scene, "random_walk_bias", sensor, np.ones(3), 1e-9 * walk / walk.std(), {})
 
 
 def pressure_chirp(rng: Generator, scene: Scene) -> Disturbance:
@@ -39,14 +39,14 @@ def pressure_chirp(rng: Generator, scene: Scene) -> Disturbance:
     cycles = rng.uniform(3, 7)
     depth = np.sin(2 * np.pi * (0.3 * share + (cycles - 0.3) * share**2 / 2) + rng.uniform(0, 2 * np.pi))
     change = 1e-9 * np.outer(depth + 0.3 * depth**2, mask * rng.uniform(0.5, 1.5, 3))
-    return _of_one(scene, "pressure_chirp", sensor, mask, change, {"cycles": cycles})
+    return in_one_sensor(scene, "pressure_chirp", sensor, mask, change, {"cycles": cycles})
 
 
 def gain_wander(rng: Generator, scene: Scene) -> Disturbance:
     """Gains that depend on the time of day."""
     sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.5)
     wander = np.stack([draw_wander(rng, scene.duration_s, 7)(scene.time_s) for _ in range(3)], axis=1)
-    return _of_one(scene, "gain_wander", sensor, mask, 1e-9 * mask * wander * _core(scene, sensor), {})
+    return in_one_sensor(scene, "gain_wander", sensor, mask, 1e-9 * mask * wander * scene.core(sensor), {})
 
 
 def mount_slip(rng: Generator, scene: Scene) -> Disturbance:
@@ -56,17 +56,17 @@ def mount_slip(rng: Generator, scene: Scene) -> Disturbance:
     angles = rng.normal(size=(3, 3))
     angles[0] = 0
     turned = angles[np.searchsorted(times_s, scene.time_s)]
-    change = 1e-9 * np.cross(turned, _core(scene, sensor))
-    return _of_one(scene, "mount_slip", sensor, np.ones(3), change, {"times_s": numbers(times_s)})
+    change = 1e-9 * np.cross(turned, scene.core(sensor))
+    return in_one_sensor(scene, "mount_slip", sensor, np.ones(3), change, {"times_s": numbers(times_s)})
 
 
 def cross_field(rng: Generator, scene: Scene) -> Disturbance:
     """Let an axis answer to the product of the fields along the two others."""
     sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.5)
-    core = _core(scene, sensor)
+    core = scene.core(sensor)
     product = core[:, [1, 2, 0]] * core[:, [2, 0, 1]] * (1 + 0.5 * core)
     change = 1e-9 * mask * rng.uniform(0.6, 1.4, 3) * product
-    return _of_one(scene, "cross_field", sensor, mask, change, {})
+    return in_one_sensor(scene, "cross_field", sensor, mask, change, {})
 
 
 def multiplexer_bleed(rng: Generator, scene: Scene) -> Disturbance:
@@ -79,7 +79,7 @@ def multiplexer_bleed(rng: Generator, scene: Scene) -> Disturbance:
     mixed = bled @ about("xyz"[rng.integers(3)], rng.uniform(0, 2 * np.pi, 1))[0].T
     change = 1e-9 * busy[:, None] * mixed
     parameters = {"from": other + 1, "late_s": late_s}
-    return _of_one(scene, "multiplexer_bleed", sensor, np.ones(3), change, parameters)
+    return in_one_sensor(scene, "multiplexer_bleed", sensor, np.ones(3), change, parameters)
 
 
 def two_state_gain(rng: Generator, scene: Scene) -> Disturbance:
@@ -87,8 +87,8 @@ def two_state_gain(rng: Generator, scene: Scene) -> Disturbance:
     sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.5)
     flips_s = np.sort(rng.uniform(0, scene.duration_s, int(rng.integers(9, 25))))
     high = np.searchsorted(flips_s, scene.time_s)[:, None] % 2
-    change = 1e-9 * mask * rng.uniform(0.6, 1.4, 3) * high * _core(scene, sensor)
-    return _of_one(scene, "two_state_gain", sensor, mask, change, {"flips": len(flips_s)})
+    change = 1e-9 * mask * rng.uniform(0.6, 1.4, 3) * high * scene.core(sensor)
+    return in_one_sensor(scene, "two_state_gain", sensor, mask, change, {"flips": len(flips_s)})
 
 
 def stiction(rng: Generator, scene: Scene) -> Disturbance:
@@ -101,7 +101,7 @@ def stiction(rng: Generator, scene: Scene) -> Disturbance:
         if falls >= _LEAST_FALLS:
             break
     change = 1e-9 * np.outer(sides, draw_direction(rng))
-    return _of_one(scene, "stiction", sensor, np.ones(3), change, {"axis": numbers(axis), "falls": falls})
+    return in_one_sensor(scene, "stiction", sensor, np.ones(3), change, {"axis": numbers(axis), "falls": falls})
 
 
 def _fallen(rng: Generator, tilt: FloatArray) -> FloatArray:
@@ -114,29 +114,14 @@ def _fallen(rng: Generator, tilt: FloatArray) -> FloatArray:
     return np.array(sides)
 
 
-def _core(scene: Scene, sensor: int) -> FloatArray:
-    """Return a sensor's reading (N, 3) without its bias, as a share of the intensity."""
-    return np.asarray((scene.readings_T[:, sensor] - scene.bias_T[sensor]) / scene.intensity_T.mean())
-
-
-def _of_one(
-    scene: Scene, name: str, sensor: int, mask: FloatArray, change_T: FloatArray, parameters: Mapping[str, object]
-) -> Disturbance:
-    change = proportional(of_sensors(scene, {sensor: change_T}))
-    return Disturbance(name, (sensor + 1,), named(mask), change, "nT", dict(parameters))
-
-
-OUTSIDE: dict[str, Callable[[Generator, Scene], Disturbance]] = {
-    draw.__name__: draw
-    for draw in (
-        random_walk_bias,
-        pressure_chirp,
-        gain_wander,
-        mount_slip,
-        cross_field,
-        multiplexer_bleed,
-        two_state_gain,
-        stiction,
-    )
+OUTSIDE = {
+    "random_walk_bias": outside(random_walk_bias),
+    "pressure_chirp": outside(pressure_chirp),
+    "gain_wander": outside(gain_wander),
+    "mount_slip": outside(mount_slip, named="scale_step"),
+    "cross_field": outside(cross_field),
+    "multiplexer_bleed": outside(multiplexer_bleed, named="crosstalk"),
+    "two_state_gain": outside(two_state_gain, named="gain_switching"),
+    "stiction": outside(stiction),
 }
 """The causes by their names."""

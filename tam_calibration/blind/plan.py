@@ -5,10 +5,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
-from tam_calibration.blind.catalogue import CATALOGUE
+from tam_calibration.blind.catalogue import CATALOGUE, CAUSES
 from tam_calibration.blind.outside import OUTSIDE
+from tam_calibration.blind.outside_sealed import SEALED
 
 GAPS = (0.3, 1.0, 3.0)
+MIXED = (2.0, 1.0)
+"""Gaps of the known cause and of the unknown one beside it."""
+
+SHARES = {
+    "single": 0.42,
+    "pair": 0.08,
+    "outside": 0.12,
+    "clean": 0.10,
+    "withheld": 0.06,
+    "short": 0.06,
+    "mixed": 0.08,
+    "large": 0.08,
+}
+EVERYWHERE = ("ambient_gradient",)
+"""What disturbs all sensors leaves none to an unknown cause."""
+
+OUTSIDES = {"open": tuple(OUTSIDE), "sealed": tuple(SEALED), "both": (*OUTSIDE, *SEALED)}
+"""The causes outside the library, by the half that is asked for."""
 
 
 @dataclass(frozen=True)
@@ -21,35 +40,61 @@ class Plan:
     samples: int | None = None
 
 
-def plan_cases(kinds: tuple[str, ...], count: int, seed: int) -> list[Plan]:
-    """Return the plans of a set in an order that tells nothing: over half single causes, each at each gap."""
+def plan_cases(kinds: tuple[str, ...], count: int, seed: int, outside: str = "open") -> list[Plan]:
+    """Return the plans of a set in an order that tells nothing.
+
+    Parameters
+    ----------
+    kinds : tuple of str
+    count, seed : int
+    outside : str
+        The half of the causes outside the library that is used: open, sealed or both.
+    """
     rng = np.random.default_rng([seed, 0])
-    shares = {"single": 0.52, "pair": 0.10, "outside": 0.13, "clean": 0.11, "withheld": 0.07, "short": 0.07}
-    total = sum(shares[kind] for kind in kinds)
+    others = [str(name) for name in rng.permutation(OUTSIDES[outside])]
+    total = sum(SHARES[kind] for kind in kinds)
     plans: list[Plan] = []
     for kind in kinds:
-        plans += _plan_kind(rng, kind, round(count * shares[kind] / total))
-    plans = (plans + _plan_kind(rng, kinds[0], count))[:count]
+        plans += _plan_kind(rng, kind, round(count * SHARES[kind] / total), others)
+    plans = (plans + _plan_kind(rng, kinds[0], count, others))[:count]
     return [plans[i] for i in rng.permutation(count)]
 
 
-def _plan_kind(rng: Generator, kind: str, count: int) -> list[Plan]:
-    names, others = list(CATALOGUE), list(OUTSIDE)
-    deciding = [name for name, entry in CATALOGUE.items() if entry.channel]
-    plans = []
-    for number in range(count):
-        gap = GAPS[number % 3]
-        if kind == "clean" or (kind == "short" and number % 4 == 3):
-            plans.append(Plan(kind, (), ()))
-        elif kind == "pair":
-            first, second = rng.choice(names, 2, replace=False)
-            plans.append(Plan(kind, (str(first), str(second)), (float(rng.uniform(1, 3)), float(rng.uniform(1, 3)))))
-        elif kind == "outside":
-            plans.append(Plan(kind, (others[number % len(others)],), (gap,)))
-        elif kind == "withheld":
-            plans.append(Plan(kind, (deciding[number % len(deciding)],), (GAPS[1 + number // len(deciding) % 2],)))
-        elif kind == "short":
-            plans.append(Plan(kind, (str(rng.choice(names)),), (GAPS[1 + number % 2],)))
-        else:
-            plans.append(Plan(kind, (names[number % len(names)],), (gap,)))
-    return plans
+def _plan_kind(rng: Generator, kind: str, count: int, others: list[str]) -> list[Plan]:
+    if kind == "clean":
+        return [Plan(kind, (), ())] * count
+    names = list(CATALOGUE)
+    if kind == "pair":
+        quiet = [name for name in names if not CATALOGUE[name].coarse]
+        return [Plan(kind, *_pair(rng, quiet)) for _ in range(count)]
+    if kind == "short":
+        drawn = [Plan(kind, (str(rng.choice(names)),), (GAPS[1 + number % 2],)) for number in range(count)]
+        return [Plan(kind, (), ()) if number % 4 == 3 else plan for number, plan in enumerate(drawn)]
+    if kind == "mixed":
+        known = [str(name) for name in rng.permutation([name for name in names if name not in EVERYWHERE])]
+        beside = [(known[i % len(known)], others[i % len(others)]) for i in range(2 * count)]
+        return [Plan(kind, both, MIXED) for both in beside if _can_meet(*both)][:count]
+    cycles = {
+        "single": [(name, gap) for gap in GAPS for name in names],
+        "outside": [(name, gap) for gap in GAPS for name in others],
+        "withheld": [(name, gap) for gap in GAPS[1:] for name in names if CATALOGUE[name].channel],
+        "large": [(name, gap) for name in names for gap in CATALOGUE[name].large],
+    }
+    cycle = cycles[kind]
+    if kind != "withheld":
+        cycle = [cycle[i] for i in rng.permutation(len(cycle))]
+    return [Plan(kind, (cycle[i % len(cycle)][0],), (cycle[i % len(cycle)][1],)) for i in range(count)]
+
+
+def _pair(rng: Generator, names: list[str]) -> tuple[tuple[str, str], tuple[float, float]]:
+    """Draw two effects and a gap for each."""
+    while True:
+        first, second = (str(name) for name in rng.choice(names, 2, replace=False))
+        if _can_meet(first, second):
+            break
+    return (first, second), (float(rng.uniform(1, 3)), float(rng.uniform(1, 3)))
+
+
+def _can_meet(first: str, second: str) -> bool:
+    """Say whether there is a motion that shows both causes."""
+    return bool(set(CAUSES[first].motions) & set(CAUSES[second].motions))

@@ -9,6 +9,8 @@ import numpy as np
 
 WITHIN_95 = NormalDist().inv_cdf(0.975)
 _BINS = 10
+_LEAST = 1e-3
+"""A probability below counts as this: one that is wrong though certain is no worse than a thousandth."""
 
 
 @dataclass(frozen=True)
@@ -62,3 +64,28 @@ def calibration_error(curve: Sequence[Bin]) -> float:
     """Return the expected calibration error: the mean distance of the curve from the diagonal, by counts."""
     total = sum(one.count for one in curve)
     return sum(one.count * abs(one.told - one.true) for one in curve) / total if total else float("nan")
+
+
+def log_score(told: Sequence[tuple[float, bool]]) -> float:
+    """Return the mean negative logarithm of the probability given to what came true (Good 1952); small is good."""
+    given = [value if came else 1 - value for value, came in told]
+    return float(-np.log(np.maximum(given, _LEAST)).mean()) if given else float("nan")
+
+
+def constant_log_score(groups: Iterable[Sequence[bool]]) -> float:
+    """Return the log score of who knows of each group how often it came true, (k + 1) / (n + 2), and no more."""
+    told = []
+    for group in groups:
+        value = (sum(group) + 1) / (len(group) + 2)
+        told += [(value, came) for came in group]
+    return log_score(told)
+
+
+def separation(told: Sequence[tuple[float, bool]]) -> float:
+    """Return how often what came true was given more than what did not, ties by half: the area under the ROC curve."""
+    true = np.array([value for value, came in told if came])
+    false = np.array([value for value, came in told if not came])
+    if not true.size or not false.size:
+        return float("nan")
+    more = (true[:, None] > false).mean() + (true[:, None] == false).mean() / 2
+    return float(more)

@@ -1,16 +1,28 @@
 """The amplitude at which a disturbance is seen with a wanted gap."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from tam_calibration.blind.disturbance import Disturbance, Signal
-from tam_calibration.blind.visible import NominalModel
+from tam_calibration.blind.scene import Scene
 
 NEAR = 0.01
 """Share by which the gap may differ from the one wanted."""
 
 STEPS = 60
+
+
+class Model(Protocol):
+    """What a recording shows of a signal."""
+
+    @property
+    def scene(self) -> Scene:
+        """The recording."""
+
+    def visible_gap(self, signal: Signal) -> float:
+        """Return what is left of a signal by the nominal fit, in noise floors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +35,7 @@ class Scaled:
     visible_gap: float
 
 
-def scale_to(model: NominalModel, disturbance: Disturbance, gap: float, seen: Signal) -> Scaled | None:
+def scale_to(model: Model, disturbance: Disturbance, gap: float, seen: Signal) -> Scaled | None:
     """Return the disturbance at the amplitude that is seen with a gap; None when none is.
 
     The gap grows with the amplitude, for most in proportion; the search keeps to the bracket that it knows.
@@ -43,7 +55,7 @@ def scale_to(model: NominalModel, disturbance: Disturbance, gap: float, seen: Si
     return None
 
 
-def _start(model: NominalModel, disturbance: Disturbance) -> float:
+def _start(model: Model, disturbance: Disturbance) -> float:
     """Return an amplitude to begin with: the noise for what is in tesla, the natural one for the rest."""
     if disturbance.amplitude_unit.startswith("T "):
         return model.scene.vector_noise_T

@@ -29,6 +29,8 @@ class Wish:
     with_scalar, with_holes : bool
     channels : tuple of str
         Of temperature, current and attitude, those recorded.
+    coarse : bool
+        Whether the sensors are as noisy as a phone's.
     """
 
     samples: int
@@ -37,6 +39,7 @@ class Wish:
     with_scalar: bool
     with_holes: bool
     channels: tuple[str, ...]
+    coarse: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +100,10 @@ class Scene:
         """Return what the undisturbed sensors read (n, K, 3) at any time."""
         return np.asarray(np.einsum("kij,nj->nki", self.response, self.field_at(time_s)) + self.bias_T)
 
+    def core(self, sensor: int) -> FloatArray:
+        """Return an undisturbed sensor's reading (N, 3) without its bias, as a share of the intensity."""
+        return np.asarray((self.readings_T[:, sensor] - self.bias_T[sensor]) / self.intensity_T.mean())
+
     @cached_property
     def to_world(self) -> FloatArray:
         """Rotations (N, 3, 3) of the samples."""
@@ -128,7 +135,8 @@ def draw_scene(rng: Generator, wish: Wish) -> Scene:
     rate_hz = float(rng.choice(rates)) if rates else wish.samples / 40
     step_s = 1 / rate_hz
     duration_s = (wish.samples - 1) * step_s
-    vector_noise = 10 ** rng.uniform(-1, np.log10(5))
+    low_nT, high_nT = (20, 600) if wish.coarse else (0.1, 5)
+    vector_noise = 10 ** rng.uniform(np.log10(low_nT), np.log10(high_nT))
     scalar_noise = min(10 ** rng.uniform(-2, 0), vector_noise)
     return Scene(
         time_s=_cut_holes(rng, np.arange(wish.samples) * step_s, wish.with_holes),

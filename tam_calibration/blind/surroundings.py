@@ -9,6 +9,7 @@ from tam_calibration.blind.disturbance import (
     ALL,
     SCALAR,
     Disturbance,
+    by_axis,
     draw_direction,
     draw_sensor,
     numbers,
@@ -17,7 +18,7 @@ from tam_calibration.blind.disturbance import (
     where_strong,
 )
 from tam_calibration.blind.scene import Scene
-from tam_calibration.units import FloatArray
+from tam_calibration.units import FloatArray, to_nanotesla
 
 PERMEABILITY = 1e-7
 """μ0 / 4π in SI."""
@@ -64,8 +65,12 @@ def current_interference(rng: Generator, scene: Scene) -> Disturbance:
             break
     scalar = (load_A - load_A.mean()) * (scene.field_T @ center) / scene.intensity_T
     parameters = {"distance_m": near}
+    # What a cable does to all sensors is told from the field by their differences only.
+    field = to_nanotesla(np.einsum("kij,kj->ki", scene.response, extra))
+    coefficients = {} if sensors == (ALL,) else by_axis(int(sensors[0]) - 1, "field", field[int(sensors[0]) - 1])
+    change = proportional((vectors, scalar))
     return Disturbance(
-        "current_interference", sensors, (), proportional((vectors, scalar)), "A to an ampere recorded", parameters
+        "current_interference", sensors, (), change, "A to an ampere recorded", parameters, coefficients=coefficients
     )
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tam_calibration.blind import KINDS
+from tam_calibration.cli.blind_inject import inject
 from tam_calibration.cli.terminal import PATH, showing_progress, stdout, write_together
 from tam_calibration.problems import InputError, Refused
 
@@ -28,13 +29,23 @@ def command() -> None:
     """Check the diagnosis on recordings whose cause is known but withheld."""
 
 
+command.add_command(inject)
+
+
 @command.command()
 @click.argument("folder", metavar="OUT", type=PATH)
 @click.option("--cases", type=click.IntRange(min=1), default=400, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0), required=True, help="Never one that anything was tuned on.")
 @click.option("--kinds", type=click.Choice(KINDS), multiple=True, default=KINDS, show_default=True)
+@click.option(
+    "--outside",
+    type=click.Choice(("open", "sealed", "both")),
+    default="open",
+    show_default=True,
+    help="Causes outside the library: the half to tune on, or the one to judge by.",
+)
 @jobs_option
-def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], jobs: int) -> None:
+def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], outside: str, jobs: int) -> None:
     """Make recordings in OUT, with their sealed keys in keys.json and what commits to those in commitments.json."""
     from tam_calibration.blind.folder import COMMITMENTS, KEYS, case_name, write_json
     from tam_calibration.blind.plan import plan_cases
@@ -43,7 +54,8 @@ def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], jobs: int)
     if folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder} is not empty: name a new folder, so that no case is mixed with an older one")
     folder.mkdir(parents=True, exist_ok=True)
-    tasks = [(folder, plan, seed, number) for number, plan in enumerate(plan_cases(kinds, cases, seed), start=1)]
+    plans = plan_cases(kinds, cases, seed, outside)
+    tasks = [(folder, plan, seed, number) for number, plan in enumerate(plans, start=1)]
     keys, commitments = {}, {}
     for number, key in _in_processes("making cases", _make_one, tasks, jobs):
         keys[case_name(number)], commitments[case_name(number)] = seal(key)

@@ -8,8 +8,9 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from tam_calibration.blind.figures import Row
 from tam_calibration.blind.rates import Rate
-from tam_calibration.blind.score import Row, Score
+from tam_calibration.blind.score import Score
 
 HEADER = ("figure", "gaps", "asked", "measured", "95 % interval", "cases", "met")
 
@@ -38,10 +39,22 @@ def _print_table(console: Console, title: str, header: tuple[str, ...], rows: li
 def cells(row: Row) -> tuple[str, ...]:
     """Return a figure as texts for `HEADER`."""
     interval = f"{row.interval[0]:.1%} – {row.interval[1]:.1%}" if row.interval and row.cases else row.remark
-    asked = f"{'≥' if row.at_least else '≤'} {row.asked:.0%}"
-    met = "" if not row.cases else "yes" if row.is_met else "NO"
-    measured = f"{row.value:.1%}" if row.cases else "–"
+    asked = _asked(row)
+    met = "" if not row.cases or not asked else "yes" if row.is_met else "NO"
+    measured = _figure(row, row.value, 1) if row.cases else "–"
     return row.name, row.size, asked, measured, interval, str(row.cases), met
+
+
+def _asked(row: Row) -> str:
+    if row.least is not None and row.most is not None:
+        return f"{_figure(row, row.least)} – {_figure(row, row.most)}"
+    if row.least is not None:
+        return f"≥ {_figure(row, row.least)}"
+    return f"≤ {_figure(row, row.most)}" if row.most is not None else ""
+
+
+def _figure(row: Row, value: float, digits: int = 0) -> str:
+    return f"{value:.{digits}%}" if row.is_share else f"{value:.2g}"
 
 
 def effects(score: Score) -> list[tuple[str, ...]]:

@@ -202,3 +202,110 @@ def test_no_answer_is_a_failure_with_its_reason():
     """A diagnosis that ends in an error is listed with what it said."""
     result = score((key(), {"verdict": "error", "why": "tam: it is full of holes"}))
     assert "error (tam: it is full of holes)" in result.failures[0].line
+
+
+def mixture(outside="random_walk_bias", named=""):
+    """Return the key of a jump in sensor 2 beside an outside cause in sensor 3."""
+    made = key("mixed", ("bias_jump", outside))
+    made["effects"][1] |= {"sensors": [3], "named": named}
+    return made
+
+
+def test_a_known_cause_beside_an_unknown_one():
+    """The known one must be named, nothing else, and the verdict be that it explains a part."""
+    result = score(
+        (mixture(), answer("bias_jump", verdict="partly_explained")),
+        (mixture(), answer("bias_jump")),
+        (mixture(), answer("bias_jump", "flexure", verdict="partly_explained")),
+        (mixture(), answer(verdict="unexplained")),
+    )
+    name = "known beside unknown: "
+    assert value(result, f"{name}partly_explained, the known named, nothing else") == 0.25
+    assert value(result, f"{name}the known named") == 0.75
+    assert value(result, f"{name}nothing else named") == 0.75
+    assert value(result, f"{name}verdict partly_explained") == 0.5
+    assert len(result.failures) == 3
+
+
+def test_an_outside_cause_with_a_name_since():
+    """Either no name is right or that name, alone and beside a known cause; another one is not."""
+    single = key("outside", ("two_state_gain",))
+    single["effects"][0]["named"] = "gain_switching"
+    both = mixture("two_state_gain", "gain_switching")
+    result = score(
+        (single, answer("gain_switching")),
+        (single, answer(verdict="unexplained")),
+        (single, answer("crosstalk")),
+        (both, answer("bias_jump", "gain_switching")),
+        (both, answer("bias_jump", verdict="partly_explained")),
+    )
+    assert value(result, "outside the library → unexplained, sensor right", LARGE) == pytest.approx(2 / 3)
+    assert value(result, "known beside unknown: partly_explained, the known named, nothing else") == 1
+    assert result.false_attribution[0].hits == 1
+
+
+def test_a_sealed_cause_is_not_told():
+    """A line about a case that went wrong does not name a sealed kind."""
+    sealed = key("outside", ("secret_kind",))
+    sealed["effects"][0]["sealed"] = True
+    (line,) = [one.line for one in score((sealed, answer("bias_jump"))).failures]
+    assert "secret_kind" not in line and "a sealed cause" in line
+
+
+def test_gaps_of_thirty_and_a_thousand_floors():
+    """Each size has its own figures, of the first cause by name and of the place."""
+    result = score(
+        (key("large", gap=30.0), answer("bias_jump")),
+        (key("large", gap=30.0), answer("bias_jump", sensors=(3,))),
+        (key("large", gap=1000.0), answer("temperature_drift", verdict="partly_explained")),
+    )
+    assert value(result, "first cause right", "g = 30") == 1
+    assert value(result, "sensor, scalar or all right", "g = 30") == 0.5
+    assert value(result, "first cause right", "g = 1000") == 0
+    assert value(result, "sensor, scalar or all right", "g = 1000") == 1
+
+
+def test_probabilities_are_compared_with_a_constant_of_the_verdict():
+    """Told certainty where it is right and doubt where it is wrong beats the constant; the same for all does not."""
+    knowing, constant = (
+        score(
+            *((key(), answer("bias_jump", probabilities={"bias_jump": right})) for _ in range(8)),
+            *((key(), answer("flexure", probabilities={"flexure": wrong})) for _ in range(2)),
+        )
+        for right, wrong in ((0.99, 0.05), (0.75, 0.75))
+    )
+    name = "log score over that of a constant per verdict"
+    assert value(knowing, name) < 0.1
+    assert value(constant, name) == pytest.approx(1)
+    assert value(knowing, "right and wrong told apart (AUROC)") == 1
+    assert value(constant, "right and wrong told apart (AUROC)") == 0.5
+
+
+def test_sets_hold_the_cause_unknown_or_no_gap():
+    """A set holds the truth by its name; answers that tell no set do not count."""
+    result = score(
+        (key(), answer("bias_jump", set_95=["bias_jump"])),
+        (key(), answer("flexure", set_95=["flexure", "unknown"])),
+        (key("outside", ("stiction",)), answer(verdict="unexplained", set_95=["unknown", "flexure", "outliers"])),
+        (key("clean", ()), answer(verdict="no_gap", set_95=["no_gap"])),
+        (key(), answer("bias_jump")),
+    )
+    assert value(result, "95 % sets hold the true cause") == 0.75
+    assert value(result, "95 % sets, median size") == 1.5
+    old = score((key(), answer("bias_jump")))
+    assert [row.cases for row in old.rows if row.name.startswith("95 % sets")] == [0, 0]
+
+
+def test_intervals_of_coefficients():
+    """Within 1.96 standard errors is held; what only one of both states does not count."""
+    told = answer("bias_jump")
+    told["causes"][0]["parameters"] = {
+        "sensor 2 x offset": {"value": 10.0, "standard_error": 1.0, "unit": "nT"},
+        "sensor 2 y offset": {"value": 10.0, "standard_error": 1.0, "unit": "nT"},
+        "time": {"value": 3.0, "standard_error": None, "unit": "s"},
+    }
+    sized = key()
+    sized["effects"][0]["coefficients"] = {"sensor 2 x offset": 11.9, "sensor 2 y offset": 12.1, "time": 3.0}
+    result = score((sized, told), (key(), told))
+    (row,) = [row for row in result.rows if row.name.startswith("95 % intervals") and not row.size]
+    assert (row.value, row.cases, row.is_met) == (0.5, 2, False)

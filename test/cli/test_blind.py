@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -121,3 +122,40 @@ def test_the_true_effect_can_be_left_out(tmp_path):
     true = json.loads((folder / "keys.json").read_text())["case_0001"]["effects"][0]["effect"]
     answer = json.loads((folder / "case_0001" / "answer_without.json").read_text())
     assert true not in [one["effect"] for one in answer["causes"] + answer["considered"]]
+
+
+def made_up_recording(path):
+    """Write a recording of one sensor that turns through all directions, and its array file; return both."""
+    time_s = np.arange(600) / 20
+    heading, tilt = 1.7 * time_s, np.arccos(np.cos(0.61 * time_s))
+    unit = np.stack([np.cos(heading) * np.sin(tilt), np.sin(heading) * np.sin(tilt), np.cos(tilt)], axis=1)
+    noise = np.random.default_rng(1).normal(size=(600, 3))
+    table = np.column_stack([time_s, 50000 * unit + 50 * noise])
+    np.savetxt(path / "real.csv", table, delimiter=",", header="time_s,b1x_nT,b1y_nT,b1z_nT", comments="")
+    (path / "one.yaml").write_text("positions_m: [[0, 0, 0]]\n")
+    return path / "real.csv", path / "one.yaml"
+
+
+def test_inject(tmp_path):
+    """The recording with the effect and its channel is a recording; the truth lies beside it; the seed decides."""
+    real, array = made_up_recording(tmp_path)
+    words = ["inject", real, "--array", array, "--effect", "temperature_drift", "--times", 3]
+    result = run(*words, "-o", tmp_path / "new.csv")
+    assert result.exit_code == 0, result.output
+    made, key = read_recording(tmp_path / "new.csv"), json.loads((tmp_path / "new.key.json").read_text())
+    assert made.temperature_C is not None and made.sample_count == 600
+    assert key["effect"] == "temperature_drift" and key["recording"] == "real.csv"
+    assert key["visible_nT"] == pytest.approx(3 * key["own_residual_nT"], rel=0.02)
+    assert run(*words, "-o", tmp_path / "again.csv").exit_code == 0
+    assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "new.csv").read_bytes()
+
+
+def test_inject_refuses_what_does_not_fit(tmp_path):
+    """One sentence for an array of another number of sensors, an output that is no CSV, and an input as output."""
+    real, array = made_up_recording(tmp_path)
+    (tmp_path / "two.yaml").write_text("positions_m: [[0, 0, 0], [1, 0, 0]]\n")
+    words = ["inject", real, "--effect", "bias_jump", "--array"]
+    assert "holds 1 sensors, but" in run(*words, tmp_path / "two.yaml", "-o", tmp_path / "new.csv").stderr
+    assert "must end in .csv" in run(*words, array, "-o", tmp_path / "new.mcap").stderr
+    assert "would be overwritten" in run(*words, array, "-o", real).stderr
+    assert {path.name for path in tmp_path.iterdir()} == {"real.csv", "one.yaml", "two.yaml"}

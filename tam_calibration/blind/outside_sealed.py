@@ -1,0 +1,179 @@
+"""Causes outside the library, the sealed half. Who writes rules of the diagnosis does not open this file.
+
+Nor the files whose names begin like this one's, their test, or the keys of cases that hold such a cause: these are read
+as counts only. A judgement on causes that somebody tuned for says nothing about those that nobody thought of.
+"""
+
+import numpy as np
+from numpy.linalg import norm
+from numpy.random import Generator
+
+from tam_calibration.blind.disturbance import (
+    SCALAR,
+    Disturbance,
+    draw_axes,
+    draw_direction,
+    draw_sensor,
+    in_one_sensor,
+    numbers,
+    of_scalar,
+    proportional,
+    where_strong,
+)
+from tam_calibration.blind.entry import MOVING, sealed
+from tam_calibration.blind.outside_sealed_motion import (
+    centrifugal_bias,
+    coil_self_heating,
+    gyroscopic_shift,
+    orientation_noise,
+    sunlit_side,
+    swinging_magnet,
+)
+from tam_calibration.blind.processes import draw_wander
+from tam_calibration.blind.scene import Scene
+from tam_calibration.units import FloatArray
+
+
+def ageing_bias(rng: Generator, scene: Scene) -> Disturbance:
+    """Let a bias settle after switching on, by the logarithm of the time since, with a little wandering."""
+    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.3)
+    since = np.log1p(scene.time_s / (scene.duration_s * 10 ** rng.uniform(-2.5, -0.7)))
+    wander = draw_wander(rng, scene.duration_s, 5)(scene.time_s)
+    course = since / since.std() + rng.uniform(0.1, 0.4) * wander
+    return in_one_sensor(scene, "ageing_bias", sensor, mask, 1e-9 * np.outer(course, mask * rng.normal(size=3)), {})
+
+
+def creeping_bias(rng: Generator, scene: Scene) -> Disturbance:
+    """Let glue give way: the bias of each axis goes elsewhere over minutes, and part of the way back."""
+    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.3)
+    share = (scene.time_s / scene.duration_s)[:, None]
+    middle = np.sort(rng.uniform(0.1, 0.9, (2, 3)), axis=0)
+    width = rng.uniform(0.06, 0.2, (2, 3))
+    course = np.tanh((share - middle[0]) / width[0]) - rng.uniform(0.2, 0.9, 3) * np.tanh(
+        (share - middle[1]) / width[1]
+    )
+    change = 1e-9 * mask * rng.normal(size=3) * course
+    return in_one_sensor(scene, "creeping_bias", sensor, mask, change, {"middles": numbers(middle)})
+
+
+def cycling_bias(rng: Generator, scene: Scene) -> Disturbance:
+    """Let a thermostat nobody recorded switch a heater, each time after another while; the bias follows."""
+    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.5)
+    cycles = rng.uniform(2.5, 6)
+    spans = scene.duration_s / (2 * cycles) * rng.uniform(0.6, 1.4, 40)
+    edges_s = np.cumsum(spans) - spans[0] * rng.random()
+    heated = np.searchsorted(edges_s, scene.time_s) % 2
+    lag_s = scene.duration_s / (2 * cycles) * rng.uniform(0.3, 1.5)
+    warm, course = 0.5, []
+    for on, step_s in zip(heated.tolist(), np.diff(scene.time_s, prepend=scene.time_s[0]).tolist(), strict=True):
+        warm += (on - warm) * (1 - np.exp(-step_s / lag_s))
+        course.append(warm)
+    change = 1e-9 * np.outer(course, mask * rng.normal(size=3))
+    return in_one_sensor(scene, "cycling_bias", sensor, mask, change, {"cycles": cycles})
+
+
+def supply_sag(rng: Generator, scene: Scene) -> Disturbance:
+    """Let bias and gain follow a battery that runs down, sags under each of many loads and recovers slowly."""
+    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.3)
+    time_s, duration_s = scene.time_s, scene.duration_s
+    volts = -rng.uniform(0.5, 1.5) * (time_s / duration_s) ** rng.uniform(1, 2.5)
+    for _ in range(int(rng.integers(9, 22))):
+        since_s = time_s - rng.uniform(-0.05, 1) * duration_s
+        held_s, recovers_s = duration_s * rng.uniform(0.01, 0.05), duration_s * rng.uniform(0.01, 0.06)
+        loaded = (since_s >= 0) & (since_s < held_s)
+        after = np.where(since_s >= held_s, np.exp(-np.maximum(since_s - held_s, 0) / recovers_s), 0.0)
+        volts -= rng.uniform(0.3, 1) * (loaded + rng.uniform(0.3, 0.6) * after)
+    gain = rng.uniform(0, 0.7) * rng.normal(size=3) * scene.core(sensor)
+    change = 1e-9 * mask * volts[:, None] * (rng.normal(size=3) + gain)
+    return in_one_sensor(scene, "supply_sag", sensor, mask, change, {})
+
+
+def relaxing_tail(rng: Generator, scene: Scene) -> Disturbance:
+    """Kick the iron beside a sensor a few times: what each kick magnetised fades with the logarithm of time."""
+    sensor = draw_sensor(rng, scene)
+    course = np.zeros((scene.sample_count, 3))
+    kicks_s = np.sort(rng.uniform(-0.05, 0.9, int(rng.integers(5, 9)))) * scene.duration_s
+    for kick_s in kicks_s:
+        since = np.maximum(scene.time_s - kick_s, 0) / (scene.duration_s * 10 ** rng.uniform(-3, -2))
+        left = np.maximum(1 - 0.45 * np.log10(1 + since), 0) * (scene.time_s >= kick_s)
+        course += np.outer(left, rng.uniform(0.5, 1.5) * draw_direction(rng))
+    parameters = {"kicks_s": numbers(kicks_s)}
+    return in_one_sensor(scene, "relaxing_tail", sensor, np.ones(3), 1e-9 * course, parameters)
+
+
+def spinning_part(rng: Generator, scene: Scene) -> Disturbance:
+    """Turn a magnetised part near a sensor whose speed runs up and down by a factor of two and more."""
+    sensor = draw_sensor(rng, scene)
+    low_hz = rng.uniform(0.04, 0.12) / scene.step_s
+    speed = draw_wander(rng, scene.duration_s, 6)
+    fine_s = np.linspace(0, scene.duration_s, 20_000)
+    rate_hz = low_hz * (1 + rng.uniform(1, 2) * (1 + np.tanh(speed(fine_s))) / 2)
+    phase = 2 * np.pi * np.interp(scene.time_s, fine_s, np.cumsum(rate_hz) * fine_s[1])
+    first, second = draw_direction(rng), draw_direction(rng)
+    change = 1e-9 * (np.outer(np.cos(phase), first) + np.outer(np.sin(phase), second))
+    return in_one_sensor(scene, "spinning_part", sensor, np.ones(3), change, {"lowest_hz": low_hz})
+
+
+def burst_noise(rng: Generator, scene: Scene) -> Disturbance:
+    """Let a contact or a semiconductor flip between two offsets, at any time, in an axis or the scalar."""
+    rates = rng.uniform(15, 60, 2) / scene.duration_s
+    stays_s = rng.exponential(1 / np.tile(rates, 200))
+    course = np.searchsorted(np.cumsum(stays_s), scene.time_s) % 2.0
+    if scene.with_scalar and rng.random() < 0.3:
+        change = proportional(of_scalar(scene, 1e-9 * course))
+        return Disturbance("burst_noise", (SCALAR,), (), change, "nT", {})
+    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.7)
+    return in_one_sensor(scene, "burst_noise", sensor, mask, 1e-9 * np.outer(course, mask * rng.normal(size=3)), {})
+
+
+def passing_iron(rng: Generator, scene: Scene) -> Disturbance:
+    """Carry a magnetised tool past one sensor, twice or more, each time another way."""
+    while True:
+        sensor = draw_sensor(rng, scene)
+        others = np.delete(scene.positions_m, sensor, axis=0) - scene.positions_m[sensor]
+        nearest_m = norm(others, axis=1).min()
+        extra = np.zeros((scene.sample_count, scene.sensor_count + 1, 3))
+        for _ in range(int(rng.integers(2, 5))):
+            extra += _pass(rng, scene, scene.positions_m[sensor], nearest_m * rng.uniform(0.1, 0.2))
+        vectors = scene.through(extra[:, :-1])
+        sensors = where_strong(scene, vectors)
+        if sensors == (sensor + 1,):
+            break
+    strength = 1e-9 / norm(extra[:, sensor], axis=1).max()
+    scalar = (extra[:, -1] * scene.field_T).sum(axis=1) / scene.intensity_T
+    change = proportional((strength * vectors, strength * scalar))
+    return Disturbance("passing_iron", sensors, (), change, "nT at the most", {})
+
+
+def _pass(rng: Generator, scene: Scene, place_m: FloatArray, near_m: float) -> FloatArray:
+    """Return the field of a dipole that goes by, at the sensors and the center (N, K + 1, 3), in the array's frame."""
+    across = draw_direction(rng)
+    along = np.cross(across, draw_direction(rng))
+    along /= norm(along)
+    width_s = scene.duration_s * rng.uniform(0.02, 0.06)
+    way = np.outer((scene.time_s - rng.uniform(0.1, 0.9) * scene.duration_s) / width_s, along)
+    source = place_m + near_m * (across + way)
+    at = np.concatenate([scene.positions_m, np.zeros((1, 3))])
+    away = at[None] - source[:, None]
+    distance = norm(away, axis=2, keepdims=True)
+    unit, moment = away / distance, draw_direction(rng)
+    return np.asarray((3 * unit * (unit @ moment)[..., None] - moment) / distance**3)
+
+
+SEALED = {
+    "ageing_bias": sealed(ageing_bias),
+    "creeping_bias": sealed(creeping_bias),
+    "cycling_bias": sealed(cycling_bias),
+    "supply_sag": sealed(supply_sag),
+    "relaxing_tail": sealed(relaxing_tail),
+    "spinning_part": sealed(spinning_part),
+    "burst_noise": sealed(burst_noise),
+    "passing_iron": sealed(passing_iron),
+    "swinging_magnet": sealed(swinging_magnet),
+    "orientation_noise": sealed(orientation_noise),
+    "centrifugal_bias": sealed(centrifugal_bias, motions=MOVING),
+    "gyroscopic_shift": sealed(gyroscopic_shift, motions=MOVING, scalar_needed=True),
+    "coil_self_heating": sealed(coil_self_heating, motions=MOVING),
+    "sunlit_side": sealed(sunlit_side),
+}
+"""The causes by their names."""
