@@ -41,9 +41,9 @@ __all__ = [
 SurrogateKind = Literal["moved", "of_channel", "searched", "elsewhere", "at_other_frequencies"]
 """How surrogates of an effect are made, which have its form and nothing to do with the residual.
 
-``moved``: the residual is moved in time against all else. ``of_channel``: the recorded channel is, or is another of the
-same spectrum. ``searched``: the effect is sought in residuals of the same spectrum. ``elsewhere``: it acts on other rows.
-``at_other_frequencies``: its frequency is another.
+``moved``: the residual is moved in time against all else. ``of_channel``: the recorded channel is, or is another of
+the same spectrum. ``searched``: the effect is sought in residuals of the same spectrum. ``elsewhere``: it acts on other
+rows. ``at_other_frequencies``: its frequency is another.
 """
 
 
@@ -192,7 +192,7 @@ class LinearEffect(Effect):
         return ({},)
 
     def sought(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
-        """Return the shapes to try in a surrogate; there are many of these, so that a quick search is worth its code."""
+        """Return the shapes to try in each of many surrogates, by a quick search."""
         return self.shapes(situation, misfit)
 
     @abstractmethod

@@ -12,6 +12,7 @@ from tam_calibration.files.json_text import to_json
 from tam_calibration.files.whole import write_whole
 from tam_calibration.gap.floor import Floor
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
+from tam_calibration.gap.standing import Standing
 from tam_calibration.units import for_people, to_nanotesla
 
 SCHEMA = "tam_calibration/gap/1"
@@ -53,6 +54,8 @@ def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]
         "causes": [_cause(cause) for cause in gap.causes],
         "considered": [_considered(considered) for considered in gap.considered],
         "probabilities": _rounded(gap.probabilities),
+        "set_95": list(gap.set_95),
+        "smallest_gap": _round(gap.smallest_gap),
         "next_recording": gap.next_recording,
         "recording": source and {"name": source.name, "size_bytes": source.size_bytes, "sha256": source.sha256},
     }
@@ -149,9 +152,15 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "axes": list(cause.axes),
         **_rounded({"probability": cause.probability, "share": cause.share}),
         "parameters": parameters_of(cause),
-        "evidence": _rounded({"delta_bic": cause.delta_bic, "r2_cv": cause.r2_cv}),
+        "evidence": _rounded({"delta_bic": cause.delta_bic, "r2_cv": cause.r2_cv} | _standing(cause.standing)),
         "indistinguishable_from": list(cause.indistinguishable_from),
     }
+
+
+def _standing(standing: Standing | None) -> dict[str, float]:
+    if standing is None:
+        return {}
+    return {"gain": standing.gain, "best_surrogate_gain": standing.largest, "rank_among_surrogates": standing.rank}
 
 
 def _considered(considered: Considered) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from tam_calibration.effects.effect import Finding, FittedEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.design import Design
+from tam_calibration.gap.coloured import sandwich
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import next_recording
@@ -77,7 +77,7 @@ def _causes(
     }
     others = list(by_finding.values())
     shares = shares_of(model) if model.parts else np.empty(0)
-    fitted = _fitted(model, variance)
+    fitted = _fitted(model)
     gains = [step.accepted.gain for step in (*linear, *others)]
     total = max(sum(gains), 1e-300)
     linear_gain = sum(step.accepted.gain for step in linear)
@@ -96,6 +96,7 @@ def _causes(
                 step.accepted.delta_bic,
                 float(size.closed * weight),
                 _alike(step, effect, found),
+                step.standing,
             )
         )
     return tuple(sorted(causes, key=lambda cause: -cause.share))
@@ -120,15 +121,14 @@ def _alike(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _fitted(model: Model, variance: float) -> list[FittedEffect]:
+def _fitted(model: Model) -> list[FittedEffect]:
     """Return the effects that add to the rows with values and standard errors."""
     if not model.parts:
         return []
     channels = model.channels(model.signal())
     terms = [part.terms(channels) for part in model.parts]
     designs = [channels.design(own) for own in terms]
-    projected = Base(channels, [channels.calibration]).project(Design.joined(designs))
-    covariance = variance * projected.inverse()[0]
+    covariance = sandwich(Base(channels, [channels.calibration]), designs)
     ends = np.cumsum([design.width for design in designs])
     return [
         part.fitted(own, covariance[end - design.width : end, end - design.width : end])

@@ -6,6 +6,7 @@ from typing import Literal
 
 from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.gap.floor import Floor
+from tam_calibration.gap.standing import Standing
 from tam_calibration.units import FloatArray
 
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained", "not_identifiable"]
@@ -90,6 +91,8 @@ class Cause:
         Part of the gap's energy that it explains out of sample.
     indistinguishable_from : tuple of str
         Effects that explain these data as well.
+    standing : Standing, optional
+        How it stands among its surrogates, which have nothing to do with the residual; None where it needs none.
     """
 
     fitted: FittedEffect
@@ -101,6 +104,7 @@ class Cause:
     delta_bic: float
     r2_cv: float
     indistinguishable_from: tuple[str, ...] = ()
+    standing: Standing | None = None
 
 
 @dataclass(frozen=True)
@@ -171,6 +175,11 @@ class Gap:
         For plots.
     floor : Floor, optional
         Noise of every row; None without a verdict.
+    set_95 : tuple of str
+        The smallest set of answers that holds the true one in 95 of 100 recordings: names of effects, "unknown" and
+        "no_gap".
+    smallest_gap : float
+        In noise floors, the gap that would have been seen, were there one; NaN without a verdict.
     remarks : tuple of str
         What to know before the verdict, one sentence each: why no calibration would be had, and what the noise is.
     """
@@ -185,6 +194,8 @@ class Gap:
     statement: str
     residue: Residue = field(repr=False)
     floor: Floor | None = None
+    set_95: tuple[str, ...] = ()
+    smallest_gap: float = float("nan")
     remarks: tuple[str, ...] = ()
 
     @property

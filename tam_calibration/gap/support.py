@@ -7,12 +7,15 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from tam_calibration.effects.effect import ALL, Finding, SurrogateKind
+from tam_calibration.effects.effect import ALL, Contribution, Finding, FittedEffect, SurrogateKind
+from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.hypotheses import Evidence, examine
 from tam_calibration.gap.noise_gain import noise_gain
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.search import Hypothesis, places_of, sensors_of
-from tam_calibration.gap.surrogates import Standing, standing_of
+from tam_calibration.gap.selection import columns_of
+from tam_calibration.gap.standing import Standing
+from tam_calibration.gap.surrogates import standing_of
 from tam_calibration.gap.unknown import FunctionOfDirection
 
 LEAST_EVIDENCE = 12.0
@@ -27,15 +30,15 @@ _LEAST_RATIO: Mapping[SurrogateKind, float] = {
 }
 """How many times the best surrogate's gain a form must gain.
 
-What follows the motion in another way gains up to 1.9 times what the moved residual does; a drift without jumps gains up to
-1.3 times what others of its spectrum do.
+What follows the motion in another way gains up to 1.9 times what the moved residual does; a drift without jumps gains
+up to 1.3 times what others of its spectrum do.
 """
 
 LEAST_SHARE = 0.08
 """Part of all that can be explained that a cause must explain."""
 
 _OF_DIRECTION = 0.9
-"""Part of what functions of the direction gain in its sensors that an effect which follows the field alone must gain."""
+"""Part of what functions of the direction gain in its sensors that an effect of the field alone must gain."""
 
 _OF_NOISE = 0.5
 """Part of what a cause gains that it may gain by averaging noise."""
@@ -123,27 +126,35 @@ def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tupl
     own = noise_gain(base, form)
     if candidate.delta_bic - own < LEAST_EVIDENCE or own > _OF_NOISE * candidate.gain:
         return False, None
+    if form.effect.oversize(base.channels.situation, fitted_at(base, form)) is not None:
+        return False, None
     standing = _standing(base, form)
     is_first = standing.gain > standing.largest + LEAST_EVIDENCE
     return is_first and standing.ratio > _LEAST_RATIO[form.effect.surrogates], standing
+
+
+def fitted_at(base: Base, form: Hypothesis) -> FittedEffect:
+    """Return a form with the values that it takes beside a base."""
+    projected = base.project(base.channels.design(form.terms))
+    values = projected.inverse()[0] @ projected.score
+    contributions = []
+    for term, columns in zip(form.terms, columns_of(form.terms), strict=True):
+        names = [coefficient.name for coefficient in term.coefficients]
+        own = dict(zip(names, values[columns].tolist(), strict=True))
+        contributions.append(Contribution(term.sensor, term.axis, term.name, own))
+    return FittedEffect(form.effect.name, form.shape, tuple(contributions))
 
 
 def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     """Whether a cause still is supported at the base of all other causes."""
     form = cause.form
     if isinstance(form, Finding):
-        return cause.effect != NOISE or isinstance(examine(base, form_effect(cause)), Evidence)
+        return cause.effect != NOISE or isinstance(examine(base, effect_named(NOISE)), Evidence)
     moved = form.moved(base.channels.situation)
     gain, rank = base.project(base.channels.design(moved.terms)).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
     alone = Evidence(cause.effect, moved, gain - rank * log(base.channels.count), gain)
     return alone.delta_bic > LEAST_EVIDENCE and stands(base, alone, unknown)[0]
-
-
-def form_effect(cause: Evidence):  # noqa
-    from tam_calibration.effects.library import effect_named
-
-    return effect_named(cause.effect)
 
 
 _KNOWN: WeakKeyDictionary[Hypothesis, tuple[Base, Standing]] = WeakKeyDictionary()
@@ -206,7 +217,7 @@ def _is_best(base: Base, candidate: Evidence, unknown: Collection[Evidence]) -> 
 
 
 def _is_of_direction(base: Base, cause: Evidence, unknown: Collection[Evidence]) -> bool:
-    """Whether a function of the direction explains more in the sensors of a cause: then neither time nor axis matter."""
+    """Whether a function of the direction explains more in the sensors of a cause: then no axis and no time matter."""
     sensors = sensors_of(places_of(cause.form))
     for one in unknown:
         if one.effect != FunctionOfDirection.name or not isinstance(one.form, Hypothesis):

@@ -4,21 +4,23 @@ A form explains some energy of the residual. So do its surrogates, which are as 
 residual: the residual is moved in time, the recorded channel is another of the same spectrum, a jump is sought in
 residuals of the same spectrum, a tone has another frequency. Whatever else is real in the residual is there for
 them too, coloured and unknown, so that neither its noise level nor its colour has to be known (randomisation test,
-Fisher, The design of experiments, 1935; Theiler et al., Testing for nonlinearity in time series: the method of surrogate
-data, Physica D 58, 1992, p. 77). An effect says which surrogates it has.
+Fisher, The design of experiments, 1935; Theiler et al., Testing for nonlinearity in time series: the method of
+surrogate data, Physica D 58, 1992, p. 77). An effect says which surrogates it has.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from tam_calibration.effects.effect import Term
+from tam_calibration.effects.effect import SurrogateKind, Term
 from tam_calibration.effects.fitted import SCALAR
 from tam_calibration.effects.term import chosen
 from tam_calibration.gap.design import Design
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.search import Hypothesis
+from tam_calibration.gap.standing import Standing
 from tam_calibration.units import FloatArray
 
 _MOVES = 150
@@ -40,36 +42,6 @@ _NEAREST = 0.05
 
 _SAME_CHANNEL = 0.995
 """Correlation with the recorded channel from which on another of the same spectrum is that channel."""
-
-
-@dataclass(frozen=True)
-class Standing:
-    """How a form stands among its surrogates.
-
-    Parameters
-    ----------
-    gain : float
-        Twice the logarithm of its likelihood ratio.
-    largest : float
-        The same of the best surrogate; zero where there is none.
-    rank : float
-        Part of the surrogates, itself among them, that explain as much.
-    """
-
-    gain: float
-    largest: float
-    rank: float
-
-    @classmethod
-    def among(cls, gain: float, others: FloatArray) -> "Standing":
-        """Return the standing of a gain among others (S,)."""
-        largest = float(np.max(others, initial=0.0))
-        return cls(gain, largest, float(1 + np.sum(others >= gain)) / (1 + len(others)))
-
-    @property
-    def ratio(self) -> float:
-        """How many times the best surrogate's gain."""
-        return self.gain / max(self.largest, 1.0)
 
 
 def standing_of(base: Base, form: Hypothesis) -> Standing:
@@ -139,7 +111,8 @@ def _of_channel(base: Base, form: Hypothesis) -> Iterator[float]:
         channel = getattr(situation, name)
         for other in _like(channel):
             if abs(np.corrcoef(channel, other)[0, 1]) < _SAME_CHANNEL:
-                yield _explained_by(base, form.effect.terms(replace(situation, **{name: other}), form.shape), form)
+                changed: dict[str, Any] = {name: other}
+                yield _explained_by(base, form.effect.terms(replace(situation, **changed), form.shape), form)
 
 
 def _like(channel: FloatArray) -> Iterator[FloatArray]:
@@ -199,12 +172,12 @@ def _at_other_frequencies(base: Base, form: Hypothesis) -> Iterator[float]:
             yield _explained_by(base, form.effect.terms(situation, {**form.shape, "frequency_hz": frequency}), form)
 
 
-def _explained_by(base: Base, terms: "Iterator[Term] | list[Term]", form: Hypothesis) -> float:
+def _explained_by(base: Base, terms: Iterable[Term], form: Hypothesis) -> float:
     """Return the energy that those of an effect's terms explain that a form has."""
     return base.project(base.channels.design(chosen(terms, form.keys))).gain()[0]
 
 
-_KINDS = {
+_KINDS: Mapping[SurrogateKind, Callable[[Base, Hypothesis], Iterator[float]]] = {
     "moved": _moved,
     "of_channel": _of_channel,
     "searched": _searched,
