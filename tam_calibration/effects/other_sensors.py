@@ -16,6 +16,9 @@ LEAST_SENSORS = 2
 MEDIAN_OF_THREE = 2.366
 """Of χ² with three degrees of freedom."""
 
+_RIDGE = 1e-9
+"""Of the information: what keeps a direction that the others do not tell from being infinitely far off."""
+
 _CONCENTRATIONS = 8
 """Steps in which the calibration by the better half of the samples settles."""
 
@@ -49,6 +52,7 @@ class AgainstOthers:
         """Return one sensor against the others, of which there must be one at least."""
         own = misfit.directions[3 * sensor : 3 * sensor + 3]
         information = own @ own.T
+        information = information + _RIDGE * np.trace(information) * np.eye(3)
         beyond = np.linalg.solve(information, own @ misfit.differential.T).T
         readings, bias = misfit.recording.readings_T[:, sensor], misfit.situation.errors.bias_T[sensor]
         return cls(misfit, sensor, beyond, readings - bias - beyond, np.linalg.cholesky(information))

@@ -17,7 +17,6 @@ from tam_calibration.effects.effect import (
     Finding,
     FittedEffect,
     FoundEffect,
-    Limit,
     Misfit,
     Situation,
 )
@@ -41,15 +40,15 @@ class StaleSamples(FoundEffect):
     )
     excitation = "turn the array steadily, with two sensors or more"
     units: ClassVar[Mapping[str, str]] = {"rate": "1", "burst": "1", "samples late": "1"}
-    limits: ClassVar[Mapping[str, Limit]] = {}
+
+    def obstacle(self, situation: Situation) -> str | None:
+        """Return that there is no other sensor, where that is so."""
+        return "one sensor alone does not tell where the field was" if situation.sensor_count < LEAST_SENSORS else None
 
     def find(self, misfit: Misfit) -> Finding | str:
         """Return the samples that are stale, flagged, or why there is none."""
-        count = misfit.situation.sensor_count
-        if count < LEAST_SENSORS:
-            return "one sensor alone does not tell where the field was"
         found = {}
-        for sensor in range(count):
+        for sensor in range(misfit.situation.sensor_count):
             against = AgainstOthers.of(misfit, sensor).recalibrated()
             displaced = Displaced(against, against.beyond_T, _ways_back(against))
             if displaced.is_found:

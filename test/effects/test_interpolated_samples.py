@@ -78,7 +78,7 @@ def test_what_is_straight_where_the_others_are_is_no_line(bench):
 
 def test_one_sensor_alone_is_told(bench):
     """It has no other that tells how the field went."""
-    assert "one sensor alone" in FILLED.find(bench(200, 1).misfit())
+    assert "one sensor alone" in FILLED.obstacle(bench(200, 1).situation)
 
 
 def test_the_twin_shows_what_was_found(bench):

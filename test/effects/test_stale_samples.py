@@ -132,7 +132,7 @@ def test_several_sensors_are_told(bench):
 
 def test_one_sensor_alone_is_told(bench):
     """It has no other that tells where the field was."""
-    assert "one sensor alone" in STALE.find(bench(200, 1).misfit())
+    assert "one sensor alone" in STALE.obstacle(bench(200, 1).situation)
 
 
 @pytest.mark.parametrize(("term", "samples"), [("repeats", 1.0), ("late packets", 3.0)])
