@@ -11,7 +11,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.array import Array
-from tam_calibration.effects.effect import ALL, Coefficient, Limit, LinearEffect, Shape, Situation, Term
+from tam_calibration.effects.effect import ALL, Coefficient, Limit, LinearEffect, Shape, Situation, SurrogateKind, Term
 from tam_calibration.effects.orientation import to_world, turn_spread
 from tam_calibration.effects.potentials import derivatives, fields
 from tam_calibration.errors import SensorErrors
@@ -115,6 +115,7 @@ class AmbientGradient(LinearEffect):
         "chapter 6): fixed in the world, it turns in the array frame."
     )
     channels: ClassVar[tuple[str, ...]] = ("attitude",)
+    surrogates: ClassVar[SurrogateKind] = "of_attitude"
     excitation: ClassVar[str] = "turn the array about all axes without moving its centre"
     is_of_site: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, Limit]] = {

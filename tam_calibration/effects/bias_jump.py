@@ -38,7 +38,7 @@ class BiasJump(LinearEffect):
     excitation: ClassVar[str] = "turn through the same attitudes before and after the jump"
     is_free_in_time: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
-    surrogates: ClassVar[SurrogateKind] = "searched"
+    surrogates: ClassVar[SurrogateKind] = "of_course"
     shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
     limits: ClassVar[Mapping[str, Limit]] = {
         "offset": Limit(
@@ -63,18 +63,16 @@ class BiasJump(LinearEffect):
         if situation.sample_count < LEAST_SAMPLES:
             return []
         intensity = float(np.median(situation.intensity_T))
-        shapes = self.sought(situation, inside_range(misfit))
+        middle = (situation.time_s[1:] + situation.time_s[:-1]) / 2
+        whole, *rows = (path.best() for path in _paths(inside_range(misfit)))
+        ranked = [sorted((row[kind] for row in rows), key=lambda jump: -jump.gain)[:_MOST_OF_ROWS] for kind in range(2)]
+        cuts = dict.fromkeys(jump.cuts for jump in (*whole, *ranked[0], *ranked[1]) if jump.gain > 0)
+        shapes: list[Shape] = [
+            dict(zip(self.shape_units, (float(middle[cut]) for cut in found), strict=False)) for found in cuts
+        ]
         is_small = situation.follows_attitude or np.sqrt(np.mean(misfit.row_shift_T**2)) < _GROSS * intensity
         gross = None if is_small else moved_sphere(misfit.recording)
         return shapes if gross is None else [gross.shape, *shapes]
-
-    def sought(self, situation: Situation, misfit: Misfit) -> list[Shape]:
-        """Return the times, and pairs of times, at which jumps of one row or of all explain most."""
-        middle = (situation.time_s[1:] + situation.time_s[:-1]) / 2
-        whole, *rows = (path.best() for path in _paths(misfit))
-        ranked = [sorted((row[kind] for row in rows), key=lambda jump: -jump.gain)[:_MOST_OF_ROWS] for kind in range(2)]
-        cuts = dict.fromkeys(jump.cuts for jump in (*whole, *ranked[0], *ranked[1]) if jump.gain > 0)
-        return [dict(zip(self.shape_units, (float(middle[cut]) for cut in found), strict=False)) for found in cuts]
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return an offset of each row from the one time on, until the other where there is one."""

@@ -41,7 +41,6 @@ class Crosstalk(LinearEffect):
     is_free_in_time: ClassVar[bool] = True
     is_causal: ClassVar[bool] = False
     has_exact_shapes: ClassVar[bool] = True
-    within: ClassVar[tuple[str, ...]] = ("eddy_current",)
     shape_units: ClassVar[Mapping[str, str]] = WINDOW_UNITS
     limits: ClassVar[Mapping[str, Limit]] = {
         "bleed": Limit(1.0, "an input that nothing drives keeps the whole charge of the one before it; Kester 2005")

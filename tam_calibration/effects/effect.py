@@ -38,12 +38,13 @@ __all__ = [
 ]
 
 
-SurrogateKind = Literal["moved", "of_channel", "searched", "elsewhere", "at_other_frequencies"]
+SurrogateKind = Literal["moved", "of_channel", "of_attitude", "of_course", "elsewhere", "at_other_frequencies"]
 """How surrogates of an effect are made, which have its form and nothing to do with the residual.
 
 ``moved``: the residual is moved in time against all else. ``of_channel``: the recorded channel is, or is another of
-the same spectrum. ``searched``: the effect is sought in residuals of the same spectrum. ``elsewhere``: it acts on other
-rows. ``at_other_frequencies``: its frequency is another.
+the same spectrum. ``of_attitude``: the recorded attitude is moved. ``of_course``: a change at some times is another
+course of time of the same spectrum. ``elsewhere``: it acts on other rows. ``at_other_frequencies``: its frequency is
+another.
 """
 
 
@@ -190,10 +191,6 @@ class LinearEffect(Effect):
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
         """Return the shapes to try; by default the one without parameters."""
         return ({},)
-
-    def sought(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
-        """Return the shapes to try in each of many surrogates, by a quick search."""
-        return self.shapes(situation, misfit)
 
     @abstractmethod
     def terms(self, situation: Situation, shape: Shape) -> Iterable[Term]:

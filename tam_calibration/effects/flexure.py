@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Shape, Situation, SurrogateKind, Term
 from tam_calibration.effects.orientation import upwards
 
 _LEAST_TILT = 0.1
@@ -22,6 +22,7 @@ class Flexure(LinearEffect):
         "its end (Timoshenko, Strength of Materials, part I, 3rd edition, Van Nostrand, 1955, chapter 5)."
     )
     channels: ClassVar[tuple[str, ...]] = ("attitude",)
+    surrogates: ClassVar[SurrogateKind] = "of_attitude"
     excitation: ClassVar[str] = "tilt the array to all sides, upside down too"
     limits: ClassVar[Mapping[str, Limit]] = {
         "turn": Limit(0.1, "elastic beams bend by small slopes; Timoshenko 1955, chapter 5", "rad")

@@ -44,7 +44,7 @@ class GainSwitching(LinearEffect):
     excitation: ClassVar[str] = "turn each axis along and against the field in both states of the gain"
     is_free_in_time: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
-    surrogates: ClassVar[SurrogateKind] = "searched"
+    surrogates: ClassVar[SurrogateKind] = "elsewhere"
     shape_units: ClassVar[dict[str, str]] = {
         "upper_T": "T",
         "lower_T": "T",

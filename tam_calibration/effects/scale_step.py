@@ -49,7 +49,7 @@ class ScaleStep(LinearEffect):
     excitation: ClassVar[str] = "turn through the same attitudes before and after the step"
     is_free_in_time: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
-    surrogates: ClassVar[SurrogateKind] = "searched"
+    surrogates: ClassVar[SurrogateKind] = "of_course"
     shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
     limits: ClassVar[Mapping[str, Limit]] = {
         "scale": Limit(

@@ -23,7 +23,7 @@ class TimeSkew(LinearEffect):
     )
     excitation: ClassVar[str] = "turn the array fast and continuously, not from pose to pose"
     is_causal: ClassVar[bool] = False
-    within: ClassVar[tuple[str, ...]] = ("eddy_current", "ringing")
+    within: ClassVar[tuple[str, ...]] = ("eddy_current", "ringing", "crosstalk")
     limits: ClassVar[Mapping[str, Limit]] = {
         "delay": Limit(
             1.0,

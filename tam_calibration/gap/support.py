@@ -24,7 +24,8 @@ LEAST_EVIDENCE = 12.0
 _LEAST_RATIO: Mapping[SurrogateKind, float] = {
     "moved": 2.0,
     "of_channel": 1.0,
-    "searched": 1.4,
+    "of_attitude": 2.0,
+    "of_course": 1.1,
     "elsewhere": 1.0,
     "at_other_frequencies": 2.0,
 }
@@ -36,6 +37,9 @@ up to 1.3 times what others of its spectrum do.
 
 LEAST_SHARE = 0.08
 """Part of all that can be explained that a cause must explain."""
+
+_NEARLY_ALL = 0.97
+"""Part of what a hypothesis gains from which on its special case is the cause."""
 
 _OF_DIRECTION = 0.9
 """Part of what functions of the direction gain in its sensors that an effect of the field alone must gain."""
@@ -88,6 +92,7 @@ def supported(
     """
     best: tuple[Evidence, Standing | None] | None = None
     beyond = 0.0
+    held: list[tuple[Evidence, Standing | None]] = []
     for candidate in sorted(weighed, key=lambda one: (-one.is_certain, -_worth(one))):
         if _worth(candidate) <= beyond:
             break
@@ -101,9 +106,22 @@ def supported(
         own = _worth(candidate) - (standing.largest if standing else 0.0)
         if candidate.is_certain:
             return candidate, standing
+        held.append((candidate, standing))
         if own > beyond:
             best, beyond = (candidate, standing), own
-    return best
+    return best and _special(best, held)
+
+
+def _special(
+    best: tuple[Evidence, Standing | None], held: Sequence[tuple[Evidence, Standing | None]]
+) -> tuple[Evidence, Standing | None]:
+    """Return the special case of a hypothesis that explains nearly all that it does, where the residual supports it."""
+    nearly = [one for one in held if _is_within(one[0], best[0]) and one[0].gain > _NEARLY_ALL * best[0].gain]
+    return max(nearly, key=lambda one: one[0].delta_bic, default=best)
+
+
+def _is_within(one: Evidence, other: Evidence) -> bool:
+    return isinstance(one.form, Hypothesis) and other.effect in one.form.effect.within
 
 
 def _worth(one: Evidence) -> float:

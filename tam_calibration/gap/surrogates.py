@@ -1,8 +1,8 @@
 """How much of a residual a form would explain if it had nothing to do with it.
 
 A form explains some energy of the residual. So do its surrogates, which are as it is in all but what ties it to the
-residual: the residual is moved in time, the recorded channel is another of the same spectrum, a jump is sought in
-residuals of the same spectrum, a tone has another frequency. Whatever else is real in the residual is there for
+residual: the residual is moved in time, the recorded channel is another of the same spectrum, a jump is another
+course of the same spectrum, a tone has another frequency. Whatever else is real in the residual is there for
 them too, coloured and unknown, so that neither its noise level nor its colour has to be known (randomisation test,
 Fisher, The design of experiments, 1935; Theiler et al., Testing for nonlinearity in time series: the method of
 surrogate data, Physica D 58, 1992, p. 77). An effect says which surrogates it has.
@@ -32,8 +32,11 @@ _CHANNELS = 60
 _ENOUGH = 3
 """Surrogates that explain as much, after which no others are made."""
 
-_SEARCHES = 60
-"""Residuals of the same spectrum in which an effect is sought."""
+_COURSES = 100
+"""Courses of time that are made of a change at some times."""
+
+_SAME_COURSE = 0.9
+"""Correlation with a change from which on a course is that change."""
 
 _FREQUENCIES = 60
 
@@ -109,47 +112,48 @@ def _of_channel(base: Base, form: Hypothesis) -> Iterator[float]:
     situation = base.channels.situation
     for name in form.effect.channels:
         channel = getattr(situation, name)
-        for other in _like(channel):
+        for other in (*_moved_in_time(channel), *_of_spectrum(channel, _CHANNELS // 2)):
             if abs(np.corrcoef(channel, other)[0, 1]) < _SAME_CHANNEL:
                 changed: dict[str, Any] = {name: other}
                 yield _explained_by(base, form.effect.terms(replace(situation, **changed), form.shape), form)
 
 
-def _like(channel: FloatArray) -> Iterator[FloatArray]:
-    """Yield channels moved in time, and those of the same cosine spectrum with other signs, trends included."""
-    from scipy.fft import dct, idct
+def _of_attitude(base: Base, form: Hypothesis) -> Iterator[float]:
+    """Yield what a form explains with the attitude moved against what the sensors read."""
+    situation = base.channels.situation
+    assert situation.attitude is not None
+    for other in _moved_in_time(situation.attitude):
+        yield _explained_by(base, form.effect.terms(replace(situation, attitude=other), form.shape), form)
 
+
+def _moved_in_time(channel: FloatArray) -> Iterator[FloatArray]:
+    """Yield a channel (N, ...) moved in time, forwards and reversed."""
     count = len(channel)
     for shift in np.linspace(_NEAREST * count, (1 - _NEAREST) * count, _CHANNELS // 4).astype(int):
-        yield np.roll(channel, shift)
-        yield np.roll(channel[::-1], shift)
-    generator = np.random.default_rng(0)
-    mean = channel.mean()
-    spectrum = dct(channel - mean, norm="ortho")
-    for _ in range(_CHANNELS // 2):
-        yield mean + idct(spectrum * generator.choice([-1.0, 1.0], count), norm="ortho")
+        yield np.roll(channel, shift, axis=0)
+        yield np.roll(channel[::-1], shift, axis=0)
 
 
-def _searched(base: Base, form: Hypothesis) -> Iterator[float]:
-    """Yield what the best of an effect's shapes explains, with the same terms, of residuals of the same spectrum."""
+def _of_spectrum(course: FloatArray, count: int) -> Iterator[FloatArray]:
+    """Yield courses of time with the cosine spectrum of another (N,), the signs drawn: trends stay what they are."""
     from scipy.fft import dct, idct
 
     generator = np.random.default_rng(0)
-    differential, common = (dct(one, axis=0, norm="ortho") for one in base.channels.residual)
-    for _ in range(_SEARCHES):
-        sign = generator.choice([-1.0, 1.0], len(common))
-        other = base.of_residual(
-            idct(differential * sign[:, None], axis=0, norm="ortho"), idct(common * sign, norm="ortho")
-        )
-        shapes = list(form.effect.sought(other.channels.situation, other.channels.misfit))
-        of_its_kind = [shape for shape in shapes if shape.keys() == form.shape.keys()]
-        yield max(
-            (
-                _explained_by(other, form.effect.terms(other.channels.situation, shape), form)
-                for shape in of_its_kind or shapes
-            ),
-            default=0.0,
-        )
+    spectrum = dct(course - course.mean(), norm="ortho")
+    for _ in range(count):
+        yield course.mean() + idct(spectrum * generator.choice([-1.0, 1.0], len(course)), norm="ortho")
+
+
+def _of_course(base: Base, form: Hypothesis) -> Iterator[float]:
+    """Yield what a form explains whose change at some times is replaced by a course of the same spectrum."""
+    situation = base.channels.situation
+    time_s = situation.time_s
+    course = (time_s >= form.shape["time_s"]) & (time_s < form.shape.get("end_s", np.inf))
+    always = chosen(form.effect.terms(situation, {"time_s": -np.inf}), form.keys)
+    for other in _of_spectrum(course.astype(float), _COURSES):
+        if abs(np.corrcoef(course, other)[0, 1]) < _SAME_COURSE:
+            terms = [replace(term, features=term.features * other[:, None]) for term in always]
+            yield base.project(base.channels.design(terms)).gain()[0]
 
 
 def _elsewhere(base: Base, form: Hypothesis) -> Iterator[float]:
@@ -180,7 +184,8 @@ def _explained_by(base: Base, terms: Iterable[Term], form: Hypothesis) -> float:
 _KINDS: Mapping[SurrogateKind, Callable[[Base, Hypothesis], Iterator[float]]] = {
     "moved": _moved,
     "of_channel": _of_channel,
-    "searched": _searched,
+    "of_attitude": _of_attitude,
+    "of_course": _of_course,
     "elsewhere": _elsewhere,
     "at_other_frequencies": _at_other_frequencies,
 }

@@ -9,10 +9,13 @@ from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Cause, Size, Verdict, Where
 from tam_calibration.gap.size import LARGEST_NOISE
 from tam_calibration.gap.steps import Search
-from tam_calibration.gap.support import LEAST_EVIDENCE, LEAST_SHARE, open_part
+from tam_calibration.gap.support import LEAST_EVIDENCE, open_part
 
 SMALLEST_GAP = 0.1
 """In noise floors; what is smaller is no gap, however certain."""
+
+_LEAST_CLOSED = 0.25
+"""Part of a gap that causes must close; less may be what they have in common with an unknown one."""
 
 _MOSTLY = 0.6
 """Part of a gap that closes, from which on causes explain it where nothing is visible beside them."""
@@ -34,7 +37,7 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
     if not found.steps:
         is_even = _strongest(found) is None and variance < LARGEST_NOISE**2 and not is_noisier
         return "no_gap" if is_even else "unexplained"
-    if size.closed < LEAST_SHARE:
+    if size.closed < _LEAST_CLOSED:
         return "unexplained"
     left = open_part(found.nominal.base(), found.model.base(), found.remaining)
     return "explained" if left < CLEAN and size.closed > _MOSTLY else "partly_explained"
