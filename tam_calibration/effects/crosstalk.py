@@ -58,7 +58,7 @@ class Crosstalk(LinearEffect):
             return []
         energy = np.sum(misfit.row_shift_T**2 * misfit.row_information, axis=0)[: situation.scalar_row]
         levels = [
-            Level(misfit.row_shift_T[:, [row]], along[:, None], _information(misfit, row))
+            Level.of_row(misfit, row, along)
             for row in np.argsort(-energy)[:_ROWS].tolist()
             for along in situation.field_T.T
         ]
@@ -82,10 +82,6 @@ class Crosstalk(LinearEffect):
             for source, feature in enumerate(of_source)
             if abs(axes[source] @ axes[row]) < _PARALLEL
         ]
-
-
-def _information(misfit: Misfit, row: int) -> FloatArray:
-    return np.where(misfit.is_counted, misfit.row_information[:, row], 0.0)[:, None]
 
 
 def _change(readings: FloatArray, situation: Situation) -> FloatArray:

@@ -71,9 +71,8 @@ class GainSwitching(LinearEffect):
         """
         if situation.sample_count < LEAST_SAMPLES:
             return []
-        started = [
-            (level.start(), level, row) for row in range(situation.scalar_row) for level in [_level(misfit, row)]
-        ]
+        levels = [Level.of_row(misfit, row, situation.sensed_T[:, row]) for row in range(situation.scalar_row)]
+        started = [(level.start(), level, row) for row, level in enumerate(levels)]
         strongest = sorted(started, key=lambda one: -one[0].gain)[:_ROWS]
         settled = [(level.settled(start), level, row) for start, level, row in strongest]
         states, level, row = max(settled, key=lambda one: one[0].gain)
@@ -86,13 +85,6 @@ class GainSwitching(LinearEffect):
             Term.of_row(situation, row, "gain", [_GAIN], (situation.sensed_T[:, row] * states[:, row])[:, None])
             for row in range(situation.scalar_row)
         ]
-
-
-def _level(misfit: Misfit, row: int) -> Level:
-    information = np.where(misfit.is_counted, misfit.row_information[:, row], 0.0)
-    return Level(
-        *(values[:, None] for values in (misfit.row_shift_T[:, row], misfit.situation.sensed_T[:, row], information))
-    )
 
 
 def _shape(situation: Situation, level: Level, states: Switching, row: int) -> Shape:

@@ -1,11 +1,13 @@
 """Something that is on in some windows of time and off in between, found from what it would add while it is on."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.fitted import Shape
+from tam_calibration.effects.misfit import Misfit
 from tam_calibration.effects.neighbours import sum_around
 from tam_calibration.effects.situation import Situation
 from tam_calibration.units import FloatArray
@@ -76,23 +78,33 @@ def in_windows(situation: Situation, shape: Shape) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Residuals that follow functions by levels that may change.
+    """Residuals of a row that follow a function by a level that may change.
 
     Parameters
     ----------
-    shift, function, information : (N, G) array
+    shift, function, information : (N,) array
         Residuals, what a level of one adds to them, and their inverse variances; 0 in samples that do not count.
+    held : (N, Q) array
+        What is fitted anyway; the function is among what it spans.
     """
 
     shift: FloatArray
     function: FloatArray
     information: FloatArray
+    held: FloatArray
+
+    @classmethod
+    def of_row(cls, misfit: Misfit, row: int, function: FloatArray) -> "Level":
+        """Return the level by which a row follows a function (N,), beside its own calibration."""
+        direction = misfit.situation.field_T / misfit.situation.intensity_T[:, None]
+        information = np.where(misfit.is_counted, misfit.row_information[:, row], 0.0)
+        held = np.column_stack([np.ones(len(function)), direction])
+        return cls(misfit.row_shift_T[:, row], function, information, held)
 
     def start(self) -> Switching:
         """Return the states by whether the level around a sample is above the middle that tells them apart best."""
         product, square = self._sums()
-        around = np.maximum(sum_around(square, _SPANS[1]), np.finfo(float).eps * square.max())
-        local = sum_around(product, _SPANS[1]) / around
+        local = _ratio(sum_around(product, _SPANS[1]), sum_around(square, _SPANS[1]))
         order = np.argsort(local)
         score, size = np.cumsum(product[order]), np.cumsum(square[order])
         free = score - size * (score[-1] / size[-1])
@@ -104,7 +116,9 @@ class Level:
         """Return the states that explain most for what their changes cost, by turns with their levels."""
         best = start
         for _ in range(_ROUNDS):
-            found = self.of(_segmented(self._advantage(best), 2 * best.scale * np.log(len(self.shift))))
+            level, rest = self._fit(self.function * best.is_on)
+            advantage = self.information * (rest**2 - (rest - level * self.function) ** 2)
+            found = self.of(_segmented(advantage, 2 * best.scale * np.log(len(self.shift))))
             if np.array_equal(found.is_on, best.is_on):
                 break
             best = found
@@ -117,47 +131,41 @@ class Level:
     def of(self, is_on: NDArray[np.bool_]) -> Switching:
         """Return what two states explain."""
         count = max(int(np.count_nonzero(self.information)), 1)
-        two = self._left(self._levels(is_on))
-        one = self._left(self._levels(np.zeros_like(is_on)))
-        return Switching(is_on, float(one - two), float(two / count))
+        left = self._left(self.function * is_on)
+        return Switching(is_on, self._without - left, left / count)
 
     def foretold(self) -> float:
-        """Return the largest energy that a level explains, beyond one, which follows that of the samples around."""
+        """Return the largest energy that a level explains which follows that of the samples around."""
         product, square = self._sums()
-        product = product - square * (product.sum() / max(square.sum(), np.finfo(float).tiny))
-        energies = []
-        for span in _SPANS:
-            level = sum_around(product, span) / np.maximum(sum_around(square, span), np.finfo(float).eps * square.max())
-            energies.append(max(level @ product, 0.0) ** 2 / max(level**2 @ square, np.finfo(float).tiny))
-        return float(max(energies))
+        levels = (_ratio(sum_around(product, span), sum_around(square, span)) for span in _SPANS)
+        return self._without - min(self._left(level * self.function) for level in levels)
 
     def _sums(self) -> tuple[FloatArray, FloatArray]:
         """Return the score (N,) of a level in each sample, and its information."""
         weighted = self.information * self.function
-        return np.sum(weighted * self.shift, axis=1), np.sum(weighted * self.function, axis=1)
+        return weighted * self.shift, weighted * self.function
 
-    def _levels(self, is_on: NDArray[np.bool_]) -> FloatArray:
-        """Return the levels (N, G) where each state has its own."""
-        levels = np.zeros_like(self.shift)
-        for state in (is_on, ~is_on):
-            function = self.function[state]
-            weighted = self.information[state] * function
-            square = np.maximum(np.sum(weighted * function, axis=0), np.finfo(float).tiny)
-            levels[state] = np.sum(weighted * self.shift[state], axis=0) / square
-        return levels
+    def _fit(self, function: FloatArray) -> tuple[float, FloatArray]:
+        """Return the level of a function (N,), fitted beside what is held, and the residuals without the latter."""
+        size = max(float(np.sqrt(np.mean(function**2))), np.finfo(float).tiny)
+        design = np.column_stack([function / size, self.held])
+        weighted = self.information[:, None] * design
+        values = np.linalg.pinv(weighted.T @ design, hermitian=True) @ (weighted.T @ self.shift)
+        return float(values[0]) / size, self.shift - self.held @ values[1:]
 
-    def _left(self, levels: FloatArray) -> float:
-        return float(np.sum(self.information * (self.shift - levels * self.function) ** 2))
+    @cached_property
+    def _without(self) -> float:
+        """Energy that one level leaves."""
+        return self._left(np.zeros_like(self.function))
 
-    def _advantage(self, states: Switching) -> FloatArray:
-        """Return the energy (N,) that the level of the second state explains beyond that of the first."""
-        if states.is_on.all() or not states.is_on.any():
-            return np.zeros(len(self.shift))
-        levels = self._levels(states.is_on)
-        on, off = levels[np.argmax(states.is_on)], levels[np.argmin(states.is_on)]
-        lost = (self.shift - off * self.function) ** 2 - (self.shift - on * self.function) ** 2
-        advantage: FloatArray = np.sum(self.information * lost, axis=1)
-        return advantage
+    def _left(self, function: FloatArray) -> float:
+        level, rest = self._fit(function)
+        return float(self.information @ (rest - level * function) ** 2)
+
+
+def _ratio(score: FloatArray, size: FloatArray) -> FloatArray:
+    ratio: FloatArray = score / np.maximum(size, np.finfo(float).eps * max(size.max(), np.finfo(float).tiny))
+    return ratio
 
 
 def _segmented(advantage: FloatArray, price: float) -> NDArray[np.bool_]:

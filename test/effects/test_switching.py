@@ -10,11 +10,12 @@ EDGES = (300, 340, 900, 1400, 1450, 1500, 2800, 2830, 3600, 3700)
 
 
 def level(states, size=2.0, noise=1.0, seed=2):
-    """Return residuals that follow a wave by a level of two states, of some size in standard deviations."""
+    """Return residuals that follow a wave by a level of two states, what a constant and the wave explain taken off."""
     generator = np.random.default_rng(seed)
-    wave = np.sqrt(2) * np.cos(0.11 * np.arange(COUNT))[:, None]
-    shift = size * states[:, None] * wave + noise * generator.normal(size=(COUNT, 1))
-    return Level(shift, wave, np.ones((COUNT, 1)))
+    wave = np.sqrt(2) * np.cos(0.11 * np.arange(COUNT))
+    shift = size * states * wave + noise * generator.normal(size=COUNT)
+    held = np.column_stack([np.ones(COUNT), wave])
+    return Level(shift - held @ np.linalg.lstsq(held, shift)[0], wave, np.ones(COUNT), held)
 
 
 def windows(edges=EDGES):
