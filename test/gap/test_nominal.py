@@ -104,3 +104,14 @@ def test_a_contradicted_sheet_gives_way(run):
     gap = diagnose(made.recording, made.array)
     assert gap.verdict == "no_gap" and gap.size.floor_T == pytest.approx(1e-9, rel=0.1)
     assert len(gap.remarks) == 4 and "stated 0.1 nT, found" in gap.remarks[0]
+
+
+def test_noise_has_no_hand():
+    """Two sensors that read noise alone are not told to be left-handed; one whose axis is turned round is."""
+    recording, array, _ = hovering(2)
+    for seed in range(4):
+        noise = np.random.default_rng(seed).normal(30e-6, 1e-6, size=(1500, 2, 3))
+        assert diagnose(replace(recording, readings_T=noise), array).verdict == "not_identifiable"
+    readings = recording.readings_T * np.where(np.arange(6).reshape(2, 3) == 4, -1, 1)
+    with pytest.raises(InputError, match="sensor 2 has left-handed or dependent axes"):
+        diagnose(replace(recording, readings_T=readings), array)
