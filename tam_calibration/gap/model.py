@@ -157,7 +157,8 @@ class Model:
         if jump is None or beside is None:
             plain = cls._of_most(recording, noisy, stride) if plain is None else plain
             if plain is None:
-                raise Refused(without_calibration(recording))
+                begun = (cls(recording, noisy, one.errors, one.intensity_T) for one in starts(recording, noisy))
+                raise Refused(without_calibration(recording, next((one.objection for one in begun), None)))
             return plain
         largest = max(abs(value) for one in jump.contributions for value in one.values.values())
         jumping = tuple(one for one in jump.contributions if max(map(abs, one.values.values())) > _LEAST_JUMP * largest)

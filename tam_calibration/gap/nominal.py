@@ -16,6 +16,7 @@ from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.scale import sphere_of_most
 from tam_calibration.gap.design import update
+from tam_calibration.gap.shared_motion import canonical_correlations, sure_correlation
 from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import EARTH_FIELD_T, Recording
 from tam_calibration.units import FloatArray
@@ -75,12 +76,14 @@ def _calibrations(recording: Recording, array: Array) -> Iterator[Start]:
 
 
 def _check_hands(recording: Recording) -> None:
-    """Check that all sensors turn the same way round as the first."""
+    """Check that all sensors turn the same way round as the first, where they see the same motion in all directions."""
     centered = recording.readings_T - recording.readings_T.mean(axis=0)
     scatter = np.einsum("nki,nj->kij", centered, centered[:, 0])
     determinant = np.linalg.det(scatter / norm(scatter, axis=(1, 2), keepdims=True))
+    least = canonical_correlations(recording.readings_T)[:, -1]
+    is_seen = least > sure_correlation(recording.sample_count)
     for sensor, value in enumerate(determinant):
-        if value < -_SURE_HAND:
+        if value < -_SURE_HAND and is_seen[sensor]:
             raise InputError(f"sensor {sensor + 1} has left-handed or dependent axes: check their order and signs")
 
 

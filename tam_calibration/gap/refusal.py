@@ -41,17 +41,25 @@ def refusal_of(recording: Recording, array: Array) -> str | None:
     return None
 
 
-def without_calibration(recording: Recording) -> str:
-    """Return why no calibration is found within what sensors can be, and for which time that is so."""
+def without_calibration(recording: Recording, objection: str | None) -> str:
+    """Return why no calibration is found within what sensors can be, and for which time that is so.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of K sensors.
+    objection : str, optional
+        What the calibration that fits best has, and no sensor.
+    """
     try:
         require_one_sphere(recording)
     except Refused as problem:
         return str(problem)
     first, last = recording.time_span_s
-    return (
-        f"no calibration that sensors can have fits the readings between {first:.1f} and {last:.1f} s: they are not "
-        "those of sensors turned in the Earth's field"
-    )
+    why = "the readings are not those of sensors turned in the Earth's field"
+    if objection is not None:
+        why = f"the one that fits best has {objection}"
+    return f"no calibration that sensors can have fits the readings between {first:.1f} and {last:.1f} s: {why}"
 
 
 def require_no_copies(recording: Recording) -> None:

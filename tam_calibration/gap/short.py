@@ -4,6 +4,7 @@ import numpy as np
 
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap.result import Considered, Gap, Residue, Size, Where
+from tam_calibration.gap.shared_motion import canonical_correlations, sure_correlation
 from tam_calibration.recording import Recording
 
 _LEAST_REDUNDANCY = 60
@@ -23,10 +24,13 @@ def needed_samples(sensor_count: int) -> int:
 
 
 def is_at_rest(recording: Recording) -> bool:
-    """Whether the readings of the first sensor stand still or lie on a line: then the calibration is open."""
+    """Whether the first sensor stands still or moves on a line, or no other sees it move: the calibration is open."""
     first = recording.readings_T[:, 0] - recording.readings_T[:, 0].mean(axis=0)
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(first.T @ first / len(first)), 0))
-    return bool(spread[1] < _LEAST_SPREAD_T)
+    if spread[1] < _LEAST_SPREAD_T:
+        return True
+    shared = canonical_correlations(recording.readings_T)[1:, 1]
+    return bool((shared < sure_correlation(recording.sample_count)).all()) if len(shared) else False
 
 
 def at_rest(recording: Recording) -> Gap:
