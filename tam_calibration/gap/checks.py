@@ -1,4 +1,4 @@
-"""Whether what a diagnosis leaves looks like its simulated twin: statistics of each row beside the range of noise alone.
+"""Whether what a diagnosis leaves looks like its simulated twin: statistics of each row beside the range of noise.
 
 The twin's residual is white and normal, so that the range of each statistic follows from the number of samples n:
 χ²/n that of χ²; the lag-1 correlation -1/n ± z/√n (Bartlett, J. R. Stat. Soc. B 8, 1946); the strongest line of the
@@ -27,6 +27,35 @@ _HIGHEST_DEGREE = 3
 
 _LEAST_SAMPLES = 40
 """With fewer the laws of the kurtosis and of fifteen functions of the direction do not hold."""
+
+_SAYS = {
+    "chi_square": (
+        "is larger than noise",
+        "is smaller than noise",
+        "χ²/n {value:.3g}, where noise has {low:.2f} to {high:.2f}",
+    ),
+    "lag_1_correlation": (
+        "is alike from sample to sample",
+        "changes its sign from sample to sample",
+        "lag-1 correlation {value:.2f}, where noise has {middle:.2f} ± {half:.2f}",
+    ),
+    "strongest_line": (
+        "has a line in its spectrum",
+        "",
+        "at {line_hz:.3g} Hz {value:.0f} times the mean power, where noise has up to {high:.0f} times",
+    ),
+    "part_of_direction": (
+        "goes with the direction of the field",
+        "",
+        "{percent:.2g} % of its variance does, where of noise up to {percent_high:.2g} % does",
+    ),
+    "excess_kurtosis": (
+        "has far outliers",
+        "has shorter tails than noise",
+        "excess kurtosis {value:.2f}, where noise has {low:.2f} to {high:.2f}",
+    ),
+}
+"""What a statistic above and below the range of noise says of a residual, and its figures."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,27 +131,20 @@ class Checks:
             if not departs.any():
                 continue
             row, others = check.worst, int(departs.sum()) - 1
-            words = self._words(name, row, check)
+            value, low, high = (float(each[row]) for each in (check.values, check.low, check.high))
+            above, below, figures = _SAYS[name]
+            told = figures.format(
+                value=value,
+                low=low,
+                high=high,
+                middle=round((low + high) / 2, 2) + 0.0,
+                half=(high - low) / 2,
+                line_hz=self.line_hz[row],
+                percent=100 * value,
+                percent_high=100 * high,
+            ).replace(" -", " −")
             also = f"; other rows that depart: {others}" if others else ""
-            yield f"The residual of {row_name(row, len(departs))} {words}{also}.".replace("-", "−").replace(
-                "lag−", "lag-"
-            )
-
-    def _words(self, name: str, row: int, check: Check) -> str:
-        value, low, high = (float(values[row]) for values in (check.values, check.low, check.high))
-        is_more = value > high
-        if name == "chi_square":
-            return f"is {'larger' if is_more else 'smaller'} than noise: χ²/n {value:.3g}, where noise has {low:.2f} to {high:.2f}"
-        if name == "lag_1_correlation":
-            what = "is alike" if is_more else "changes its sign"
-            middle, half = (low + high) / 2 + 0.0, (high - low) / 2
-            return f"{what} from sample to sample: lag-1 correlation {value:.2f}, where noise has {abs(round(middle, 2)):.2f} ± {half:.2f}"
-        if name == "strongest_line":
-            return f"has a line at {self.line_hz[row]:.3g} Hz with {value:.0f} times the mean power, where noise has up to {high:.0f}"
-        if name == "part_of_direction":
-            return f"goes with the direction of the field: {100 * value:.2g} % of its variance does, where noise has up to {100 * high:.2g} %"
-        what = "has far outliers" if is_more else "has no tails"
-        return f"{what}: excess kurtosis {value:.2f}, where noise has {low:.2f} to {high:.2f}"
+            yield f"The residual of {row_name(row, len(departs))} {above if value > high else below}: {told}{also}."
 
 
 def row_name(row: int, row_count: int) -> str:
@@ -165,7 +187,8 @@ def checks_of(time_s: FloatArray, direction: FloatArray, rows_T: FloatArray, flo
             _part_of_direction(values[known], functions[known], chance),
             _kurtosis(values[known], chance),
         )
-    return Checks(*(Check(*each) for each in checked), line_hz=line_hz, autocorrelation=correlation)
+    chi_square, lag_1, line_of, direction_of, kurtosis = (Check(*each) for each in checked)
+    return Checks(chi_square, lag_1, line_of, direction_of, kurtosis, line_hz, correlation)
 
 
 _Checked = tuple[float, float, float]
