@@ -17,8 +17,10 @@ from tam_calibration.report.gap_rows import (
     size_rows,
     where_words,
 )
+from tam_calibration.report.gap_words import cause_words, set_words, unseen_words
 
 _ROWS = 12
+_LEFT = "What is left with the causes, and the simulated twin does not have:"
 
 
 def print_gap(console: Console, gap: Gap) -> None:
@@ -38,6 +40,16 @@ def print_gap(console: Console, gap: Gap) -> None:
         console.print(_table(CAUSES_HEADER, [cause_row(cause, sensor_count) for cause in gap.causes]))
     for cause in gap.causes:
         _print_parameters(console, cause, place(cause.sensors, cause.axes, sensor_count))
+        for words in cause_words(cause):
+            console.print(f"  {words}", soft_wrap=True)
+    if gap.remainder:
+        console.print(f"What no cause explains: {gap.remainder}", soft_wrap=True)
+    for words in (*set_words(gap), *unseen_words(gap)):
+        console.print(words, soft_wrap=True)
+    if gap.checks is not None and gap.checks.sentences:
+        console.print("What the simulated twin does not have:" if not gap.causes else _LEFT)
+        for words in gap.checks.sentences:
+            console.print(f"  {words}", soft_wrap=True)
     console.print("Hypotheses:")
     for considered in gap.considered:
         status = considered.status.replace("_", " ")

@@ -33,6 +33,7 @@ __all__ = [
     "Misfit",
     "Shape",
     "Situation",
+    "Sized",
     "SurrogateKind",
     "Term",
 ]
@@ -67,6 +68,20 @@ class Limit:
         if abs(value) <= self.largest:
             return None
         return f"its {name} of {self.told(value)} is more than the {self.told(self.largest)} known ({self.source})"
+
+
+@dataclass(frozen=True)
+class Sized:
+    """A value of a fitted effect by its name, the largest over its places, beside the largest in nature."""
+
+    name: str
+    value: float
+    limit: Limit
+
+    @property
+    def excess(self) -> str | None:
+        """That it is larger than any in nature, in one clause; None where it is not."""
+        return self.limit.excess(self.name, self.value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,13 +140,17 @@ class Effect(ABC):
 
     def oversize(self, situation: Situation, fitted: FittedEffect) -> str | None:
         """Return which value of a fitted effect is larger than any in nature, in one clause; None where none is."""
+        return next((sized.excess for sized in self.sizes(situation, fitted) if sized.excess), None)
+
+    def sizes(self, situation: Situation, fitted: FittedEffect) -> list[Sized]:
+        """Return the sizes of a fitted effect of which nature has a largest one."""
+        largest: dict[str, Sized] = {}
         for one in fitted.contributions:
             for name, value in one.values.items():
                 limit = self.limits.get(name, self.limits.get(one.term))
-                told = None if limit is None else limit.excess(name, value)
-                if told is not None:
-                    return told
-        return None
+                if limit is not None and (name not in largest or abs(value) > abs(largest[name].value)):
+                    largest[name] = Sized(name, value, limit)
+        return list(largest.values())
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return why a recording that has the channels cannot show this effect, in one clause; None where it can."""
@@ -177,16 +196,16 @@ class LinearEffect(Effect):
     shape_units: ClassVar[Mapping[str, str]] = {}
     largest_signal: ClassVar[Limit | None] = None
 
-    def oversize(self, situation: Situation, fitted: FittedEffect) -> str | None:
-        """Return which value, or the whole, of a fitted effect is larger than any in nature, in one clause."""
-        told = super().oversize(situation, fitted)
-        if told is not None or self.largest_signal is None:
-            return told
+    def sizes(self, situation: Situation, fitted: FittedEffect) -> list[Sized]:
+        """Return the sizes of a fitted effect, values and the whole, of which nature has a largest one."""
+        sizes = super().sizes(situation, fitted)
+        if self.largest_signal is None:
+            return sizes
         size = float(np.sqrt(np.mean(self.signal(situation, fitted) ** 2, axis=0)).max())
         if self.largest_signal.unit == "1":
-            size /= float(np.sqrt(np.mean(situation.intensity_T**2)))
-            return self.largest_signal.excess("part of the field", size)
-        return self.largest_signal.excess("size", size)
+            intensity_T = float(np.sqrt(np.mean(situation.intensity_T**2)))
+            return [*sizes, Sized("part of the field", size / intensity_T, self.largest_signal)]
+        return [*sizes, Sized("size", size, self.largest_signal)]
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
         """Return the shapes to try; by default the one without parameters."""

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from tam_calibration.calibration import Provenance
+from tam_calibration.effects.effect import Sized
 from tam_calibration.effects.fitted import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.files.json_text import to_json
 from tam_calibration.files.whole import write_whole
+from tam_calibration.gap.checks import Check, Checks
 from tam_calibration.gap.floor import Floor
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
 from tam_calibration.gap.standing import Standing
@@ -56,6 +58,9 @@ def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]
         "probabilities": _rounded(gap.probabilities),
         "set_95": list(gap.set_95),
         "smallest_gap": _round(gap.smallest_gap),
+        "most_unseen_errors": _round(gap.most_unseen_errors),
+        "checks": None if gap.checks is None else _checks(gap.checks),
+        "remainder": gap.remainder,
         "next_recording": gap.next_recording,
         "recording": source and {"name": source.name, "size_bytes": source.size_bytes, "sha256": source.sha256},
     }
@@ -135,6 +140,26 @@ def _noise(floor: Floor) -> list[dict[str, Any]]:
     ]
 
 
+def _checks(checks: Checks) -> dict[str, Any]:
+    """Return what departs from the twin, and each statistic of each row beside its range in the twin."""
+    last = len(checks.line_hz) - 1
+    rows = [
+        {
+            "sensor": "scalar" if row == last else row // 3 + 1,
+            "axis": None if row == last else "xyz"[row % 3],
+            **{name: _check(check, row) for name, check in checks.by_name.items()},
+            "line_Hz": _round(checks.line_hz[row]),
+            "autocorrelation": [_round(value) for value in checks.autocorrelation[row]],
+        }
+        for row in range(last + 1)
+    ]
+    return {"departs": list(checks.sentences), "rows": rows}
+
+
+def _check(check: Check, row: int) -> dict[str, Any]:
+    return {"value": _round(check.values[row]), "twin": [_round(check.low[row]), _round(check.high[row])]}
+
+
 def _where(where: Where) -> dict[str, Any]:
     return {
         "sensors": list(where.sensors),
@@ -154,7 +179,15 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "parameters": parameters_of(cause),
         "evidence": _rounded({"delta_bic": cause.delta_bic, "r2_cv": cause.r2_cv} | _standing(cause.standing)),
         "indistinguishable_from": list(cause.indistinguishable_from),
+        "sizes": [_sized(sized) for sized in cause.sizes],
     }
+
+
+def _sized(sized: Sized) -> dict[str, Any]:
+    """Return a size beside the largest known in nature, and who knows."""
+    factor, unit = for_people(sized.limit.unit)
+    values = _rounded({"value": factor * abs(sized.value), "largest_known": factor * sized.limit.largest})
+    return {"name": sized.name, **values, "unit": unit, "source": sized.limit.source}
 
 
 def _standing(standing: Standing | None) -> dict[str, float]:

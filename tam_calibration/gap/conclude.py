@@ -6,12 +6,14 @@ import numpy as np
 
 from tam_calibration.effects.effect import Finding, FittedEffect
 from tam_calibration.effects.library import effect_named
+from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import sandwich
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.probability import probabilities
 from tam_calibration.gap.regression import Base
+from tam_calibration.gap.remainder import describe
 from tam_calibration.gap.residue import residue_of
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
 from tam_calibration.gap.search import Hypothesis, Place
@@ -55,6 +57,7 @@ def conclude(found: Search) -> Gap:
         else locate(base, places, found.rivals, variance, LEAST_EVIDENCE)
     )
     considered = _considered(found, causes)
+    residue = residue_of(whole_nominal, whole, whole_nominal.channels(), variance)
     return Gap(
         verdict,
         size,
@@ -64,7 +67,10 @@ def conclude(found: Search) -> Gap:
         chances,
         next_recording(found, verdict, causes, variance),
         statement(verdict, size, where, causes),
-        residue_of(whole_nominal, whole, whole_nominal.channels(), variance),
+        residue,
+        channel_count=whole_nominal.channels().count,
+        checks=checks_of(residue.time_s, residue.direction, residue.after, residue.floor_T),
+        remainder=describe(found, verdict, size, residue, variance),
     )
 
 
@@ -82,6 +88,7 @@ def _causes(
     total = max(sum(gains), 1e-300)
     linear_gain = sum(step.accepted.gain for step in linear)
     weights = [*(share * linear_gain / total for share in shares), *(step.accepted.gain / total for step in others)]
+    situation = model.channels().situation
     causes = []
     for step, effect, weight in zip((*linear, *others), (*fitted, *_findings(model)), weights, strict=True):
         sensors, axes = sensors_and_axes(_places(effect), model.recording)
@@ -97,6 +104,7 @@ def _causes(
                 float(size.closed * weight),
                 _alike(step, effect, found),
                 step.standing,
+                tuple(effect_named(effect.effect).sizes(situation, effect)),
             )
         )
     return tuple(sorted(causes, key=lambda cause: -cause.share))

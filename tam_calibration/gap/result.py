@@ -4,7 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
+from tam_calibration.effects.effect import Sized
 from tam_calibration.effects.fitted import FittedEffect
+from tam_calibration.gap.checks import Checks
 from tam_calibration.gap.floor import Floor
 from tam_calibration.gap.standing import Standing
 from tam_calibration.units import FloatArray
@@ -93,6 +97,8 @@ class Cause:
         Effects that explain these data as well.
     standing : Standing, optional
         How it stands among its surrogates, which have nothing to do with the residual; None where it needs none.
+    sizes : tuple of Sized
+        Beside the largest known in nature, where there is such a prior.
     """
 
     fitted: FittedEffect
@@ -105,6 +111,7 @@ class Cause:
     r2_cv: float
     indistinguishable_from: tuple[str, ...] = ()
     standing: Standing | None = None
+    sizes: tuple[Sized, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -148,6 +155,13 @@ class Residue:
     temperature_C: FloatArray | None = None
     current_A: FloatArray | None = None
 
+    @property
+    def rate(self) -> FloatArray:
+        """(N,) rate at which the field turns in the array frame, rad/s; NaN for the last sample."""
+        chord = np.linalg.norm(np.diff(self.direction, axis=0), axis=1)
+        angle = 2 * np.arcsin(np.clip(chord / 2, 0, 1))
+        return np.append(angle / np.diff(self.time_s), np.nan)
+
 
 @dataclass(frozen=True, eq=False)
 class Gap:
@@ -182,6 +196,12 @@ class Gap:
         In noise floors, the gap that would have been seen, were there one; NaN without a verdict.
     remarks : tuple of str
         What to know before the verdict, one sentence each: why no calibration would be had, and what the noise is.
+    channel_count : float
+        White channels of all samples, n, over which a gap of g noise floors has the energy g² n; NaN without a verdict.
+    checks : Checks, optional
+        Whether the residual with the causes looks like the twin's; None without a verdict.
+    remainder : str
+        Where and what the part is that no cause explains; empty where there is none.
     """
 
     verdict: Verdict
@@ -197,6 +217,19 @@ class Gap:
     set_95: tuple[str, ...] = ()
     smallest_gap: float = float("nan")
     remarks: tuple[str, ...] = ()
+    channel_count: float = float("nan")
+    checks: Checks | None = field(default=None, repr=False)
+    remainder: str = ""
+
+    @property
+    def most_unseen_errors(self) -> float:
+        """Standard errors by which a gap that would not have been seen moves a parameter of the calibration at most.
+
+        Least squares moves a parameter by uᵀe of its standard errors, with e what the white channels hold beyond noise
+        and u of length one; by Cauchy and Schwarz that is |e| at most, and |e| = g √n. It is reached where all of the
+        gap has the course of that parameter.
+        """
+        return self.smallest_gap * float(np.sqrt(self.channel_count))
 
     @property
     def headline(self) -> str:

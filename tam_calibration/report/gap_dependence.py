@@ -19,7 +19,7 @@ def plot_dependence(view: GapView, row: int) -> Figure:
     """Draw one row, in noise floors: its mean over temperature and current, its root mean square over the rate."""
     residue = view.gap.residue
     panels: list[tuple[str, FloatArray, Callable[[FloatArray], float], str]] = [
-        ("rate of turning (°/s)", to_degrees(view.rate), _root_mean_square, "root mean square")
+        ("rate of turning (°/s)", to_degrees(residue.rate), _root_mean_square, "root mean square")
     ]
     for label, channel in (("temperature (°C)", residue.temperature_C), ("current (A)", residue.current_A)):
         if channel is not None:

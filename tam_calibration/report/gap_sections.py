@@ -1,12 +1,11 @@
 """The sections of a gap's report, in the order of its questions: is there one, where, why, how far does it shrink."""
 
-from collections.abc import Callable, Sequence
-
-from matplotlib.figure import Figure
+from collections.abc import Callable
 
 from tam_calibration.effects.library import effect_named
 from tam_calibration.report.formatting import sentence
 from tam_calibration.report.gap_causes import plot_evidence, plot_shares
+from tam_calibration.report.gap_checks import checks_section
 from tam_calibration.report.gap_dependence import plot_dependence
 from tam_calibration.report.gap_histogram import plot_histogram
 from tam_calibration.report.gap_map import plot_map
@@ -28,7 +27,8 @@ from tam_calibration.report.gap_spectrum import plot_spectrum
 from tam_calibration.report.gap_sphere import plot_sphere
 from tam_calibration.report.gap_time import plot_time
 from tam_calibration.report.gap_view import GapView
-from tam_calibration.report.page import Block, Points, Section, Table, Text, embed
+from tam_calibration.report.gap_words import cause_words, set_words, unseen_words
+from tam_calibration.report.page import Block, Points, Section, Table, Text, figure_blocks
 
 _TERMS = (
     "The simulated twin is a recording made by the computer: the same attitudes and field, the sensor errors that were "
@@ -53,6 +53,9 @@ def _verdict(view: GapView) -> list[Section]:
         blocks.append(Table(NOISE_HEADER, noise_rows(gap.floor)))
     if gap.causes:
         blocks.append(Text(sentence(closed_words(gap.size))))
+    if gap.remainder:
+        blocks.append(Text(f"What no cause explains: {gap.remainder}", "doubt"))
+    blocks += [Text(words) for words in (*set_words(gap), *unseen_words(gap))]
     blocks += [Text("Words of this page:"), Points(_TERMS)]
     return [Section("Verdict", blocks)]
 
@@ -67,25 +70,25 @@ def _where(view: GapView) -> list[Section]:
     band = "" if view.gap.where.frequency_hz is None else "; the band that holds the gap is shaded"
     blocks: list[Block] = [
         Text(f"{found} This was found without assuming a cause. Figures of one axis show {name}, the largest there."),
-        *_figure(
+        *figure_blocks(
             plot_map(view),
             "Which sensor and axis",
             "the size of each residual against its noise floor, dark where it is too large.",
             "every cell would be near 1, as in the twin.",
         ),
-        *_figure(
+        *figure_blocks(
             plot_sphere(view, row),
             "Which attitude",
             "the mean residual over the directions of the field, seen from the array; cells without samples are white.",
             "a faint random pattern, as in the twin; a smooth pattern is an effect that depends on attitude.",
         ),
-        *_figure(
+        *figure_blocks(
             plot_spectrum(view, row),
             "Which frequency",
             f"the residual by frequency, in noise floors{band}.",
             "a flat line near 1. A rise to the left is slow (drift), a narrow peak is interference.",
         ),
-        *_figure(
+        *figure_blocks(
             plot_dependence(view, row),
             "Which condition",
             "the residual over the rate of turning, and over temperature and current where they were recorded.",
@@ -100,7 +103,7 @@ def _causes(view: GapView) -> list[Section]:
     if gap.verdict == "not_identifiable":
         return []
     blocks: list[Block] = [
-        *_figure(
+        *figure_blocks(
             plot_evidence(gap),
             "What can be the cause",
             "the probability of each cause, of no gap at all, and of a cause that is not in the library; what the data "
@@ -118,6 +121,8 @@ def _causes(view: GapView) -> list[Section]:
         if rows := parameter_rows(cause):
             header = ["parameter", "value ± standard error", "unit"]
             blocks.append(Table(header, rows, f"{cause.fitted.effect}: {where}", numeric=False))
+        if words := cause_words(cause):
+            blocks.append(Points(words))
     return [Section("Causes, ranked", blocks)]
 
 
@@ -127,7 +132,7 @@ def _shrink(view: GapView) -> list[Section]:
         return []
     blocks: list[Block] = []
     if gap.causes:
-        blocks += _figure(
+        blocks += figure_blocks(
             plot_shares(gap),
             "What each cause takes away",
             "the energy of the gap above the noise, out of sample, and each cause's part of it, whatever their order.",
@@ -135,13 +140,13 @@ def _shrink(view: GapView) -> list[Section]:
         )
     shaded = "" if gap.where.time_s is None else "; the span that holds the gap is shaded"
     for row in view.rows:
-        blocks += _figure(
+        blocks += figure_blocks(
             plot_time(view, row),
             f"Over time: {view.row_name(row)}",
             f"the residual of each sample; dashed lines are ± the noise floor{shaded}.",
             "all panels would look like the twin's.",
         )
-    blocks += _figure(
+    blocks += figure_blocks(
         plot_histogram(view, view.rows[0]),
         "Distribution",
         "how often the residual has which size; what lies further out is counted in the outermost bins.",
@@ -166,10 +171,13 @@ def _next(view: GapView) -> list[Section]:
     return [Section("What to record next", [Text(sentence(words))])] if words else []
 
 
-def _figure(figure: Figure, title: str, seen: str, otherwise: str) -> Sequence[Block]:
-    """Return a figure with what is seen on it, and what it would be otherwise."""
-    return embed(figure, title, title), Points([f"What you see: {seen}", f"Without a gap: {otherwise}"])
-
-
-SECTIONS: tuple[Callable[[GapView], list[Section]], ...] = (_verdict, _where, _causes, _shrink, _considered, _next)
+SECTIONS: tuple[Callable[[GapView], list[Section]], ...] = (
+    _verdict,
+    _where,
+    _causes,
+    _shrink,
+    checks_section,
+    _considered,
+    _next,
+)
 """What makes each section."""

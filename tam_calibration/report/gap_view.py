@@ -72,11 +72,3 @@ class GapView:
     def row_name(self, row: int) -> str:
         """Return "sensor 2 x" or "scalar"."""
         return "scalar" if row == 3 * self.sensor_count else f"sensor {row // 3 + 1} {'xyz'[row % 3]}"
-
-    @cached_property
-    def rate(self) -> FloatArray:
-        """(N,) rate at which the field turns in the array frame, rad/s; NaN for the last sample."""
-        residue = self.gap.residue
-        chord = np.linalg.norm(np.diff(residue.direction, axis=0), axis=1)
-        angle = 2 * np.arcsin(np.clip(chord / 2, 0, 1))
-        return np.append(angle / np.diff(residue.time_s), np.nan)

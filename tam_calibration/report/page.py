@@ -103,6 +103,11 @@ def _keep_units(text: str) -> str:
     return re.sub(r"(\d) (nT|×|%)", "\\1\N{NO-BREAK SPACE}\\2", text)
 
 
+def figure_blocks(figure: Figure, title: str, seen: str, otherwise: str) -> Sequence[Block]:
+    """Return a figure with what is seen on it, and what it would be without a gap."""
+    return embed(figure, title, title), Points([f"What you see: {seen}", f"Without a gap: {otherwise}"])
+
+
 def embed(figure: Figure, alternative: str, caption: str = "") -> Image:
     """Return a figure as an SVG image within the page; the same figure always gives the same bytes."""
     buffer = BytesIO()

@@ -8,7 +8,10 @@ import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
+from tam_calibration.effects.effect import Limit, Sized
 from tam_calibration.files import write_array, write_recording
+from tam_calibration.gap.checks import checks_of
+from tam_calibration.gap.standing import Standing
 
 
 @pytest.fixture
@@ -58,6 +61,31 @@ def test_people_see_the_verdict_and_what_it_rests_on(folder, asked, name):
     ):
         assert words in out
     assert asked["recording"].sample_count == 600 and asked["array"].sensor_count == 4
+
+
+def test_people_see_what_is_left_and_what_it_means(folder, asked, gap):
+    """Standing, sizes, the unknown part, the set that holds the truth, and what departs from the twin."""
+    residue = gap.residue
+    cause = replace(
+        gap.causes[0],
+        standing=Standing(640.0, 53.0, 0.01),
+        sizes=(Sized("offset", 2e-9, Limit(1e-6, "a book", "T")),),
+    )
+    checks = checks_of(residue.time_s, residue.direction, residue.before, residue.floor_T)
+    asked["answer"] = replace(gap, causes=(cause,), checks=checks, remainder="It drifts.", set_95=("unknown",))
+    out = run("run.csv").stdout
+    for words in (
+        "  It explains 12 times as much as the best of its 99 surrogates",
+        "  Its offset is 2.00 nT; the largest known is 1000 nT (a book).",
+        "What no cause explains: It drifts.",
+        "the truth is among: unknown.",
+        "What is left with the causes, and the simulated twin does not have:",
+        f"  {checks.sentences[0]}",
+    ):
+        assert words in out
+    asked["answer"] = replace(gap, verdict="no_gap", causes=(), checks=checks, smallest_gap=0.1, channel_count=1e4)
+    out = run("run.csv").stdout
+    assert "A gap of less than 0.10 noise floors" in out and "What the simulated twin does not have:" in out
 
 
 def test_programs_get_json(folder, asked):

@@ -7,8 +7,10 @@ from dataclasses import replace
 import pytest
 
 from tam_calibration.calibration import Provenance
+from tam_calibration.effects.effect import Limit, Sized
 from tam_calibration.effects.fitted import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.files.gap_json import gap_to_mapping, parameters_of, write_gap
+from tam_calibration.gap.checks import checks_of
 
 
 def test_the_keys_are_those_of_the_schema(gap):
@@ -30,6 +32,7 @@ def test_the_keys_are_those_of_the_schema(gap):
         "parameters",
         "evidence",
         "indistinguishable_from",
+        "sizes",
     }
     assert cause["evidence"] == {"delta_bic": 640.0, "r2_cv": 0.97}
     assert [set(each) for each in content["considered"]] == [{"effect", "status", "why", "evidence"}] * 4
@@ -69,6 +72,27 @@ def test_names_of_parameters_are_unique(gap):
     parameters = parameters_of(replace(gap.causes[0], fitted=fitted, units={"height": "T", "start_time_s": "s"}))
     assert list(parameters) == ["start time", "scalar step 1 height", "scalar step 2 height", "all sensors z height"]
     assert math.isnan(parameters["start time"]["standard_error"])
+
+
+def test_checks_have_their_range_beside_them(gap):
+    """Each row by sensor and axis, each statistic with the twin's range, and what departs in words; null without."""
+    residue = gap.residue
+    checks = checks_of(residue.time_s, residue.direction, residue.before, residue.floor_T)
+    content = gap_to_mapping(replace(gap, checks=checks, remainder="It drifts."))
+    assert content["remainder"] == "It drifts." and content["checks"]["departs"] == list(checks.sentences)
+    assert [(row["sensor"], row["axis"]) for row in content["checks"]["rows"]][3::9] == [(2, "x"), ("scalar", None)]
+    row = content["checks"]["rows"][3]
+    assert row["lag_1_correlation"]["value"] > 0.8 > row["lag_1_correlation"]["twin"][1]
+    assert len(row["autocorrelation"]) == 20 and row["line_Hz"] > 0
+    assert gap_to_mapping(gap)["checks"] is None
+
+
+def test_sizes_stand_beside_the_largest_known(gap):
+    """In units of files, with the source."""
+    sized = Sized("offset", -2e-8, Limit(1e-6, "a book", "T"))
+    (cause,) = gap_to_mapping(replace(gap, causes=(replace(gap.causes[0], sizes=(sized,)),)))["causes"]
+    expected = {"name": "offset", "value": 20.0, "largest_known": 1000.0, "unit": "nT", "source": "a book"}
+    assert cause["sizes"] == [expected]
 
 
 def test_numbers_are_finite_or_null(gap, tmp_path):

@@ -49,6 +49,7 @@ def test_a_gap_is_told_with_its_cause(bench, disturbed, tmp_path):
     )
     assert status.level == b"\x01" and "sensor 2" in status.message
     assert figures["gap_causes"] == "bias_jump"
+    assert figures["set_95"] == " ".join(json.loads(files["gap_file"].read_text())["set_95"])
     assert float(figures["gap_after_T"]) < float(figures["gap_before_T"])
     assert json.loads(files["gap_file"].read_text())["causes"][0]["effect"] == "bias_jump"
     assert files["gap_report_file"].read_text().startswith("<!DOCTYPE html>")

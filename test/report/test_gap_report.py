@@ -10,6 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.calibration import Provenance
+from tam_calibration.effects.effect import Limit, Sized
+from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.result import Residue
 from tam_calibration.report.gap_causes import plot_evidence, plot_shares
 from tam_calibration.report.gap_dependence import binned, plot_dependence
@@ -57,6 +59,23 @@ def write(tmp_path):
         return page
 
     return write
+
+
+def test_the_page_says_what_is_open_and_what_departs(gap, write):
+    """The unknown part in the verdict, the checks in a section of their own, the prior beside the cause."""
+    residue = gap.residue
+    checks = checks_of(residue.time_s, residue.direction, residue.before, residue.floor_T)
+    cause = replace(gap.causes[0], sizes=(Sized("offset", 2e-9, Limit(1e-6, "a book", "T")),))
+    page = write(replace(gap, causes=(cause,), checks=checks, remainder="It drifts.", set_95=("unknown",)))
+    assert page.headings[4] == "Against the simulated twin"
+    for words in (
+        "What no cause explains: It drifts.",
+        "the truth is among: unknown.",
+        "largest known is 1000",
+        "noise alone",
+    ):
+        assert words in page.text
+    assert all(sentence in page.text.replace("\N{NO-BREAK SPACE}", " ") for sentence in checks.sentences)
 
 
 def of_size(gap, sample_count, sensor_count=4):

@@ -1,0 +1,251 @@
+"""Whether what a diagnosis leaves looks like its simulated twin: statistics of each row beside the range of noise.
+
+The twin's residual is white and normal, so that the range of each statistic follows from the number of samples n:
+χ²/n that of χ²; the lag-1 correlation -1/n ± z/√n (Bartlett, J. R. Stat. Soc. B 8, 1946); the strongest line of the
+periodogram over its mean (Fisher, Proc. R. Soc. A 125, 1929); the part of the variance that spherical harmonics of the
+direction explain a beta law; the kurtosis that of Anscombe and Glynn (Biometrika 70, 1983).
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from tam_calibration.effects.harmonics import harmonics
+from tam_calibration.units import FloatArray
+
+CHANCE = 0.05
+"""Part of the recordings with noise alone in which any statistic of any row leaves its range."""
+
+LAGS = 20
+"""Samples up to which the autocorrelation is drawn."""
+
+_HIGHEST_DEGREE = 3
+"""Of the spherical harmonics of the direction: the calibration takes up 1 and 2, bends of the axes are of 3."""
+
+_LEAST_SAMPLES = 40
+"""With fewer the laws of the kurtosis and of fifteen functions of the direction do not hold."""
+
+_SAYS = {
+    "chi_square": (
+        "is larger than noise",
+        "is smaller than noise",
+        "χ²/n {value:.3g}, where noise has {low:.2f} to {high:.2f}",
+    ),
+    "lag_1_correlation": (
+        "is alike from sample to sample",
+        "changes its sign from sample to sample",
+        "lag-1 correlation {value:.2f}, where noise has {middle:.2f} ± {half:.2f}",
+    ),
+    "strongest_line": (
+        "has a line in its spectrum",
+        "",
+        "at {line_hz:.3g} Hz {value:.0f} times the mean power, where noise has up to {high:.0f} times",
+    ),
+    "part_of_direction": (
+        "goes with the direction of the field",
+        "",
+        "{percent:.2g} % of its variance does, where of noise up to {percent_high:.2g} % does",
+    ),
+    "excess_kurtosis": (
+        "has far outliers",
+        "has shorter tails than noise",
+        "excess kurtosis {value:.2f}, where noise has {low:.2f} to {high:.2f}",
+    ),
+}
+"""What a statistic above and below the range of noise says of a residual, and its figures."""
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """One statistic of each row (R,), and the range that it has in the twin; NaN for a row that nothing tells."""
+
+    values: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+    @property
+    def departs(self) -> NDArray[np.bool_]:
+        """(R,) whether the recording is out of the twin's range."""
+        out: NDArray[np.bool_] = (self.values < self.low) | (self.values > self.high)
+        return out
+
+    @property
+    def worst(self) -> int:
+        """The row that is out by most widths of the range."""
+        out = np.maximum(self.low - self.values, self.values - self.high) / (self.high - self.low)
+        return int(np.nanargmax(out))
+
+
+@dataclass(frozen=True, eq=False)
+class Checks:
+    """Statistics of the residual with its causes, by row.
+
+    Parameters
+    ----------
+    chi_square : Check
+        Mean square over that of the noise floor.
+    lag_1_correlation : Check
+        Of neighbouring samples.
+    strongest_line : Check
+        Largest power of the periodogram over its mean.
+    part_of_direction : Check
+        Part of the variance that goes with the direction of the field.
+    excess_kurtosis : Check
+        Fourth moment over the squared second, less three.
+    line_hz : (R,) array
+        Frequency of the strongest line.
+    autocorrelation : (R, LAGS) array
+        From lag 1 on.
+    """
+
+    chi_square: Check
+    lag_1_correlation: Check
+    strongest_line: Check
+    part_of_direction: Check
+    excess_kurtosis: Check
+    line_hz: FloatArray
+    autocorrelation: FloatArray
+
+    @property
+    def by_name(self) -> Mapping[str, Check]:
+        """The checks by the names of their fields."""
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        return {name: value for name, value in values.items() if isinstance(value, Check)}
+
+    @property
+    def departing_rows(self) -> tuple[int, ...]:
+        """The rows of which any statistic is out of the twin's range."""
+        return tuple(np.flatnonzero(np.any([check.departs for check in self.by_name.values()], axis=0)).tolist())
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What departs from the twin, one sentence for each statistic, of the row in which it does so most."""
+        return tuple(self._sentences())
+
+    def _sentences(self) -> Iterator[str]:
+        for name, check in self.by_name.items():
+            departs = check.departs
+            if not departs.any():
+                continue
+            row, others = check.worst, int(departs.sum()) - 1
+            value, low, high = (float(each[row]) for each in (check.values, check.low, check.high))
+            above, below, figures = _SAYS[name]
+            told = figures.format(
+                value=value,
+                low=low,
+                high=high,
+                middle=round((low + high) / 2, 2) + 0.0,
+                half=(high - low) / 2,
+                line_hz=self.line_hz[row],
+                percent=100 * value,
+                percent_high=100 * high,
+            ).replace(" -", " −")
+            also = f"; other rows that depart: {others}" if others else ""
+            yield f"The residual of {row_name(row, len(departs))} {above if value > high else below}: {told}{also}."
+
+
+def row_name(row: int, row_count: int) -> str:
+    """Return "sensor 2 x", or the scalar magnetometer for the last row."""
+    return "the scalar magnetometer" if row == row_count - 1 else f"sensor {row // 3 + 1} {'xyz'[row % 3]}"
+
+
+def checks_of(time_s: FloatArray, direction: FloatArray, rows_T: FloatArray, floor_T: FloatArray) -> Checks:
+    """Return the statistics of a residual.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Time stamps.
+    direction : (N, 3) array
+        Of the field in the array frame.
+    rows_T : (N, R) array
+        Residual of each row, tesla; NaN where a sample tells nothing of it.
+    floor_T : (R,) array
+        Its standard deviation from noise alone.
+    """
+    functions = harmonics(direction, _HIGHEST_DEGREE)[:, 1:]
+    row_count = rows_T.shape[1]
+    chance = 1 - (1 - CHANCE) ** (1 / (5 * row_count))
+    step_s = float(np.median(np.diff(time_s)))
+    checked = np.full((5, 3, row_count), np.nan)
+    line_hz, correlation = np.full(row_count, np.nan), np.full((row_count, LAGS), np.nan)
+    for row in range(row_count):
+        values = rows_T[:, row] / (floor_T[row] or np.nan)
+        known = np.isfinite(values)
+        if known.sum() < _LEAST_SAMPLES or not np.ptp(values[known]):
+            continue
+        correlation[row] = _autocorrelation(values, known)
+        line, cycles = _strongest_line(values, known, chance)
+        line_hz[row] = cycles / step_s
+        checked[:, :, row] = (
+            _chi_square(values[known], chance),
+            _lag_1(float(correlation[row, 0]), int(known.sum()), chance),
+            line,
+            _part_of_direction(values[known], functions[known], chance),
+            _kurtosis(values[known], chance),
+        )
+    chi_square, lag_1, line_of, direction_of, kurtosis = (Check(*each) for each in checked)
+    return Checks(chi_square, lag_1, line_of, direction_of, kurtosis, line_hz, correlation)
+
+
+_Checked = tuple[float, float, float]
+"""A statistic of one row, and its range in noise."""
+
+
+def _chi_square(values: FloatArray, chance: float) -> _Checked:
+    count = len(values)
+    low, high = stats.chi2.ppf([chance / 2, 1 - chance / 2], count) / count
+    return float(np.mean(values**2)), float(low), float(high)
+
+
+def _autocorrelation(values: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
+    """Return the correlations (LAGS,) of samples that are so many apart, over the pairs that are both known."""
+    centred = np.where(known, values - values[known].mean(), 0.0)
+    pairs = np.array([np.sum(known[lag:] & known[:-lag]) for lag in range(1, LAGS + 1)])
+    products = np.array([centred[lag:] @ centred[:-lag] for lag in range(1, LAGS + 1)])
+    correlation: FloatArray = products / np.maximum(pairs, 1) / (np.sum(centred**2) / known.sum())
+    return correlation
+
+
+def _lag_1(value: float, count: int, chance: float) -> _Checked:
+    half = float(stats.norm.isf(chance / 2)) / count**0.5
+    return value, -1 / count - half, -1 / count + half
+
+
+def _strongest_line(values: FloatArray, known: NDArray[np.bool_], chance: float) -> tuple[_Checked, float]:
+    """Return the check of the periodogram, and the frequency of its largest ordinate in cycles a sample."""
+    centred = np.where(known, values - values[known].mean(), 0.0)
+    power = np.abs(np.fft.rfft(centred)[1 : (len(centred) + 1) // 2]) ** 2
+    count = len(power)
+    high = count * (1 - (chance / count) ** (1 / (count - 1)))
+    strongest = int(np.argmax(power))
+    return (float(power[strongest] / power.mean()), 0.0, high), (strongest + 1) / len(centred)
+
+
+def _part_of_direction(values: FloatArray, functions: FloatArray, chance: float) -> _Checked:
+    centred, functions = values - values.mean(), functions - functions.mean(axis=0)
+    score = functions.T @ centred
+    coefficients, _, rank, _ = np.linalg.lstsq(functions.T @ functions, score, rcond=1e-9)
+    high = stats.beta.isf(chance, rank / 2, (len(values) - 1 - rank) / 2) if rank else 0.0
+    return float(score @ coefficients / np.sum(centred**2)), 0.0, float(high)
+
+
+def _kurtosis(values: FloatArray, chance: float) -> _Checked:
+    count = len(values)
+    middle = 3 * (count - 1) / (count + 1)
+    deviation = np.sqrt(24 * count * (count - 2) * (count - 3) / ((count + 1) ** 2 * (count + 3) * (count + 5)))
+    skew = 6 * (count**2 - 5 * count + 2) / ((count + 7) * (count + 9))
+    skew *= np.sqrt(6 * (count + 3) * (count + 5) / (count * (count - 2) * (count - 3)))
+    freedom = 6 + 8 / skew * (2 / skew + np.sqrt(1 + 4 / skew**2))
+    spread = 2 / (9 * freedom)
+
+    def quantile(part: float) -> float:
+        root = 1 - spread - float(stats.norm.ppf(part)) * spread**0.5
+        scaled = ((1 - 2 / freedom) / root**3 - 1) / np.sqrt(2 / (freedom - 4))
+        return float(middle + deviation * scaled - 3)
+
+    low, high = quantile(chance / 2), quantile(1 - chance / 2)
+    return float(stats.kurtosis(values)), min(low, high), max(low, high)

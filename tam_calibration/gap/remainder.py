@@ -1,0 +1,144 @@
+"""What no cause explains, in words: how much it is, where it lies, and what it is like."""
+
+import numpy as np
+
+from tam_calibration.gap.checks import row_name
+from tam_calibration.gap.result import Residue, Size, Verdict, Where
+from tam_calibration.gap.steps import Search
+from tam_calibration.gap.support import LEAST_EVIDENCE
+from tam_calibration.gap.where import locate
+from tam_calibration.units import FloatArray, to_nanotesla
+
+_FOLLOWS = {
+    "function_of_rate": "follows the rate of the field",
+    "function_of_direction": "follows the attitude: it changes with the direction of the field",
+    "function_of_tilt": "follows the tilt: it changes with the direction upwards",
+}
+"""What a function without physics says of the rest; what changes with time is told by its time scale."""
+
+_UNITS_S = (("seconds", 1.0), ("minutes", 60.0), ("hours", 3600.0))
+"""Units of time, each used from two of it on."""
+
+
+def describe(found: Search, verdict: Verdict, size: Size, residue: Residue, variance: float) -> str:
+    """Say what a diagnosis leaves open.
+
+    Parameters
+    ----------
+    found : Search
+        The search, with what functions without physics say of what it leaves.
+    verdict : str
+        On it.
+    size : Size
+        Of the gap, before and after the causes.
+    residue : Residue
+        Of every sample.
+    variance : float
+        Of the channels' white noise, in that of the array's.
+
+    Returns
+    -------
+    str
+        Three sentences; empty where the verdict leaves nothing open.
+    """
+    if verdict not in ("partly_explained", "unexplained"):
+        return ""
+    is_whole = verdict == "unexplained"
+    base, unknown = (found.nominal.base(), found.rivals) if is_whole else (found.model.base(), found.remaining)
+    where = locate(base, [], unknown, variance, LEAST_EVIDENCE)
+    seen = [one for one in unknown if one.delta_bic >= LEAST_EVIDENCE]
+    strongest = max(seen, key=lambda one: one.delta_bic).effect if seen else ""
+    share = "All of the gap" if is_whole else f"{100 * (1 - size.closed):.2g} % of the gap's energy"
+    rows_T = residue.before if is_whole else residue.after
+    row = _largest_row(where, rows_T / residue.floor_T)
+    return (
+        f"{share} is open: {size.after:.2g} noise floors, {to_nanotesla(size.after_T):.3g} nT at one axis of a sensor. "
+        f"It lies in {_place(where, residue)}. "
+        f"It {_likeness(strongest, residue, rows_T[:, row] / residue.floor_T[row])}."
+    )
+
+
+def _largest_row(where: Where, rows: FloatArray) -> int:
+    """Return the row of a place with the largest mean square; of all rows where the place is nowhere."""
+    energy = np.nan_to_num(np.sum(np.nan_to_num(rows) ** 2, axis=0))
+    axes = ["xyz".index(axis) for axis in where.axes] or [0, 1, 2]
+    inside = [
+        row
+        for sensor in where.sensors
+        for row in ([len(energy) - 1] if sensor == "scalar" else [3 * (int(sensor) - 1) + axis for axis in axes])
+    ]
+    return max(inside or range(len(energy)), key=lambda row: energy[row])
+
+
+def _place(where: Where, residue: Residue) -> str:
+    """Return sensors, axes, span after the first sample and band in words."""
+    numbers = [one for one in where.sensors if isinstance(one, int)]
+    names = [f"sensor {one}" for one in numbers]
+    if 3 * len(numbers) == len(residue.floor_T) - 1 > 3:
+        names = ["all sensors"]
+    elif len(where.axes) == 1 and numbers:
+        names = [row_name(3 * (one - 1) + "xyz".index(where.axes[0]), len(residue.floor_T)) for one in numbers]
+    if "scalar" in where.sensors:
+        names.append("the scalar magnetometer")
+    words = " and ".join(names) or "no sensor more than in the others"
+    if where.time_s is not None:
+        first, last = (time - residue.time_s[0] for time in where.time_s)
+        words += f", from {first:.1f} to {last:.1f} s after the first sample"
+    if where.frequency_hz is not None:
+        words += f", at {where.frequency_hz[0]:.2g} to {where.frequency_hz[1]:.2g} Hz"
+    return words
+
+
+def _likeness(strongest: str, residue: Residue, values: FloatArray) -> str:
+    if strongest in _FOLLOWS:
+        return _FOLLOWS[strongest]
+    if strongest:
+        return _course(period_of(values, float(np.median(np.diff(residue.time_s)))))
+    ratio = growth_with_rate(values, residue.rate)
+    if ratio is None:
+        return "is white: no sample tells the next, and turning does not matter"
+    return f"is white, and {ratio:.2g} times as large when turning faster than half of the time"
+
+
+def _course(period_s: float) -> str:
+    """Return what drifts with a period, in the largest unit of which it has two."""
+    if period_s < _UNITS_S[0][1]:
+        return f"swings within a second (half of it slower than {1 / period_s:.2g} Hz)"
+    name, unit_s = [each for each in _UNITS_S if period_s >= 2 * each[1] or each is _UNITS_S[0]][-1]
+    return f"drifts over {name} (one swing in about {period_s / unit_s:.2g} {name})"
+
+
+def period_of(values: FloatArray, step_s: float) -> float:
+    """Return the period, s, of which half of the energy beyond white noise of variance one is slower.
+
+    Parameters
+    ----------
+    values : (N,) array
+        A residual in noise floors; NaN where it is not known.
+    step_s : float
+        Between samples.
+    """
+    power = np.abs(np.fft.rfft(np.nan_to_num(values))[1:]) ** 2 / np.isfinite(values).sum()
+    slower = np.cumsum(power - 1)
+    half = int(np.argmax(slower >= slower.max() / 2))
+    return len(values) * step_s / (half + 1)
+
+
+def growth_with_rate(values: FloatArray, rate: FloatArray) -> float | None:
+    """Return by how much a residual (N,) is larger in the faster half of the turning (N,); None where chance may be.
+
+    The ranks of its size and of the rate are correlated by r: that counts from the evidence for any hypothesis on,
+    -n log(1 - r²) - log n.
+    """
+    from scipy.stats import spearmanr
+
+    known = np.isfinite(values) & np.isfinite(rate)
+    values, rate = values[known], rate[known]
+    if not (np.ptp(rate) and np.ptp(np.abs(values))):
+        return None
+    correlation = float(spearmanr(np.abs(values), rate).statistic)
+    evidence = -len(values) * np.log1p(-(correlation**2)) - np.log(len(values))
+    if correlation <= 0 or evidence < LEAST_EVIDENCE:
+        return None
+    is_fast = rate > np.median(rate)
+    return float(np.sqrt(np.mean(values[is_fast] ** 2) / np.mean(values[~is_fast] ** 2)))

@@ -1,0 +1,119 @@
+"""What departs from the twin is told with its figures, and noise alone departs as rarely as is said."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from tam_calibration.gap.checks import LAGS, checks_of
+
+SAMPLES = 400
+FLOOR_T = np.array([1e-9, 2e-9, 1e-9, 3e-10])
+
+
+def directions(generator, count):
+    """Return random unit vectors (N, 3)."""
+    vectors = generator.normal(size=(count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def checked(change=lambda noise, time, direction: noise, samples=SAMPLES, seed=1):
+    """Return the checks of white noise of four rows at 10 Hz, after the first row was changed."""
+    generator = np.random.default_rng(seed)
+    time, direction = 0.1 * np.arange(samples), directions(generator, samples)
+    noise = generator.normal(size=(samples, 4))
+    noise[:, 0] = change(noise[:, 0], time, direction)
+    return checks_of(time, direction, noise * FLOOR_T, FLOOR_T)
+
+
+def test_noise_alone_departs_once_in_twenty_recordings():
+    """Over 120 recordings of noise, any statistic of any row is out of its range in 5 % of them."""
+    departing = sum(bool(checked(samples=150, seed=seed).departing_rows) for seed in range(120))
+    assert 0.01 < departing / 120 < 0.1
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("chi_square", lambda noise, *_: 1.5 * noise, "is larger than noise: χ²/n 2.2"),
+        ("chi_square", lambda noise, *_: 0.6 * noise, "is smaller than noise: χ²/n 0.3"),
+        (
+            "lag_1_correlation",
+            lambda noise, *_: (noise + np.roll(noise, 1)) / np.sqrt(2),
+            "is alike from sample to sample: lag-1 correlation 0.",
+        ),
+        (
+            "lag_1_correlation",
+            lambda noise, *_: (noise - np.roll(noise, 1)) / np.sqrt(2),
+            "changes its sign from sample to sample: lag-1 correlation −0.",
+        ),
+        (
+            "strongest_line",
+            lambda noise, time, _: noise + 0.6 * np.sin(2 * np.pi * 3 * time),
+            "has a line in its spectrum: at 3 Hz",
+        ),
+        (
+            "part_of_direction",
+            lambda noise, _, direction: noise + 6 * direction[:, 0] * direction[:, 1] * direction[:, 2],
+            "goes with the direction of the field: ",
+        ),
+        (
+            "excess_kurtosis",
+            lambda noise, *_: np.where(np.arange(SAMPLES) == 100, 9.0, noise),
+            "has far outliers: excess kurtosis ",
+        ),
+        ("excess_kurtosis", lambda noise, *_: np.sign(noise), "has shorter tails than noise: excess kurtosis −"),
+    ],
+)
+def test_each_departure_is_found_and_said(name, change, words):
+    """The statistic that is made for it is out of its range in the row that was changed, and a sentence says so."""
+    checks = checked(change)
+    assert checks.by_name[name].departs.tolist() == [True, False, False, False]
+    assert checks.departing_rows == (0,)
+    assert any(sentence.startswith(f"The residual of sensor 1 x {words}") for sentence in checks.sentences)
+
+
+def test_the_sentence_is_of_the_worst_row_and_counts_the_others():
+    """One sentence a statistic."""
+    noise = np.random.default_rng(1).normal(size=(SAMPLES, 4)) * [2, 1, 3, 1]
+    checks = checks_of(0.1 * np.arange(SAMPLES), directions(np.random.default_rng(2), SAMPLES), noise, np.ones(4))
+    (sentence,) = checks.sentences
+    assert sentence.startswith("The residual of sensor 1 z is larger") and sentence.endswith("rows that depart: 1.")
+
+
+def test_ranges_are_those_of_the_laws():
+    """χ² of n, ± z/√n about -1/n, and an empirical kurtosis, each at the chance of one statistic of one row."""
+    checks = checked()
+    chance = 1 - 0.95 ** (1 / 20)
+    low, high = stats.chi2.ppf([chance / 2, 1 - chance / 2], SAMPLES) / SAMPLES
+    assert checks.chi_square.low[0] == pytest.approx(low) and checks.chi_square.high[0] == pytest.approx(high)
+    half = stats.norm.isf(chance / 2) / np.sqrt(SAMPLES)
+    assert checks.lag_1_correlation.high[0] == pytest.approx(half - 1 / SAMPLES)
+    drawn = stats.kurtosis(np.random.default_rng(5).normal(size=(20_000, SAMPLES)), axis=1)
+    found = checks.excess_kurtosis
+    assert np.mean(drawn < found.low[0]) == pytest.approx(chance / 2, abs=chance / 2)
+    assert np.mean(drawn > found.high[0]) == pytest.approx(chance / 2, abs=chance / 3)
+    most = stats.beta.isf(chance, 15 / 2, (SAMPLES - 16) / 2)
+    assert checks.part_of_direction.high[0] == pytest.approx(most)
+
+
+def test_the_autocorrelation_is_that_of_an_autoregressive_process():
+    """0.8 to the power of the lag."""
+    generator, values = np.random.default_rng(1), np.zeros(20_000)
+    for index in range(1, len(values)):
+        values[index] = 0.8 * values[index - 1] + generator.normal()
+    rows = np.column_stack([values, values])
+    checks = checks_of(np.arange(20_000.0), directions(generator, 20_000), rows, np.ones(2))
+    assert checks.autocorrelation.shape == (2, 20) and LAGS == 20
+    assert np.allclose(checks.autocorrelation[0], 0.8 ** np.arange(1, 21), atol=0.05)
+
+
+def test_what_nothing_tells_does_not_depart():
+    """A row that is missing, constant or known at 39 samples is not told; holes in another do no harm."""
+    generator = np.random.default_rng(1)
+    rows = generator.normal(size=(SAMPLES, 4))
+    rows[:, 0], rows[39:, 1], rows[100:150, 2], rows[:, 3] = 0.0, np.nan, np.nan, np.nan
+    checks = checks_of(0.1 * np.arange(SAMPLES), directions(generator, SAMPLES), rows, np.ones(4))
+    assert checks.sentences == () and np.isfinite(checks.chi_square.values).tolist() == [False, False, True, False]
+    rows[:, 1] = np.where(np.arange(SAMPLES) < 40, -0.1 * np.arange(SAMPLES), np.nan)
+    checks = checks_of(0.1 * np.arange(SAMPLES), directions(generator, SAMPLES), rows, np.ones(4))
+    assert np.isfinite(checks.chi_square.values[1])
