@@ -49,6 +49,11 @@ class Constant:
         """Room, file and name."""
         return f"{self.module.removeprefix('tam_calibration.')}.{self.name}"
 
+    @property
+    def told(self) -> str:
+        """Its value as people read it."""
+        return _told(self.value)
+
     def scaled(self, factor: float) -> Any:
         """Return the value times a factor; of a part between 0.9 and 1, what it lacks of 1 is scaled."""
         return _scaled(self.value, factor)
@@ -194,3 +199,15 @@ def _scaled(value: Any, factor: float) -> Any:
     if isinstance(value, float) and 0.9 <= value < 1:
         return 1 - (1 - value) * factor
     return value * factor
+
+
+def _told(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name}: {_told(one)}" for name, one in value.items())
+    if isinstance(value, tuple | list):
+        return "(" + ", ".join(map(_told, value)) + ")"
+    if isinstance(value, float):
+        return f"{value:.4g}" if not 0.999 < value < 1 else f"1 − {1 - value:.2g}"
+    if hasattr(value, "largest"):
+        return f"{value.largest:.4g} {value.unit}"
+    return str(value) if isinstance(value, int) else f"array {value.shape}"

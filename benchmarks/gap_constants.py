@@ -191,14 +191,14 @@ def row_of(constant: Constant, change: str, before: Sequence[Answer], after: Seq
     others = sum(one.said != other.said for one, other in zip(before, after, strict=True))
     seconds = [sum(one.seconds for one in answers) for answers in (after, before)]
     figures = [len(after), others, more("first"), more("verdict"), more("clean"), *(f"{one:.1f}" for one in seconds)]
-    return dict(zip(HEADER, map(str, (constant.key, told(constant.value), change, *figures)), strict=True))
+    return dict(zip(HEADER, map(str, (constant.key, constant.told, change, *figures)), strict=True))
 
 
 def kept(constants: Sequence[Constant]) -> dict[tuple[str, str], dict[str, str]]:
     """Return the rows measured before of constants that still have the same value."""
     if not RESULTS.exists():
         return {}
-    values = {one.key: told(one.value) for one in constants}
+    values = {one.key: one.told for one in constants}
     with RESULTS.open(encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if values.get(row["constant"]) == row["value"]]
     return {(row["constant"], row["change"]): row for row in rows}
@@ -210,19 +210,6 @@ def write_results(rows: Mapping[tuple[str, str], Mapping[str, str]]) -> None:
         writer = csv.DictWriter(file, HEADER, lineterminator="\n")
         writer.writeheader()
         writer.writerows(row for _, row in sorted(rows.items()))
-
-
-def told(value: Any) -> str:
-    """Return a value as the page shows it."""
-    if isinstance(value, Mapping):
-        return ", ".join(f"{name}: {told(one)}" for name, one in value.items())
-    if isinstance(value, tuple | list):
-        return "(" + ", ".join(map(told, value)) + ")"
-    if isinstance(value, float):
-        return f"{value:.4g}" if not 0.999 < value < 1 else f"1 − {1 - value:.2g}"
-    if hasattr(value, "largest"):
-        return f"{value.largest:.4g} {value.unit}"
-    return str(value) if isinstance(value, int) else f"array {value.shape}"
 
 
 def text(constants: Sequence[Constant], rows: Mapping[tuple[str, str], Mapping[str, str]]) -> str:
@@ -269,7 +256,7 @@ def line_of(constant: Constant, rows: Mapping[tuple[str, str], Mapping[str, str]
     effects = [effect_of(rows.get((constant.key, change))) for change in FACTORS]
     if rows.get((constant.key, "halved"), {}).get("cases") == "0":
         effects = ["not reached"] * len(FACTORS)
-    return [f"`{constant.key}`", told(constant.value), constant.reason.replace("|", "∣") or "–", *effects]
+    return [f"`{constant.key}`", constant.told, constant.reason.replace("|", "∣") or "–", *effects]
 
 
 def effect_of(row: Mapping[str, str] | None) -> str:
