@@ -16,7 +16,7 @@ from tam_calibration.gap.search import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.selection import columns_of
 from tam_calibration.gap.standing import Standing
 from tam_calibration.gap.surrogates import standing_of
-from tam_calibration.gap.unknown import FunctionOfDirection
+from tam_calibration.gap.unknown import FunctionOfDirection, FunctionOfNeighbours, FunctionOfTime
 
 LEAST_EVIDENCE = 12.0
 """ΔBIC from which a hypothesis counts: odds of 400 to 1 in white noise (Kass and Raftery, JASA 90, 1995: above 10)."""
@@ -43,6 +43,9 @@ _NEARLY_ALL = 0.97
 
 _OF_DIRECTION = 0.9
 """Part of what functions of the direction gain in its sensors that an effect of the field alone must gain."""
+
+_OF_TIME = 0.7
+"""Part of what functions of time gain in its sensors that a change at some times must gain."""
 
 _OF_NOISE = 0.5
 """Part of what a cause gains that it may gain by averaging noise."""
@@ -141,6 +144,8 @@ def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tupl
     follows_field_alone = not (form.effect.is_free_in_time or form.effect.channels)
     if follows_field_alone and _is_of_direction(base, candidate, unknown):
         return False, None
+    if form.effect.surrogates == "of_course" and _is_of_time(base, candidate, unknown):
+        return False, None
     own = noise_gain(base, form)
     if candidate.delta_bic - own < LEAST_EVIDENCE or own > _OF_NOISE * candidate.gain:
         return False, None
@@ -236,16 +241,25 @@ def _is_best(base: Base, candidate: Evidence, unknown: Collection[Evidence]) -> 
 
 def _is_of_direction(base: Base, cause: Evidence, unknown: Collection[Evidence]) -> bool:
     """Whether a function of the direction explains more in the sensors of a cause: then no axis and no time matter."""
-    sensors = sensors_of(places_of(cause.form))
+    return cause.gain < _OF_DIRECTION * _gain_beside(base, cause, unknown, {FunctionOfDirection.name})
+
+
+def _is_of_time(base: Base, cause: Evidence, unknown: Collection[Evidence]) -> bool:
+    """Whether far more has a course in time in the sensors of a change at some times: then it stands in for that."""
+    return cause.gain < _OF_TIME * _gain_beside(base, cause, unknown, {FunctionOfTime.name, FunctionOfNeighbours.name})
+
+
+def _gain_beside(base: Base, cause: Evidence, unknown: Collection[Evidence], kinds: Collection[str]) -> float:
+    """Return the most that functions without physics of some kinds gain in the sensors of a cause."""
+    sensors, most = sensors_of(places_of(cause.form)), 0.0
     for one in unknown:
-        if one.effect != FunctionOfDirection.name or not isinstance(one.form, Hypothesis):
+        if one.effect not in kinds or not isinstance(one.form, Hypothesis):
             continue
         terms = [term for term in one.form.terms if term.sensor in sensors or ALL in sensors]
         if terms:
             gain = base.project(base.channels.design(terms)).gain()[0]
-            gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
-            return bool(cause.gain < _OF_DIRECTION * gain)
-    return False
+            most = max(most, float(twice_log_likelihood_ratio(base.energy, gain, base.channels.count)))
+    return most
 
 
 def _is_nested(one: Evidence, other: Evidence) -> bool:
