@@ -14,6 +14,7 @@ from tam_calibration.effects.effect import (
     Misfit,
     Shape,
     Situation,
+    Sized,
     SurrogateKind,
     Term,
 )
@@ -57,11 +58,11 @@ class GeomagneticDrift(LinearEffect):
             return f"{situation.sample_count} samples are too few for a free function of time"
         return None
 
-    def oversize(self, situation: Situation, fitted: FittedEffect) -> str | None:
-        """Return that the drift is faster than in any storm, where it is: the root of the mean square of its rate."""
+    def sizes(self, situation: Situation, fitted: FittedEffect) -> list[Sized]:
+        """Return how fast the drift is beside the fastest storm: the root of the mean square of its rate."""
         drift = self.signal(situation, fitted)[:, -1]
         rate = np.diff(drift) / np.diff(situation.time_s)
-        return _STORM.excess(_RATE, float(np.sqrt(np.mean(rate**2)))) if len(rate) else None
+        return [Sized(_RATE, float(np.sqrt(np.mean(rate**2))), _STORM)] if len(rate) else []
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
         """Return the span of time of the recording."""

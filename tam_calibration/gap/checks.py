@@ -143,7 +143,7 @@ class Checks:
                 percent=100 * value,
                 percent_high=100 * high,
             ).replace(" -", " −")
-            also = f"; other rows that depart: {others}" if others else ""
+            also = f" (axes alike: {others} more)" if others else ""
             yield f"The residual of {row_name(row, len(departs))} {above if value > high else below}: {told}{also}."
 
 

@@ -14,7 +14,7 @@ _HEADER = {
     "chi_square": "χ²/n",
     "lag_1_correlation": "lag-1 correlation",
     "strongest_line": "strongest line (mean power)",
-    "part_of_direction": "goes with the direction",
+    "part_of_direction": "part that goes with the direction",
     "excess_kurtosis": "excess kurtosis",
 }
 _SIZE_INCH = (7.4, 2.8)

@@ -77,7 +77,7 @@ def test_the_sentence_is_of_the_worst_row_and_counts_the_others():
     noise = np.random.default_rng(1).normal(size=(SAMPLES, 4)) * [2, 1, 3, 1]
     checks = checks_of(0.1 * np.arange(SAMPLES), directions(np.random.default_rng(2), SAMPLES), noise, np.ones(4))
     (sentence,) = checks.sentences
-    assert sentence.startswith("The residual of sensor 1 z is larger") and sentence.endswith("rows that depart: 1.")
+    assert sentence.startswith("The residual of sensor 1 z is larger") and sentence.endswith("(axes alike: 1 more).")
 
 
 def test_ranges_are_those_of_the_laws():
