@@ -13,7 +13,7 @@ The kind follows from a rule, in this order, and not from an opinion:
 """
 
 import ast
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -61,28 +61,38 @@ class Constant:
 
 def find_constants() -> list[Constant]:
     """Return the constants of the diagnosis by room, file and line."""
-    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
-    own = {path: tree for room in ROOMS for path, tree in trees.items() if path.parent == PACKAGE / room}
-    compared = _compared(own.values())
-    read = {name for tree in trees.values() for name in _names(tree)}
+    trees = {module_of(path): ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
+    own = {name: tree for room in ROOMS for name, tree in trees.items() if name.split(".")[1] == room}
+    compared = _compared(own)
+    read = {(module, name) for module, tree in trees.items() for name in _names(tree)}
     constants = []
-    for path, tree in own.items():
-        module = import_module(".".join(["tam_calibration", path.parent.name, path.stem]))
+    for module, tree in own.items():
         for name, reason in _assigned(tree):
-            value = getattr(module, name)
+            value = getattr(import_module(module), name)
             if _is_numeric(value):
-                kind = _kind(name, value, name in compared)
-                constants.append(Constant(module.__name__, name, value, reason, kind, name in read))
+                users = {(user, name) for user in _users(trees, module, name)}
+                kind = _kind(name, value, bool(users & compared))
+                constants.append(Constant(module, name, value, reason, kind, bool(users & read)))
     return constants
 
 
 def modules_with(constant: Constant) -> Iterator[ModuleType]:
     """Yield the modules that have a constant: its own, and those that import it by its name."""
-    for path, tree in ((path, ast.parse(path.read_text())) for path in sorted(PACKAGE.rglob("*.py"))):
-        module = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
-        imported = (one for one in ast.walk(tree) if isinstance(one, ast.ImportFrom) and one.module == constant.module)
-        if module == constant.module or any(name.name == constant.name for one in imported for name in one.names):
-            yield import_module(module)
+    trees = {module_of(path): ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
+    yield from map(import_module, _users(trees, constant.module, constant.name))
+
+
+def module_of(path: Path) -> str:
+    """Return the name of the module in a file of the package."""
+    return ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
+
+
+def _users(trees: Mapping[str, ast.Module], module: str, name: str) -> Iterator[str]:
+    """Yield the module that assigns a name and those that import it."""
+    for user, tree in trees.items():
+        imports = (one for one in tree.body if isinstance(one, ast.ImportFrom) and one.module == module)
+        if user == module or any(alias.name == name for one in imports for alias in one.names):
+            yield user
 
 
 def unnamed_in_comparisons() -> int:
@@ -127,21 +137,23 @@ def _names(node: ast.AST) -> set[str]:
     return {one.id for one in loads}
 
 
-def _compared(trees: Iterable[ast.Module]) -> set[str]:
-    """Return the names that stand in comparisons."""
-    functions = [one for tree in trees for one in ast.walk(tree) if isinstance(one, ast.FunctionDef)]
-    returned: dict[str, set[str]] = {}
-    for function in functions:
+def _compared(trees: Mapping[str, ast.Module]) -> set[tuple[str, str]]:
+    """Return the modules and names that stand in comparisons."""
+    functions = [
+        (module, one) for module, tree in trees.items() for one in ast.walk(tree) if isinstance(one, ast.FunctionDef)
+    ]
+    returned: dict[str, set[tuple[str, str]]] = {}
+    for module, function in functions:
         for one in ast.walk(function):
             if isinstance(one, ast.Return) and one.value is not None:
-                returned.setdefault(function.name, set()).update(_names(one.value))
-    found: set[str] = set()
-    for function in functions:
+                returned.setdefault(function.name, set()).update((module, name) for name in _names(one.value))
+    found: set[tuple[str, str]] = set()
+    for module, function in functions:
         made = _made(function)
         for one in ast.walk(function):
             if isinstance(one, ast.Compare) and _is_threshold(one):
                 names = _names(one).union(*(made.get(name, set()) for name in _names(one)))
-                found |= names.union(*(returned.get(name, set()) for name in names))
+                found |= {(module, name) for name in names}.union(*(returned.get(name, set()) for name in names))
     return found
 
 

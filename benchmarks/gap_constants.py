@@ -8,20 +8,29 @@ measured stays in ``results/gap_constants.csv`` until the value changes. ``docs/
 """
 
 import csv
-import sys
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from cProfile import Profile
 from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
-from types import FrameType
+from types import CodeType
 from typing import Any
 
 import click
-from constants import KINDS, ROOMS, Constant, find_constants, modules_with, unnamed_in_comparisons
+from constants import (
+    KINDS,
+    PACKAGE,
+    ROOMS,
+    Constant,
+    find_constants,
+    module_of,
+    modules_with,
+    unnamed_in_comparisons,
+)
 from rich.progress import track
 
 from tam_calibration.array import Array
@@ -125,20 +134,11 @@ def make(plan: Plan, number: int) -> Given:
 
 def names_reached(given: Given) -> set[tuple[str, str]]:
     """Return the modules and names that the functions called by a diagnosis read."""
-    found: set[tuple[str, str]] = set()
-    seen = set()
-
-    def note(frame: FrameType, event: str, _: Any) -> None:
-        if frame.f_code not in seen:
-            seen.add(frame.f_code)
-            found.update((str(frame.f_globals.get("__name__")), name) for name in frame.f_code.co_names)
-
-    sys.settrace(note)
-    try:
-        answer(given)
-    finally:
-        sys.settrace(None)
-    return found
+    profile = Profile(builtins=False)
+    profile.runcall(answer, given)
+    called = [entry.code for entry in profile.getstats() if isinstance(entry.code, CodeType)]
+    own = [code for code in called if Path(code.co_filename).is_relative_to(PACKAGE)]
+    return {(module_of(Path(code.co_filename)), name) for code in own for name in code.co_names}
 
 
 def cases_of(constant: Constant, given: Sequence[Given], reached: Sequence[Collection[tuple[str, str]]]) -> list[int]:

@@ -39,7 +39,7 @@ def test_the_page_lists_the_constants_of_this_code():
 def test_what_is_compared_is_told_from_what_is_used_otherwise(use, is_compared):
     """Also by way of a local name or a function; a sign and a membership are no comparison of sizes."""
     source = f"def level(x):\n    return LEVEL * x\n\n\ndef decides(x):\n    {use}\n"
-    assert ("LEVEL" in LEDGER["_compared"]([ast.parse(source)])) == is_compared
+    assert (("a", "LEVEL") in LEDGER["_compared"]({"a": ast.parse(source)})) == is_compared
 
 
 def test_parts_near_one_are_scaled_by_what_they_lack():
