@@ -11,7 +11,7 @@ from tam_calibration.gap.coloured import sandwich
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import next_recording
-from tam_calibration.gap.probability import probabilities
+from tam_calibration.gap.probability import probabilities, set_of
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.remainder import describe
 from tam_calibration.gap.residue import residue_of
@@ -21,7 +21,7 @@ from tam_calibration.gap.shares import shares_of
 from tam_calibration.gap.size import LARGEST_NOISE, measure, noise_variance
 from tam_calibration.gap.steps import Search
 from tam_calibration.gap.support import LEAST_EVIDENCE, Step
-from tam_calibration.gap.verdict import noisier_rows, statement, verdict_on
+from tam_calibration.gap.verdict import noisier_rows, smallest_gap, statement, verdict_on
 from tam_calibration.gap.where import locate, sensors_and_axes
 
 _AS_GOOD = 10.0
@@ -45,7 +45,7 @@ def conclude(found: Search) -> Gap:
     size = measure(whole_nominal, whole, variance)
     base = found.nominal.base()
     verdict = verdict_on(found, size, variance, noisier is not None)
-    chances = probabilities(found, verdict)
+    chances = probabilities(found, verdict, size)
     causes = _causes(found, whole, size, chances, variance)
     if verdict in ("no_gap", "unexplained"):
         causes, whole = (), whole_nominal
@@ -69,6 +69,8 @@ def conclude(found: Search) -> Gap:
         statement(verdict, size, where, causes),
         residue,
         channel_count=whole_nominal.channels().count,
+        set_95=set_of(chances, verdict, causes),
+        smallest_gap=smallest_gap(whole_nominal.channels().count),
         checks=checks_of(residue.time_s, residue.direction, residue.after, residue.floor_T),
         remainder=describe(found, verdict, size, residue, variance),
     )

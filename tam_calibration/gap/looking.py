@@ -21,6 +21,7 @@ from tam_calibration.gap.support import (
     holds,
     is_new,
     open_part,
+    stands,
     supported,
 )
 
@@ -127,7 +128,7 @@ class Looking:
             base = self._beside(steps)[1]
             if steps:
                 weighed, unknown = self._weigh(base, len(steps)), tuple(rivals(base))
-            given = (first, None) if first is not None and not steps else None
+            given = (first, stands(base, first, unknown)[1]) if first is not None and not steps else None
             found = given or supported(base, weighed, unknown, steps, least)
             if found is None:
                 break

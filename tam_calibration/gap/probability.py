@@ -1,63 +1,91 @@
-"""The probabilities of the hypotheses, as often right as they say on simulated recordings.
+"""The probabilities of the answers, from what each case shows.
 
-BIC takes the bases for exact, and would call nearly every answer certain. How often what a verdict says is true was
-counted on 200 recordings of the blind check on which nothing was tuned, and is told by
+How often a cause is right follows from how far it stands above its surrogates, from how much of the gap closes, and from
+its share of that: a logistic regression on recordings with known causes. No gap, and an unknown cause, are as likely as
+they were right there. The coefficients are those that
 
-    tam blind make cases --seed 302 --cases 200 && tam blind answer cases && tam blind score cases
+    python benchmarks/gap_probabilities.py FOLDER ...
 
-Of k in n the probability is (k + 1) / (n + 2) (Laplace's rule). How weak evidence lowers it, and what is left to the
-others, is chosen and not counted; a judged run shows how well it holds.
+prints, of folders that ``tam blind make`` and ``tam blind answer`` wrote on seeds below 1000.
 """
 
-from collections.abc import Mapping
-from math import exp
+from collections.abc import Collection, Mapping
+from math import exp, log
 
-from tam_calibration.gap.result import Verdict
+from tam_calibration.gap.result import Cause, Size, Verdict
+from tam_calibration.gap.standing import Standing
 from tam_calibration.gap.steps import Search
-from tam_calibration.gap.support import LEAST_EVIDENCE
 
-_RIGHT: Mapping[Verdict, float] = {
-    "no_gap": 23 / 24,
-    "explained": 122 / 124,
-    "partly_explained": 1 / 2,
-    "unexplained": 27 / 30,
-}
-"""How often what a verdict says is true: 22 of 22, 121 of 122, never told, 26 of 28."""
+_COEFFICIENTS = (-2.2, 1.1, 2.6, 0.9)
+"""Of one, of the logarithm of the ratio to the best surrogate, of the closed part and of the share in it."""
 
-_WEAK, _FADES = 0.2, 40.0
-"""By how much less often one is right at the least evidence, and the ΔBIC over which that fades."""
+_LARGEST_RATIO = 10.0
+"""Beyond which a ratio says nothing more; also that of facts of the readings, which need no surrogates."""
 
-_NONE_OF_REST = 0.4
-"""Part of what remains beside a cause that no effect of the library takes."""
+_RIGHT: Mapping[Verdict, float] = {"no_gap": 0.95, "unexplained": 0.9}
+"""How often these were right."""
+
+_SURE = 0.95
+"""Probability that a set of answers holds the true one."""
+
+_NAMES = {"none_of_these": "unknown"}
 
 
-def probabilities(found: Search, verdict: Verdict) -> Mapping[str, float]:
+def probabilities(found: Search, verdict: Verdict, size: Size) -> Mapping[str, float]:
     """Return the probabilities of no gap, of each effect that was weighed, and of none of these.
 
     They add up to one; where there are several causes each has a probability of its own.
     """
     chances = dict.fromkeys(("no_gap", *(one.effect for one in found.weighed), "none_of_these"), 0.0)
-    if verdict not in _RIGHT:
-        return {}
-    right = _RIGHT[verdict]
     if verdict in ("no_gap", "unexplained"):
         answer, other = ("no_gap", "none_of_these") if verdict == "no_gap" else ("none_of_these", "no_gap")
-        chances[answer] = right
-        chances[other] = (1 - right) / 4
-        _spread(chances, found, (), (1 - right) * 3 / 4)
+        rest = 1 - _RIGHT[verdict]
+        chances[answer] = _RIGHT[verdict]
+        chances[other] += rest / 2
+        _spread(chances, found, (), rest / 2)
         return chances
+    gains = sum(step.accepted.gain for step in found.steps)
     for step in found.steps:
-        beyond = max(step.accepted.delta_bic - LEAST_EVIDENCE, 0.0)
-        own = right * (1 - _WEAK * exp(-beyond / _FADES))
+        own = right(step.standing, size.closed, step.accepted.gain / max(gains, 1e-300))
         chances[step.accepted.effect] = max(own, chances.get(step.accepted.effect, 0.0))
     named = tuple({step.accepted.effect: None for step in found.steps})
     rest = 1 - min(chances[name] for name in named)
-    chances["none_of_these"] = _NONE_OF_REST * rest
-    _spread(chances, found, named, (1 - _NONE_OF_REST) * rest)
+    chances["none_of_these"] = rest / 2
+    _spread(chances, found, named, rest / 2)
     return chances
 
 
-def _spread(chances: dict[str, float], found: Search, named: tuple[str, ...], rest: float) -> None:
+def right(standing: Standing | None, closed: float, share: float) -> float:
+    """Return the probability that a cause is right, by the logistic regression."""
+    ratio = _LARGEST_RATIO if standing is None else min(max(standing.ratio, 1.0), _LARGEST_RATIO)
+    features = (1.0, log(ratio), closed, share)
+    return 1 / (1 + exp(-sum(weight * value for weight, value in zip(_COEFFICIENTS, features, strict=True))))
+
+
+def set_of(chances: Mapping[str, float], verdict: Verdict, causes: Collection[Cause]) -> tuple[str, ...]:
+    """Return the smallest set of answers that holds the true one with 95 %, the most probable first.
+
+    Of several causes the doubts of each are added: the set holds all of them, and what may stand in place of one.
+    """
+    if verdict == "not_identifiable":
+        return ()
+    named = [cause.fitted.effect for cause in causes]
+    ranked = sorted(chances, key=lambda name: (name not in named, -chances[name]))
+    doubt, told = 1.0, []
+    for name in ranked:
+        told.append(_NAMES.get(name, name))
+        if name in named:
+            doubt = 1 - min(chances[one] for one in named)
+            if len(told) < len(set(named)):
+                continue
+        else:
+            doubt -= chances[name]
+        if doubt <= 1 - _SURE:
+            break
+    return tuple(told)
+
+
+def _spread(chances: dict[str, float], found: Search, named: Collection[str], rest: float) -> None:
     """Give what remains to the effects that are not named, the more the more speaks for them."""
     gains = {one.effect: max(one.gain, 0.0) for one in found.weighed if one.effect not in named}
     total = sum(gains.values())

@@ -17,6 +17,9 @@ SMALLEST_GAP = 0.1
 _LEAST_CLOSED = 0.25
 """Part of a gap that causes must close; less may be what they have in common with an unknown one."""
 
+_LARGEST_REST = 1.0
+"""Noise floors that causes may leave: what is larger than the noise is a gap of its own."""
+
 _MOSTLY = 0.6
 """Part of a gap that closes, from which on causes explain it where nothing is visible beside them."""
 
@@ -40,7 +43,13 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
     if size.closed < _LEAST_CLOSED:
         return "unexplained"
     left = open_part(found.nominal.base(), found.model.base(), found.remaining)
-    return "explained" if left < CLEAN and size.closed > _MOSTLY else "partly_explained"
+    is_whole = left < CLEAN and size.closed > _MOSTLY and size.after < _LARGEST_REST
+    return "explained" if is_whole else "partly_explained"
+
+
+def smallest_gap(count: float) -> float:
+    """Return the gap in noise floors that would have been seen in so many channels: of one coefficient of one row."""
+    return max(SMALLEST_GAP, float(np.sqrt((LEAST_EVIDENCE + np.log(count)) / count)))
 
 
 def _strongest(found: Search) -> Evidence | None:
