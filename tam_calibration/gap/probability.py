@@ -1,8 +1,8 @@
 """The probabilities of the answers, from what each case shows.
 
-How often a cause is right follows from how far it stands above its surrogates, from how much of the gap closes, and from
-its share of that: a logistic regression on recordings with known causes. No gap, and an unknown cause, are as likely as
-they were right there. The coefficients are those that
+How often a cause is right follows from how far it stands above its surrogates, from how much of the gap closes, and
+from its share of that: a logistic regression on recordings with known causes. No gap, and an unknown cause, are as
+likely as they were right there. The coefficients are those that
 
     python benchmarks/gap_probabilities.py FOLDER ...
 
@@ -57,9 +57,14 @@ def probabilities(found: Search, verdict: Verdict, size: Size) -> Mapping[str, f
 
 def right(standing: Standing | None, closed: float, share: float) -> float:
     """Return the probability that a cause is right, by the logistic regression."""
+    logit = sum(w * value for w, value in zip(_COEFFICIENTS, features_of(standing, closed, share), strict=True))
+    return 1 / (1 + exp(-logit))
+
+
+def features_of(standing: Standing | None, closed: float, share: float) -> tuple[float, float, float, float]:
+    """Return what the probability of a cause is made of, in the order of the coefficients."""
     ratio = _LARGEST_RATIO if standing is None else min(max(standing.ratio, 1.0), _LARGEST_RATIO)
-    features = (1.0, log(ratio), closed, share)
-    return 1 / (1 + exp(-sum(weight * value for weight, value in zip(_COEFFICIENTS, features, strict=True))))
+    return 1.0, log(ratio), closed, share
 
 
 def set_of(chances: Mapping[str, float], verdict: Verdict, causes: Collection[Cause]) -> tuple[str, ...]:
