@@ -16,7 +16,7 @@ from tam_calibration.gap.search import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.selection import columns_of
 from tam_calibration.gap.standing import Standing
 from tam_calibration.gap.surrogates import standing_of
-from tam_calibration.gap.unknown import FunctionOfDirection, FunctionOfNeighbours, FunctionOfTime
+from tam_calibration.gap.unknown import FunctionOfDirection, FunctionOfTime
 
 LEAST_EVIDENCE = 12.0
 """ΔBIC from which a hypothesis counts: odds of 400 to 1 in white noise (Kass and Raftery, JASA 90, 1995: above 10)."""
@@ -45,7 +45,7 @@ _OF_DIRECTION = 0.9
 """Part of what functions of the direction gain in its sensors that an effect of the field alone must gain."""
 
 _OF_TIME = 0.7
-"""Part of what functions of time gain in its sensors that a change at some times must gain."""
+"""Part of what smooth functions of time gain in its sensors that a change at some times must gain."""
 
 _OF_NOISE = 0.5
 """Part of what a cause gains that it may gain by averaging noise."""
@@ -245,8 +245,8 @@ def _is_of_direction(base: Base, cause: Evidence, unknown: Collection[Evidence])
 
 
 def _is_of_time(base: Base, cause: Evidence, unknown: Collection[Evidence]) -> bool:
-    """Whether far more has a course in time in the sensors of a change at some times: then it stands in for that."""
-    return cause.gain < _OF_TIME * _gain_beside(base, cause, unknown, {FunctionOfTime.name, FunctionOfNeighbours.name})
+    """Whether far more has a smooth course in the sensors of a change at some times: then it stands in for that."""
+    return cause.gain < _OF_TIME * _gain_beside(base, cause, unknown, {FunctionOfTime.name})
 
 
 def _gain_beside(base: Base, cause: Evidence, unknown: Collection[Evidence], kinds: Collection[str]) -> float:
