@@ -15,7 +15,7 @@ _MOST = 0.5
 
 
 def canonical_correlations(readings_T: FloatArray) -> FloatArray:
-    """Return the canonical correlations (K, 3), the largest first, of each sensor's readings (N, K, 3) with the first's.
+    """Return the canonical correlations (K, 3), the largest first, of sensors' readings (N, K, 3) with the first's.
 
     By the singular values between orthonormal bases of both (Björck and Golub 1973).
     """
