@@ -38,7 +38,8 @@ def at_rest(recording: Recording) -> Gap:
     return _nothing(
         recording,
         "the array was not turned",
-        "No verdict: the array was hardly turned, so that calibration and effects cannot be told apart.",
+        "No verdict: the array was hardly turned, or its sensors share no motion: calibration and effects cannot be "
+        "told apart.",
     )
 
 
