@@ -235,7 +235,7 @@ def text(constants: Sequence[Constant], rows: Mapping[tuple[str, str], Mapping[s
         "without the change. Of a part between 0.9 and 1 what it lacks of 1 is halved and doubled; a number that is "
         "made of another when a module is imported stays. So few recordings show what a constant may do, not that it "
         "does nothing elsewhere.",
-        f"Changed nothing, or not reached by any of the recordings: {', '.join(idle) or 'none'}.",
+        f"Changed nothing, or not reached by any of the recordings: {', '.join(idle) or 'none of those measured'}.",
     ]
     by_kind = defaultdict(list)
     for one in constants:

@@ -41,8 +41,11 @@ def with_example(monkeypatch, tmp_path):
 
 
 def test_the_example_is_found_where_it_is_the_cause(with_example, recording, cross):
-    """An effect that came by an entry point is tried beside ours, and named with its parameters."""
-    current = 5 * np.sin(np.arange(600) / 7)
+    """An effect that came by an entry point is tried beside ours, and named with its parameters.
+
+    The current has no period: a tone would explain the size of one that has.
+    """
+    current = 5 * np.sin(np.cumsum(np.random.default_rng(4).uniform(0.02, 0.3, 600)))
     readings = recording.readings_T.copy()
     readings[:, 2, 0] += 2e-9 * np.abs(current)
     gap = diagnose(Recording(recording.time_s, readings, recording.scalar_T, None, current), cross)
