@@ -60,7 +60,7 @@ _SAME_TIME = 3.0
 """Sampling steps within which two jumps are one."""
 
 NOISE, OUTLIERS, _JUMP = "noise_excess", "outliers", "bias_jump"
-_REPEATED = {_JUMP, "periodic_interference", NOISE, OUTLIERS}
+_REPEATED = {_JUMP, "scale_step", "periodic_interference", NOISE, OUTLIERS}
 """Effects that may happen more than once, each time in another form."""
 
 _OF_EACH_SENSOR = {"temperature_drift"}
@@ -144,8 +144,6 @@ def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tupl
     follows_field_alone = not (form.effect.is_free_in_time or form.effect.channels)
     if follows_field_alone and _is_of_direction(base, candidate, unknown):
         return False, None
-    if form.effect.surrogates == "of_course" and _is_of_time(base, candidate, unknown):
-        return False, None
     own = noise_gain(base, form)
     if candidate.delta_bic - own < LEAST_EVIDENCE or own > _OF_NOISE * candidate.gain:
         return False, None
@@ -177,6 +175,8 @@ def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     gain, rank = base.project(base.channels.design(moved.terms)).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
     alone = Evidence(cause.effect, moved, gain - rank * log(base.channels.count), gain)
+    if form.effect.surrogates == "of_course" and _is_of_time(base, alone, unknown):
+        return False
     return alone.delta_bic > LEAST_EVIDENCE and stands(base, alone, unknown)[0]
 
 
