@@ -13,6 +13,7 @@ from tam_calibration.gap.result import Considered
 from tam_calibration.gap.search import Hypothesis, given_form, places_of, restricted, sensors_of
 from tam_calibration.gap.size import LARGEST_NOISE
 from tam_calibration.gap.support import (
+    JUMP,
     LEAST_EVIDENCE,
     LEAST_SHARE,
     Step,
@@ -29,6 +30,9 @@ Progress = Callable[[str, float], None]
 
 CLEAN = 0.1
 """Part of the gap that causes may leave open and still explain it."""
+
+LARGEST_REST = 1.0
+"""Noise floors that causes may leave: what is larger than the noise is a gap of its own."""
 
 _MOST_CAUSES = 4
 
@@ -94,7 +98,8 @@ class Looking:
         count = base.channels.count
         spent = base.rank - self.first_base.rank + sum(finding.parameter_count for finding in model.findings)
         evidence = -count * log(base.energy / count) - spent * log(count)
-        is_clean = bool(kept or not steps) and open_part(self.first_base, base, unknown) < CLEAN
+        is_small = base.energy < (1 + LARGEST_REST**2) * count
+        is_clean = bool(kept or not steps) and is_small and open_part(self.first_base, base, unknown) < CLEAN
         return Outcome(steps[0].accepted if steps else None, tuple(kept), model, unknown, evidence, is_clean)
 
     def other_starts(self, found: Outcome) -> list[Evidence]:
@@ -131,10 +136,22 @@ class Looking:
             given = (first, stands(base, first, unknown)[1]) if first is not None and not steps else None
             found = given or supported(base, weighed, unknown, steps, least)
             if found is None:
-                break
+                return steps or self._jumps(weighed, unknown)
             accepted, standing = found
             steps.append(Step(absorbed(accepted, steps), weighed, unknown, standing))
         return steps
+
+    def _jumps(self, weighed: tuple[Evidence, ...], unknown: tuple[Evidence, ...]) -> list[Step]:
+        """Return several jumps of which none stands alone, but each beside the others; none where that is not so."""
+        effect = self._effects.get(JUMP)
+        chain: list[Step] = []
+        while effect is not None and len(chain) < _MOST_CAUSES:
+            base = self._beside(chain)[1]
+            one = examine(base, effect)
+            if not isinstance(one, Evidence) or one.delta_bic < LEAST_EVIDENCE or not is_new(one, chain, base):
+                break
+            chain.append(Step(one, weighed, unknown))
+        return chain if chain and len(self._holding(chain)) == len(chain) else []
 
     def _visible(self) -> float:
         """Return the energy of the gap: what anything explains of it, or what exceeds noise beyond all doubt."""

@@ -59,8 +59,8 @@ _MOST_STRUCK = 0.04
 _SAME_TIME = 3.0
 """Sampling steps within which two jumps are one."""
 
-NOISE, OUTLIERS, _JUMP = "noise_excess", "outliers", "bias_jump"
-_REPEATED = {_JUMP, "scale_step", "periodic_interference", NOISE, OUTLIERS}
+NOISE, OUTLIERS, JUMP = "noise_excess", "outliers", "bias_jump"
+_REPEATED = {JUMP, "scale_step", "periodic_interference", NOISE, OUTLIERS}
 """Effects that may happen more than once, each time in another form."""
 
 _OF_EACH_SENSOR = {"temperature_drift"}
@@ -216,7 +216,7 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
     if any(_is_nested(candidate, other) for other in there):
         return False
-    return candidate.effect != _JUMP or _jumps([candidate, *there], base.channels.situation.step_s) <= _MOST_JUMPS
+    return candidate.effect != JUMP or _jumps([candidate, *there], base.channels.situation.step_s) <= _MOST_JUMPS
 
 
 def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
@@ -276,7 +276,7 @@ def _struck(causes: Sequence[Evidence]) -> float:
 
 def _jumps(causes: Sequence[Evidence], step_s: float) -> int:
     """Return the number of times at which biases jump."""
-    forms = [one.form for one in causes if one.effect == _JUMP]
+    forms = [one.form for one in causes if one.effect == JUMP]
     times = sorted(time for form in forms if isinstance(form, Hypothesis) for time in form.shape.values())
     return sum(
         later - time > _SAME_TIME * step_s for time, later in zip(times, [*times[1:], float("inf")], strict=True)

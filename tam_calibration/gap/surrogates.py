@@ -20,6 +20,7 @@ from tam_calibration.effects.term import chosen
 from tam_calibration.gap.design import Design
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.search import Hypothesis
+from tam_calibration.gap.selection import columns_of
 from tam_calibration.gap.standing import Standing
 from tam_calibration.units import FloatArray
 
@@ -42,6 +43,12 @@ _FREQUENCIES = 60
 
 _NEAREST = 0.05
 """Part of the record by which anything is moved at least."""
+
+_ITSELF = 0.5
+"""Part of its own energy that a form explains of itself, moved, from which on it is no surrogate: motion repeats."""
+
+_MOSTLY_OTHER = 0.5
+"""Part of the moved residuals that must be surrogates; of what is slow, and like itself always, none is left out."""
 
 _SAME_CHANNEL = 0.995
 """Correlation with the recorded channel from which on another of the same spectrum is that channel."""
@@ -73,18 +80,41 @@ def _moved(base: Base, form: Hypothesis) -> Iterator[float]:
     feature and row gives them all.
     """
     design = base.channels.design(form.terms)
-    inverse, _ = base.project(design).inverse()
-    moved = _Moved(base)
+    projected = base.project(design)
+    inverse, _ = projected.inverse()
+    values = inverse @ projected.score
+    own = _explained(base, design, inverse, *base.channels.residual)
+    of_itself = _explained(base, design, inverse, *_whitened(base, form, values))
+    is_other = of_itself < _ITSELF * float(projected.score @ values)
+    yield from own[is_other] if is_other.mean() > _MOSTLY_OTHER else own
+
+
+def _explained(
+    base: Base, design: Design, inverse: FloatArray, differential: FloatArray, common: FloatArray
+) -> FloatArray:
+    """Return the energy (S,) that columns explain of whitened residuals moved in time, the base eliminated."""
+    moved = _Moved(base, differential, common)
     _, eliminated = base.eliminated(design)
     score = moved.scores(design) - eliminated @ np.concatenate([moved.scores(one) for one in base.designs])
-    yield from np.sum(score * (inverse @ score), axis=0)
+    explained: FloatArray = np.sum(score * (inverse @ score), axis=0)
+    return explained
+
+
+def _whitened(base: Base, form: Hypothesis, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what a form with values adds to the whitened residuals of the samples that are taken."""
+    channels = base.channels
+    rows = np.zeros((len(form.terms[0].features), len(channels.slope)))
+    for term, columns in zip(form.terms, columns_of(form.terms), strict=True):
+        rows += term.signal(values[columns], rows.shape[1])
+    if len(rows) != channels.slope.shape[1]:
+        rows = rows[:: channels.stride]
+    return rows[:, :-1] @ channels.directions, np.sum(channels.slope.T * rows, axis=1)
 
 
 class _Moved:
-    """The residuals of a base moved in time."""
+    """Whitened residuals of the samples that are taken, moved in time."""
 
-    def __init__(self, base: Base) -> None:
-        differential, common = base.channels.residual
+    def __init__(self, base: Base, differential: FloatArray, common: FloatArray) -> None:
         self._channels, self._count = base.channels, len(common)
         ends = _NEAREST * self._count, (1 - _NEAREST) * self._count
         self._shifts = np.unique(np.linspace(*ends, _MOVES).astype(int))

@@ -4,7 +4,7 @@ import numpy as np
 
 from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
 from tam_calibration.gap.hypotheses import Evidence
-from tam_calibration.gap.looking import CLEAN
+from tam_calibration.gap.looking import CLEAN, LARGEST_REST
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Cause, Size, Verdict, Where
 from tam_calibration.gap.size import LARGEST_NOISE
@@ -16,9 +16,6 @@ SMALLEST_GAP = 0.1
 
 _LEAST_CLOSED = 0.25
 """Part of a gap that causes must close; less may be what they have in common with an unknown one."""
-
-_LARGEST_REST = 1.0
-"""Noise floors that causes may leave: what is larger than the noise is a gap of its own."""
 
 _MOSTLY = 0.6
 """Part of a gap that closes, from which on causes explain it where nothing is visible beside them."""
@@ -43,7 +40,7 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
     if size.closed < _LEAST_CLOSED:
         return "unexplained"
     left = open_part(found.nominal.base(), found.model.base(), found.remaining)
-    is_whole = left < CLEAN and size.closed > _MOSTLY and size.after < _LARGEST_REST
+    is_whole = left < CLEAN and size.closed > _MOSTLY and size.after < LARGEST_REST
     return "explained" if is_whole else "partly_explained"
 
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tam_calibration.gap.standing import LEAST_EVIDENCE
 
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.steps import search
+from tam_calibration.gap.support import LEAST_EVIDENCE
 
 SAMPLES = 600
 

@@ -1,0 +1,93 @@
+"""What a residual supports: more than its surrogates, no average of noise, of a size that nature knows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tam_calibration.effects.library import effect_named
+from tam_calibration.gap.hypotheses import evidence_of, examine, rivals
+from tam_calibration.gap.search import best_form
+from tam_calibration.gap.support import (
+    LEAST_EVIDENCE,
+    Step,
+    energy_explained,
+    holds,
+    is_new,
+    open_part,
+    stands,
+    supported,
+)
+
+
+@pytest.fixture(scope="module")
+def base(run):
+    """Return the calibration of a run in which the scalar magnetometer alone follows the attitude."""
+    made = run(600)
+    field = made.errors.restore(made.recording.readings_T).mean(axis=1)
+    along = field @ np.array([0.6, 0.0, 0.8]) / np.linalg.norm(field, axis=1)
+    return made.with_row(12, 6e-9 * along**3 * np.abs(along)).model().base()
+
+
+def test_the_scalars_own_effect_is_supported_before_what_imitates_it(base):
+    """All sensors may imitate the scalar magnetometer with many coefficients."""
+    effects = ("hysteresis", "scalar_heading_error", "geomagnetic_drift")
+    weighed = [one for one in (examine(base, effect_named(name)) for name in effects) if not isinstance(one, str)]
+    found = supported(base, weighed, rivals(base), (), 0.0)
+    assert found is not None and found[0].effect == "scalar_heading_error"
+    assert found[1] is not None and found[1].ratio > 2
+    assert holds(base, found[0], rivals(base))
+
+
+def test_a_cause_must_explain_its_share(base):
+    """Nothing is supported where more energy is asked for than anything explains."""
+    weighed = [examine(base, effect_named("scalar_heading_error"))]
+    assert supported(base, weighed, rivals(base), (), base.energy) is None
+
+
+def test_weak_evidence_supports_nothing(base):
+    """Below the least evidence a hypothesis does not count, however it stands."""
+    one = replace(examine(base, effect_named("scalar_heading_error")), delta_bic=LEAST_EVIDENCE - 1)
+    assert supported(base, [one], rivals(base), (), 0.0) is None
+
+
+def test_a_product_of_two_axes_is_no_memory(run):
+    """Where a function of the direction explains more in the same sensor, an effect of the field alone does not."""
+    made = run(900)
+    field = made.errors.restore(made.recording.readings_T).mean(axis=1)
+    x, y, z = field.T / np.linalg.norm(field, axis=1)
+    base = made.with_row(8, 20e-9 * x * y * (1 + 0.5 * z)).model().base()
+    cause = evidence_of(base, best_form(base, effect_named("hysteresis")))
+    assert cause.delta_bic > LEAST_EVIDENCE
+    assert stands(base, cause, rivals(base)) == (False, None)
+
+
+def test_a_size_that_nature_does_not_know_is_no_cause(run, monkeypatch):
+    """A delay of half a millisecond stands, and does not where delays are known up to a tenth of that."""
+    made = run(600)
+    field = made.errors.restore(made.recording.readings_T).mean(axis=1)
+    rate = np.gradient(field, made.recording.time_s, axis=0)
+    base = made.with_row(4, -2e-3 * rate[:, 1]).model().base()
+    effect = effect_named("time_skew")
+    cause = evidence_of(base, best_form(base, effect))
+    assert stands(base, cause, rivals(base))[0]
+    small = {name: replace(limit, largest=5e-5) for name, limit in effect.limits.items()}
+    monkeypatch.setattr(type(effect), "limits", small)
+    assert stands(base, cause, rivals(base)) == (False, None)
+
+
+def test_an_effect_comes_once_unless_it_may_repeat(base):
+    """A second heading error beside the first says nothing new, a second jump in time does."""
+    heading = examine(base, effect_named("scalar_heading_error"))
+    assert not is_new(heading, [Step(heading, (), ())], base)
+    jump = examine(base, effect_named("bias_jump"))
+    assert is_new(jump, [Step(jump, (), ())], base)
+
+
+def test_all_is_open_in_front_of_causes(base):
+    """What functions without physics explain of the calibration's own residual."""
+    unknown = rivals(base)
+    assert open_part(base, base, unknown) == pytest.approx(1)
+    assert open_part(base, base, ()) == 0
+    true = examine(base, effect_named("scalar_heading_error"))
+    assert 0 < energy_explained(true, base) < base.energy

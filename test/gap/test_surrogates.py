@@ -1,0 +1,91 @@
+"""Surrogates: what a form would explain of a residual that it has nothing to do with."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.effects.library import effect_named
+from tam_calibration.gap.regression import Base
+from tam_calibration.gap.search import best_form, restricted
+from tam_calibration.gap.surrogates import _moved, standing_of
+
+
+def slow(count, seed):
+    """Return a slow course of time, of unit variance, that follows nothing."""
+    walk = np.cumsum(np.random.default_rng(seed).normal(size=count))
+    return (walk - walk.mean()) / walk.std()
+
+
+def standing(made, effect):
+    """Return how an effect's best form stands in the residual of a run."""
+    base = made.model().base()
+    return standing_of(base, best_form(base, effect_named(effect)))
+
+
+def test_moved_residuals_are_those_of_shifted_channels(run):
+    """All shifts at once, by Fourier transform, explain what each channel rolled by hand does, either way round."""
+    made = run(400)
+    made = made.with_row(4, 20e-9 * slow(400, 1))
+    base = made.model().base()
+    form = best_form(base, effect_named("hysteresis"))
+    own = np.array(list(_moved(base, form)))
+    differential, common = base.channels.residual
+    shift = int(np.linspace(20, 380, 150)[0])
+    rolled = base.of_residual(np.roll(differential, shift, axis=0), np.roll(common, shift))
+    turned = base.of_residual(np.roll(differential[::-1], shift + 1, axis=0), np.roll(common[::-1], shift + 1))
+    by_hand = [one.project(base.channels.design(form.terms)).gain()[0] for one in (rolled, turned)]
+    assert_allclose([own[0], own[len(own) // 2]], by_hand, rtol=1e-6)
+
+
+def test_another_residual_is_that_of_its_channels(run):
+    """A base of another residual has the energy and the score of a base that is made of it."""
+    base = run(300).model().base()
+    differential, common = base.channels.residual
+    other = base.of_residual(2 * differential, 2 * common)
+    made = Base(replace(other.channels), base.designs)
+    assert other.energy == pytest.approx(made.energy, rel=1e-6)
+    assert_allclose(other.project(base.designs[0]).before, made.project(base.designs[0]).before)
+
+
+@pytest.mark.parametrize(
+    ("effect", "row"), [("temperature_drift", 4), ("current_interference", 1), ("bias_jump", 7), ("time_skew", 3)]
+)
+def test_a_slow_course_that_follows_nothing_stands_among_its_surrogates(run, effect, row):
+    """Channel, motion and jumps explain a part of any slow course, and so do those like them."""
+    made = run(900)
+    found = standing(made.with_row(row, 10e-9 * slow(900, 5)), effect)
+    assert found.gain > 12
+    assert found.ratio < 1.1
+
+
+def test_what_follows_the_temperature_stands_above_all_channels_like_it(run):
+    """An axis that drifts with the recorded temperature, beside a slow course as large in another sensor."""
+    made = run(900)
+    change = made.recording.temperature_C - made.recording.temperature_C.mean()
+    made = made.with_row(4, 5e-9 * change).with_row(8, 10e-9 * slow(900, 7))
+    base = made.model().base()
+    own = restricted(base, best_form(base, effect_named("temperature_drift")), 1)
+    assert standing_of(base, own).rank < 0.03
+
+
+def test_a_jump_stands_above_courses_of_its_spectrum(run):
+    """An offset that jumps for good in the middle of the run."""
+    made = run(900)
+    found = standing(made.with_row(4, np.where(made.recording.time_s > 30, 8e-9, 0.0)), "bias_jump")
+    assert found.ratio > 1.2
+
+
+def test_a_tone_stands_above_other_frequencies(run):
+    """Mains at an alias."""
+    made = run(900)
+    found = standing(made.with_row(4, 3e-9 * np.sin(2 * np.pi * 4.1 * made.recording.time_s)), "periodic_interference")
+    assert found.ratio > 10
+
+
+def test_an_intensity_that_drifts_stands_above_other_rows(run):
+    """What the scalar magnetometer alone does not follow is told from an axis that drifts."""
+    made, course = run(900), 5e-9 * slow(900, 3)
+    assert standing(made.with_row(12, course), "geomagnetic_drift").ratio > 1.5
+    assert standing(made.with_row(4, course), "geomagnetic_drift").ratio < 1
