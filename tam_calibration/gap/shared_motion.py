@@ -10,6 +10,9 @@ _SURE = 15.0
 White noise makes one to two of it, slow noise three times as much.
 """
 
+_WILD = 8.0
+"""Times the median distance from the median, from which a reading is a spike; a motion hardly goes so far."""
+
 _MOST = 0.5
 """Correlation that is sure in a recording however short."""
 
@@ -17,9 +20,12 @@ _MOST = 0.5
 def canonical_correlations(readings_T: FloatArray) -> FloatArray:
     """Return the canonical correlations (K, 3), the largest first, of sensors' readings (N, K, 3) with the first's.
 
-    By the singular values between orthonormal bases of both (Björck and Golub 1973).
+    By the singular values between orthonormal bases of both (Björck and Golub 1973). Spikes do not count.
     """
-    centered = np.swapaxes(readings_T - readings_T.mean(axis=0), 0, 1)
+    centered = readings_T - np.median(readings_T, axis=0)
+    size = _WILD * np.median(np.abs(centered), axis=0)
+    clipped = np.clip(centered, np.where(size > 0, -size, -np.inf), np.where(size > 0, size, np.inf))
+    centered = np.swapaxes(clipped - clipped.mean(axis=0), 0, 1)
     basis = np.linalg.svd(centered, full_matrices=False)[0]
     correlations: FloatArray = np.linalg.svd(np.swapaxes(basis, 1, 2) @ basis[0], compute_uv=False)
     return correlations

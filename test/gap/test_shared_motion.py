@@ -29,3 +29,11 @@ def test_what_is_sure_falls_with_the_root_of_the_samples(samples, sure):
     if samples > 100:
         noise = np.random.default_rng(2).normal(size=(samples, 2, 3))
         assert canonical_correlations(noise)[1].max() < 0.4 * sure
+
+
+def test_spikes_do_not_hide_the_motion():
+    """One reading in a hundred is a thousand times as large."""
+    readings = np.random.default_rng(3).uniform(-1, 1, size=(1000, 1, 3))
+    both = np.concatenate([readings, readings], axis=1)
+    both[::100, 1, 0] = 1000
+    assert canonical_correlations(both)[1].min() > 0.6
