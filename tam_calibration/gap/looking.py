@@ -111,7 +111,12 @@ class Looking:
         others = [one for one in ranked if one is not first and one.delta_bic > _START_PART * first.delta_bic]
         starts = [] if found.is_clean else [self._alone(one) or one for one in others[:_STARTS]]
         alone = self._alone(first)
-        return starts if alone is None else [alone, *starts]
+        base, unknown = self.first_base, self.weigh_first()[1]
+        return [
+            one
+            for one in (alone, *starts)
+            if one is not None and is_new(one, (), base) and stands(base, one, unknown)[0]
+        ]
 
     def _weigh(self, base: Base, depth: int) -> tuple[Evidence, ...]:
         weighed = []
@@ -133,6 +138,7 @@ class Looking:
             base = self._beside(steps)[1]
             if steps:
                 weighed, unknown = self._weigh(base, len(steps)), tuple(rivals(base))
+                least = min(least, LARGEST_REST**2 * base.channels.count)
             given = (first, stands(base, first, unknown)[1]) if first is not None and not steps else None
             found = given or supported(base, weighed, unknown, steps, least)
             if found is None:
@@ -212,7 +218,9 @@ class Looking:
             sharp = sharpened(base, [offer for offer in offers if isinstance(offer, Evidence)])
             rest = [one for one in kept if one is not step]
             fitting = [offer for offer in sharp if is_new(offer, rest, base)]
-            best = max(fitting, key=lambda offer: offer.delta_bic, default=step.accepted)
+            if step.accepted.effect not in {offer.effect for offer in fitting}:
+                continue
+            best = max(fitting, key=lambda offer: offer.delta_bic)
             kept[index] = Step(best, step.weighed, step.rivals, step.standing)
         return kept
 
