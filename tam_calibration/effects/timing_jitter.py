@@ -59,11 +59,7 @@ class TimingJitter(FoundEffect):
     excitation = "turn the array steadily, fast and slowly, with two sensors or more"
     units: ClassVar[Mapping[str, str]] = {"standard deviation": "s"}
     limits: ClassVar[Mapping[str, Limit]] = {
-        "jitter": Limit(
-            0.1,
-            "what a general-purpose system holds up a process: Etsion, Tsafrir and Feitelson, Effects of clock "
-            "resolution on the scheduling of interactive and soft real-time processes, SIGMETRICS 2003",
-        )
+        "jitter": Limit(0.1, "ten ticks of the 100 Hz by which an operating system schedules what is not urgent", "s")
     }
 
     def obstacle(self, situation: Situation) -> str | None:
