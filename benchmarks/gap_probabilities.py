@@ -62,14 +62,15 @@ def causes_of(outcomes: Sequence[Outcome]) -> FloatArray:
 
 
 def fitted(tables: Sequence[FloatArray]) -> FloatArray:
-    """Return the coefficients (4,) of the logistic regression with a ridge."""
+    """Return the coefficients (4,) of the logistic regression with a ridge; nothing that is told speaks against."""
     joined = np.concatenate(tables)
 
     def cost(weights: FloatArray) -> float:
         logit = joined[:, :-1] @ weights
         return float(np.sum(np.logaddexp(0, logit) - joined[:, -1] * logit) + RIDGE * weights @ weights / 2)
 
-    return np.asarray(minimize(cost, np.zeros(joined.shape[1] - 1)).x)
+    bounds = [(None, None), *[(0.0, None)] * (joined.shape[1] - 2)]
+    return np.asarray(minimize(cost, np.zeros(len(bounds)), bounds=bounds).x)
 
 
 def chance(weights: FloatArray, table: FloatArray) -> FloatArray:
