@@ -54,9 +54,9 @@ class NoiseExcess(FoundEffect):
 
     def find(self, misfit: Misfit) -> Finding | str:
         """Return the rows with more noise and how much, or why there is none."""
-        if misfit.is_counted.sum() < LEAST_SAMPLES:
-            return f"a variance needs {LEAST_SAMPLES} samples or more"
         misfit = without_spikes(inside_range(misfit))
+        if misfit.is_counted.sum() < LEAST_SAMPLES:
+            return f"a variance needs {LEAST_SAMPLES} samples or more, spikes and the end of the range left out"
         moments = Moments.of(misfit)
         excess = best_excess(moments, misfit.situation)
         if excess is None:

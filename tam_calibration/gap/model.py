@@ -155,14 +155,15 @@ class Model:
         jump = moved_sphere(recording)
         beside = None if jump is None else cls._within_bounds(without_jump(recording, jump), noisy, stride)
         if jump is None or beside is None:
-            plain = cls._of_most(recording, noisy, stride) if plain is None else plain
+            if plain is None and (most := cls._of_most(recording, noisy, stride)) is not None:
+                plain = most._with_floor(array, settled=False)
             if plain is None:
                 begun = (cls(recording, noisy, one.errors, one.intensity_T) for one in starts(recording, noisy))
                 raise Refused(without_calibration(recording, next((one.objection for one in begun), None)))
             return plain
         largest = max(abs(value) for one in jump.contributions for value in one.values.values())
         jumping = tuple(one for one in jump.contributions if max(map(abs, one.values.values())) > _LEAST_JUMP * largest)
-        return replace(beside, recording=recording, gross=replace(jump, contributions=jumping))
+        return replace(beside._with_floor(array), recording=recording, gross=replace(jump, contributions=jumping))
 
     @classmethod
     def _within_bounds(cls, recording: Recording, array: Array, stride: int) -> "Model | None":
@@ -201,7 +202,7 @@ class Model:
                 continue
         return None
 
-    def _with_floor(self, stated: Array) -> "Model":
+    def _with_floor(self, stated: Array, settled: bool = True) -> "Model":
         """Return the model with the noise that the recording shows, where none is stated or it is contradicted."""
         floor = floor_of(self.channels(), stated)
         noise_T = self.array.vector_noise_T
@@ -216,7 +217,8 @@ class Model:
             noise_T = noise_T * np.sqrt(base.energy / max(base.channels.count - base.rank, 1.0))
         if np.allclose(noise_T, before_T, rtol=_SAME_NOISE, atol=0):
             return self
-        return replace(self, array=replace(self.array, vector_noise_T=noise_T)).settled()
+        model = replace(self, array=replace(self.array, vector_noise_T=noise_T))
+        return model.settled() if settled else model
 
     @property
     def is_settled(self) -> bool:

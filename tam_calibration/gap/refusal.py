@@ -56,10 +56,8 @@ def without_calibration(recording: Recording, objection: str | None) -> str:
     except Refused as problem:
         return str(problem)
     first, last = recording.time_span_s
-    why = "the readings are not those of sensors turned in the Earth's field"
-    if objection is not None:
-        why = f"the one that fits best has {objection}"
-    return f"no calibration that sensors can have fits the readings between {first:.1f} and {last:.1f} s: {why}"
+    best = "" if objection is None else f": the one that fits best has {objection}"
+    return f"no calibration that sensors can have fits the readings between {first:.1f} and {last:.1f} s{best}"
 
 
 def require_no_copies(recording: Recording) -> None:
