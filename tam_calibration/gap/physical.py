@@ -15,7 +15,7 @@ from numpy.linalg import norm
 
 from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import EARTH_FIELD_T
-from tam_calibration.units import FloatArray
+from tam_calibration.units import FloatArray, to_degrees
 
 LARGEST_RATIO = 2.0
 """Of the scale factors of two axes of a sensor. Data sheets allow some per cent, soft iron beside it some ten."""
@@ -67,7 +67,7 @@ def objection_to(errors: SensorErrors, intensity_T: float) -> str | None:
     cosine = np.abs([_cosines(matrix) for matrix in errors.matrix]).max(axis=1)
     worst = int(cosine.argmax())
     if cosine[worst] > LARGEST_COSINE:
-        degrees = np.degrees(np.arcsin(min(cosine[worst], 1.0)))
+        degrees = float(to_degrees(np.arcsin(min(cosine[worst], 1.0))))
         return f"axes of sensor {worst + 1} that stand {degrees:.0f} degrees off the right angle"
     return None
 

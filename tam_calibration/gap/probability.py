@@ -6,7 +6,7 @@ likely as they were right there. The coefficients are those that
 
     python benchmarks/gap_probabilities.py FOLDER ...
 
-prints, of folders that ``tam blind make`` and ``tam blind answer`` wrote on seeds below 1000.
+prints, of folders that ``tam blind make`` and ``tam blind answer`` wrote: 56 causes of ``--seed 811 --cases 70``.
 """
 
 from collections.abc import Collection, Mapping
@@ -16,14 +16,14 @@ from tam_calibration.gap.result import Cause, Size, Verdict
 from tam_calibration.gap.standing import Standing
 from tam_calibration.gap.steps import Search
 
-_COEFFICIENTS = (-2.2, 1.1, 2.6, 0.9)
+_COEFFICIENTS = (-0.22, 0.0, 0.85, 1.2)
 """Of one, of the logarithm of the ratio to the best surrogate, of the closed part and of the share in it."""
 
 _LARGEST_RATIO = 10.0
 """Beyond which a ratio says nothing more; also that of facts of the readings, which need no surrogates."""
 
-_RIGHT: Mapping[Verdict, float] = {"no_gap": 0.95, "unexplained": 0.9}
-"""How often these were right."""
+_RIGHT: Mapping[Verdict, float] = {"no_gap": 9 / 10, "unexplained": 9 / 17}
+"""How often these were right: 8 of 8 and 8 of 15, by Laplace's rule."""
 
 _SURE = 0.95
 """Probability that a set of answers holds the true one."""

@@ -26,12 +26,12 @@ def slow(run):
 
 
 @pytest.mark.parametrize("stride", [1, 2])
-def test_what_averages_noise_is_no_effect(slow, stride):
-    """Eddy currents gain much of a slow turn by averaging neighbours, also where a part of the samples is fitted."""
+def test_what_averages_noise_gains_nothing(slow, stride):
+    """Eddy currents could average neighbours of a slow turn; the field is that of the better scalar, so they do not."""
     base = slow.model(stride=stride).base()
     form = best_form(base, effect_named("eddy_current"))
-    assert form.selection.gain > 0.05 * base.energy
-    assert noise_gain(base, form) > 0.9 * form.selection.delta_bic
+    assert form.selection.gain < 0.02 * base.energy
+    assert form.selection.delta_bic < 0
 
 
 def test_what_averages_noise_is_no_gap(slow):
