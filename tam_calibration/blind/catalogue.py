@@ -39,7 +39,9 @@ CATALOGUE = {
     "saturation": Entry(saturation, "transfer", sensor_counts=ANY),
     "stale_samples": Entry(stale_samples, "timing", motions=MOVING, sensor_counts=SEVERAL, most_nT=50_000, coarse=True),
     "timing_jitter": Entry(timing_jitter, "timing", motions=MOVING, sensor_counts=SEVERAL),
-    "interpolated_samples": Entry(interpolated_samples, "timing", motions=MOVING, sensor_counts=SEVERAL, large=(30.0,)),
+    "interpolated_samples": Entry(
+        interpolated_samples, "timing", motions=MOVING, sensor_counts=SEVERAL, large=(30.0,), coarse=True
+    ),
     "gain_switching": Entry(gain_switching, "gain", sensor_counts=SEVERAL),
     "scale_step": Entry(scale_step, "gain", sensor_counts=SEVERAL),
     "crosstalk": Entry(crosstalk, "gain", sensor_counts=SEVERAL),
