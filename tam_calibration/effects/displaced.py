@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, Misfit
 from tam_calibration.effects.other_sensors import MEDIAN_OF_THREE, AgainstOthers
-from tam_calibration.effects.outliers import position_nats
 from tam_calibration.effects.within_motion import is_chance
 from tam_calibration.units import FloatArray
 
@@ -93,15 +92,24 @@ class Explained:
     contribution: Contribution
 
 
-def finding_of(effect: str, misfit: Misfit, found: Mapping[int, Explained]) -> Finding:
-    """Return what displacements of some sensors explain together; the samples are given up."""
+def finding_of(effect: str, misfit: Misfit, found: Mapping[int, Explained], nats: float) -> Finding:
+    """Return what displacements of some sensors explain together; the samples are given up.
+
+    Parameters
+    ----------
+    effect : str
+    misfit : Misfit
+    found : mapping of int to Explained
+        By sensor.
+    nats : float
+        What it costs to say which samples they are, where nothing but the residual says so.
+    """
     flagged = np.any([one.samples for one in found.values()], axis=0)
     shift = np.zeros((len(flagged), len(misfit.directions)))
     for sensor, one in found.items():
         shift[:, 3 * sensor : 3 * sensor + 3] = AgainstOthers.of(misfit, sensor).beyond_T - one.left_T
     used = misfit.is_counted | flagged
     count = float(misfit.channel_count[used].sum())
-    nats = sum(position_nats(len(flagged), int(one.samples.sum())) for one in found.values())
     return Finding(
         FittedEffect(effect, {}, tuple(one.contribution for one in found.values())),
         gain=count * float(np.log(misfit.energy[used].sum() / misfit.energy_without(shift)[used].sum())),

@@ -1,11 +1,12 @@
 """Interpolated samples: lost readings that a driver filled on straight lines between their neighbours.
 
 Where the field is in motion the line cuts its curve short: the residual is the error of linear interpolation, up to
-h²/8 |d²b/dt²| for a gap of duration h, and the second differences of the readings vanish, as if the sensor had less
-noise there and the field no curvature.
+h²/8 |d²b/dt²| for a gap of duration h. Noise never goes straight in three axes at once: the second differences of what
+was filled vanish, to the last digit that is written. Where noise came behind the filling, the field's curvature is
+missed in rows of samples.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -25,7 +26,16 @@ from tam_calibration.effects.places import rows_of
 from tam_calibration.units import FloatArray
 
 LEAST_LENGTH = 4
-"""Samples; what is shorter is no line, but may be any reading between its neighbours."""
+"""Samples with noise on them; what is shorter is no line, but may be any reading between its neighbours."""
+
+_DIGITS = 2.0
+"""Steps of the last digit by which the second difference of three rounded values on a line can be off."""
+
+_ROUNDING = 1e-13
+"""Of the largest reading: steps below are those of floating numbers, not of the last digit that is written."""
+
+_CHANCE = 0.01
+"""Number of rows of samples that would go straight by chance, from which on one is no chance."""
 
 
 class InterpolatedSamples(FoundEffect):
@@ -50,13 +60,12 @@ class InterpolatedSamples(FoundEffect):
         found = {}
         for sensor in range(misfit.situation.sensor_count):
             against = AgainstOthers.of(misfit, sensor).recalibrated()
-            straight = Displaced(against, *_curvatures(against))
-            windows = _windows(straight.which >= 0)
-            if len(windows) and straight.is_found:
+            windows = _exact(misfit.recording.readings_T[:, sensor], misfit.situation) or _curved(against)
+            if windows:
                 found[sensor] = _explained(against, windows)
         if not found:
             return "no sensor reads along straight lines where the others see the field turn"
-        return finding_of(self.name, misfit, found)
+        return finding_of(self.name, misfit, found, nats=0.0)
 
     def add(
         self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
@@ -73,6 +82,42 @@ class InterpolatedSamples(FoundEffect):
         return rows
 
 
+def _exact(readings_T: FloatArray, situation: Situation) -> list[NDArray[np.intp]]:
+    """Return the samples of each row that goes straight in all axes and is longer than chance lets one be.
+
+    Chance is that of the samples of which some axes go straight, and others do not.
+    """
+    count = len(readings_T)
+    digit = np.array([_digit(axis) for axis in readings_T.T])
+    bend, step = np.full((count, 3), np.inf), np.zeros((count, 3))
+    for stretch in situation.stretches:
+        if stretch.stop - stretch.start > 2:
+            bend[stretch.start + 1 : stretch.stop - 1] = np.diff(readings_T[stretch], 2, axis=0)
+            step[stretch.start + 1 : stretch.stop] = np.diff(readings_T[stretch], axis=0)
+    goes_straight = np.abs(bend) <= _DIGITS * digit
+    is_straight = goes_straight.all(axis=1) & (np.abs(step) > 2 * _DIGITS * digit).any(axis=1)
+    chance = float(np.prod((goes_straight[~is_straight].sum(axis=0) + 1) / (np.sum(~is_straight) + 1)))
+    rows = np.split(np.arange(count), np.flatnonzero(np.diff(is_straight)) + 1)
+    return [row for row in rows if is_straight[row[0]] and count * chance ** len(row) < _CHANCE]
+
+
+def _digit(values: FloatArray) -> float:
+    """Return the smallest step between values (N,) that differ by more than the rounding of the computer."""
+    steps = np.diff(np.unique(values))
+    return float(np.min(steps[steps > _ROUNDING * np.abs(values).max()], initial=np.ptp(values)))
+
+
+def _curved(against: AgainstOthers) -> list[NDArray[np.intp]]:
+    """Return the samples of each row that lacks the curvature of the field, and is long enough."""
+    straight = Displaced(against, *_curvatures(against))
+    if not straight.is_found:
+        return []
+    samples = np.flatnonzero(straight.which >= 0)
+    rows = np.split(samples, np.flatnonzero(np.diff(samples) >= LEAST_LENGTH) + 1)
+    filled = [np.arange(row[0], row[-1] + 1) for row in rows]  # the field itself may go straight for a sample or two
+    return [row for row in filled if len(row) >= LEAST_LENGTH]
+
+
 def _curvatures(against: AgainstOthers) -> tuple[FloatArray, FloatArray]:
     """Return by how much the curvature of the readings (N, 3) is off, and by how much (1, N, 3) that of a line is."""
     beyond, bent = np.zeros_like(against.beyond_T), np.full_like(against.beyond_T, NOWHERE_T)
@@ -84,28 +129,14 @@ def _curvatures(against: AgainstOthers) -> tuple[FloatArray, FloatArray]:
     return beyond, bent[None]
 
 
-def _windows(is_straight: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Return the first and last sample (W, 2) of each row of straight samples that is long enough."""
-    straight = np.flatnonzero(is_straight)
-    if not len(straight):
-        return np.zeros((0, 2), dtype=np.intp)
-    cuts = np.flatnonzero(np.diff(straight) >= LEAST_LENGTH)  # the field itself may go straight for a sample or two
-    windows: NDArray[np.intp] = np.column_stack(
-        [straight[np.append(0, cuts + 1)], straight[np.append(cuts, len(straight) - 1)]]
-    )
-    is_long = windows[:, 1] - windows[:, 0] + 1 >= LEAST_LENGTH
-    return windows[is_long]
-
-
-def _explained(against: AgainstOthers, windows: NDArray[np.intp]) -> Explained:
-    """Return the samples in windows, what lines between their ends leave of the residual, and the numbers."""
+def _explained(against: AgainstOthers, windows: Sequence[NDArray[np.intp]]) -> Explained:
+    """Return the samples of the rows, what lines between their ends leave of the residual, and the numbers."""
     count, left = len(against.beyond_T), against.beyond_T.copy()
     filled = np.zeros(count, dtype=bool)
-    for first, last in windows:
-        inside, ends = np.arange(first, last + 1), [max(first - 1, 0), min(last + 1, count - 1)]
-        filled[inside] = True
+    for inside in windows:
+        filled[inside], ends = True, [max(inside[0] - 1, 0), min(inside[-1] + 1, count - 1)]
         line = np.column_stack([np.interp(inside, ends, against.expected_T[ends, axis]) for axis in range(3)])
         left[inside] += against.expected_T[inside] - line
-    rate, burst = float(filled.mean()), float(np.mean(np.diff(windows, axis=1))) + 1
+    rate, burst = float(filled.mean()), float(np.mean([len(row) for row in windows]))
     errors = {"rate": float(np.sqrt(rate * (1 - rate) / count))}
     return Explained(filled, left, Contribution(against.sensor, None, "lines", {"rate": rate, "burst": burst}, errors))

@@ -21,6 +21,7 @@ from tam_calibration.effects.effect import (
     Situation,
 )
 from tam_calibration.effects.other_sensors import LEAST_SENSORS, AgainstOthers
+from tam_calibration.effects.outliers import position_nats
 from tam_calibration.effects.places import rows_of
 from tam_calibration.units import FloatArray
 
@@ -55,7 +56,9 @@ class StaleSamples(FoundEffect):
                 found[sensor] = _explained(sensor, displaced)
         if not found:
             return "no sensor reads at some times what it should have read just before"
-        return finding_of(self.name, misfit, found)
+        count = misfit.situation.sample_count
+        nats = sum(position_nats(count, int(one.samples.sum())) for one in found.values())
+        return finding_of(self.name, misfit, found, nats)
 
     def add(
         self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator

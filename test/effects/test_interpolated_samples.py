@@ -49,12 +49,34 @@ def test_lines_are_found(bench, length, fresh_T):
     assert evidence(found, misfit) > 100 and isinstance(StaleSamples().find(misfit), str)
 
 
-def test_fewer_than_four_in_a_row_are_no_line(bench):
-    """Any reading may lie between its neighbours; two in a row are too few, four are enough."""
+def test_with_noise_on_them_fewer_than_four_in_a_row_are_no_line(bench):
+    """Any reading may lie about between its neighbours; two in a row are too few, four are enough."""
     made = bench()
     for length, is_found in ((2, False), (3, False), (4, True), (6, True)):
-        found = FILLED.find(made.with_rows(lines(made, (300, 700), length)[0]).misfit())
+        found = FILLED.find(made.with_rows(lines(made, (300, 700), length, 0.5e-9)[0]).misfit())
         assert isinstance(found, str) != is_found
+
+
+@pytest.mark.parametrize("digit_T", [0.0, 1e-12, 2e-11])
+@pytest.mark.parametrize("length", [1, 3])
+def test_what_is_straight_to_the_last_digit_is_a_line_however_short(bench, length, digit_T):
+    """In all three axes at once noise never is, however many digits are written; all are found and nothing else."""
+    made = bench()
+    starts = np.arange(100, 1900, 60)
+    rows, filled = lines(made, starts, length)
+    rows = np.round(rows / digit_T) * digit_T if digit_T else rows
+    found = FILLED.find(made.with_rows(rows).misfit())
+    assert np.array_equal(found.flagged, filled)
+    assert found.fitted.contributions[0].values["burst"] == length
+
+
+def test_a_coarse_digit_makes_no_line(bench):
+    """Rounded to as much as the noise, readings go straight at random."""
+    made = bench()
+    for digit_T in (5e-10, 2e-9, 2e-8):
+        rows = made.rows_T.copy()
+        rows[:, 3:6] = np.round(rows[:, 3:6] / digit_T) * digit_T
+        assert isinstance(FILLED.find(made.with_rows(rows).misfit()), str)
 
 
 def test_a_value_that_is_held_is_no_line_between_its_neighbours(bench):
