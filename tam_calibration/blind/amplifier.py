@@ -66,14 +66,15 @@ def scale_step(rng: Generator, scene: Scene) -> Disturbance:
 def crosstalk(rng: Generator, scene: Scene) -> Disturbance:
     """Let one channel leak into an axis of another sensor.
 
-    A leak that is always there and in time is a misalignment. This one is there while the multiplexer hurries, or it
-    is always there and comes some samples late.
+    A leak that is always there and in time is a misalignment, and one of a parallel axis is a gain. This one is there
+    while the multiplexer hurries, or it is always there and comes some samples late.
     """
     sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 0.6)
     other = int(rng.choice([k for k in range(scene.sensor_count) if k != sensor] or [sensor]))
+    leaking = int(rng.choice(np.flatnonzero(~mask.astype(bool)) if mask.sum() < 3 else 3))
     hurried = scene.motion.kind == "turntable" or rng.random() < 0.6
     late_s = scene.step_s * (rng.uniform(0, 1) if hurried else rng.uniform(3, 10))
-    source = scene.readings_at(scene.time_s - late_s)[:, other, rng.integers(3)] / scene.intensity_T.mean()
+    source = scene.readings_at(scene.time_s - late_s)[:, other, leaking] / scene.intensity_T.mean()
     on = _telegraph(rng, scene) if hurried else np.ones(scene.sample_count)
     change = 1e-9 * np.outer(on * source, mask * rng.uniform(0.4, 1.4, 3))
     parameters = {"from": other + 1, "late_s": late_s, "hurried": hurried}

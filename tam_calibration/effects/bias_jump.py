@@ -38,7 +38,7 @@ class BiasJump(LinearEffect):
     excitation: ClassVar[str] = "turn through the same attitudes before and after the jump"
     is_free_in_time: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
-    surrogates: ClassVar[SurrogateKind] = "of_course"
+    surrogates: ClassVar[SurrogateKind] = "at_other_times"
     shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
     limits: ClassVar[Mapping[str, Limit]] = {
         "offset": Limit(
@@ -73,6 +73,10 @@ class BiasJump(LinearEffect):
         is_small = situation.follows_attitude or np.sqrt(np.mean(misfit.row_shift_T**2)) < _GROSS * intensity
         gross = None if is_small else moved_sphere(misfit.recording)
         return shapes if gross is None else [gross.shape, *shapes]
+
+    def always(self, shape: Shape) -> Shape | None:
+        """Return a jump that was there before the first sample."""
+        return {"time_s": -np.inf}
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return an offset of each row from the one time on, until the other where there is one."""

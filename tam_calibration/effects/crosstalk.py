@@ -1,61 +1,111 @@
 """Readings of one channel that bleed into another."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Shape, Situation, Term
+from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.motion import jumps
+from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
 from tam_calibration.units import FloatArray
 
 _PARALLEL = 0.9
-"""Cosine of the angle between two axes above which what one bleeds into the other is a delay of that."""
+"""Cosine of the angle between two axes above which what one bleeds into the other is a delay or a gain of that."""
+
+_LATE = (1.0, 2.0, 4.0, 7.0, 10.0)
+"""Sampling steps by which what bleeds is late: from the channel before to a queue of usual length."""
+
+_BLOCK = 16
+"""Samples over which the response of a row is taken for one: shorter than a window, long enough to beat noise."""
 
 _BLEED = Coefficient("bleed", "1")
 
 
 class Crosstalk(LinearEffect):
-    """An axis reads a part of what another channel read before it.
+    """An axis reads a part of what another channel reads: of what that read before, or in windows of time.
 
-    A part of the present reading is inside the calibration; what a parallel axis bleeds is a delay of the axis itself.
-    The noise that comes along is not modelled.
+    What always bleeds, and at once, is inside the calibration; what a parallel axis bleeds is a delay or a gain of the
+    axis itself. The noise that comes along is not modelled.
     """
 
     name: ClassVar[str] = "crosstalk"
     title: ClassVar[str] = "readings of another channel that bleed in"
     physics: ClassVar[str] = (
         "The capacitor of a converter keeps part of the charge of the channel that a multiplexer had connected before, "
-        "and open switches and parallel wires let through part of another channel's signal while it is connected "
-        "(Kester, The Data Conversion Handbook, Newnes, 2005, chapter 7)."
+        "always or while it is in a hurry, and open switches and parallel wires let through part of another channel's "
+        "signal while it is connected (Kester, The Data Conversion Handbook, Newnes, 2005, chapter 7)."
     )
     excitation: ClassVar[str] = "turn the array fast and about all axes, so that the channels differ and change"
     is_causal: ClassVar[bool] = False
+    shape_units: ClassVar[Mapping[str, str]] = {"late_s": "s"} | WINDOW_UNITS
     limits: ClassVar[Mapping[str, Limit]] = {
         "bleed": Limit(1.0, "an input that nothing drives keeps the whole charge of the one before it; Kester 2005")
     }
 
-    def obstacle(self, situation: Situation) -> str | None:
-        """Return that there is no continuous motion, where there is none."""
-        return jumps(situation)
+    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+        """Return how late it is, where there is continuous motion, and the windows in which an axis bleeds most."""
+        late = [] if jumps(situation) else [{"late_s": steps * situation.step_s} for steps in _LATE]
+        windows = _windows(situation, misfit)
+        return late if windows is None else [*late, windows.shape(situation)]
+
+    def always(self, shape: Shape) -> Shape | None:
+        """Return a window without an end; None for what is late."""
+        return {"on_1_s": -np.inf} if "on_1_s" in shape else None
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return what each axis gets of each other channel's change since it was read before."""
-        bled = _change(situation.sensed_T, situation)
+        """Return what each axis gets of each other channel: its change since it was read, or all in the windows."""
+        if "late_s" in shape:
+            bled = _change(situation, shape["late_s"])
+        else:
+            bled = np.where(in_windows(situation, shape)[:, None], situation.sensed_T, 0.0)
         axes = situation.errors.matrix.reshape(-1, 3)
         axes = axes / np.linalg.norm(axes, axis=1)[:, None]
         of_source = [np.ascontiguousarray(bled[:, [source]]) for source in range(situation.scalar_row)]
         return [
-            Term.of_row(situation, row, f"previous {source // 3 + 1} {'xyz'[source % 3]}", [_BLEED], feature)
+            Term.of_row(situation, row, f"from {source // 3 + 1} {'xyz'[source % 3]}", [_BLEED], feature)
             for row in range(situation.scalar_row)
             for source, feature in enumerate(of_source)
             if abs(axes[source] @ axes[row]) < _PARALLEL
         ]
 
 
-def _change(readings: FloatArray, situation: Situation) -> FloatArray:
-    """Return the readings of the samples before less those of each (N, 3K); none behind a hole."""
-    change = np.zeros_like(readings)
+def _change(situation: Situation, late_s: float) -> FloatArray:
+    """Return what the channels (N, 3K) read so long before, less what they read; none behind a hole."""
+    from scipy.interpolate import CubicSpline
+
+    change, time = np.zeros_like(situation.sensed_T), situation.time_s
     for stretch in situation.stretches:
-        change[stretch.start + 1 : stretch.stop] = -np.diff(readings[stretch], axis=0)
+        begun = stretch.start + np.searchsorted(time[stretch], time[stretch.start] + late_s)
+        if stretch.stop - stretch.start > 1:
+            read = CubicSpline(time[stretch], situation.sensed_T[stretch])(time[begun : stretch.stop] - late_s)
+            change[begun : stretch.stop] = read - situation.sensed_T[begun : stretch.stop]
     return change
+
+
+def _windows(situation: Situation, misfit: Misfit) -> Switching | None:
+    """Return the windows of the axis in which a part of the field that comes and goes explains most."""
+    levels = [
+        Level.of_row(misfit, row, situation.field_T @ _bleeding(situation, misfit, row))
+        for row in range(situation.scalar_row)
+    ]
+    states, level, _ = settled_strongest(levels)
+    return states if level.is_switching(states) else None
+
+
+def _bleeding(situation: Situation, misfit: Misfit, row: int) -> FloatArray:
+    """Return the part of the field (3,) that comes and goes in a row.
+
+    In blocks of time the row follows the field by a response that the calibration took the mean of; where that comes
+    and goes as a whole, the responses of all blocks lie along one direction.
+    """
+    count = situation.sample_count // _BLOCK
+    blocks = slice(count * _BLOCK)
+    field = (situation.field_T[blocks] / np.median(situation.intensity_T)).reshape(count, _BLOCK, 3)
+    information = (misfit.is_counted * misfit.row_information[:, row])[blocks].reshape(count, _BLOCK, 1)
+    shift = misfit.row_shift_T[blocks, row].reshape(count, _BLOCK)
+    size = np.einsum("bni,bnj->bij", information * field, field)
+    score = np.einsum("bni,bn->bi", information * field, shift)
+    response = np.einsum("bij,bj->bi", np.linalg.pinv(size + size.mean(axis=0), hermitian=True), score)
+    along: FloatArray = np.linalg.eigh(response.T @ response)[1][:, -1]
+    return along

@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 
-SurrogateKind = Literal["moved", "of_channel", "of_attitude", "of_course", "elsewhere", "at_other_frequencies"]
+SurrogateKind = Literal["moved", "of_channel", "of_attitude", "at_other_times", "elsewhere", "at_other_frequencies"]
 """How surrogates of an effect are made, which have its form and nothing to do with the residual.
 
 ``moved``: the residual is moved in time against all else. ``of_channel``: the recorded channel is, or is another of
@@ -210,6 +210,10 @@ class LinearEffect(Effect):
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
         """Return the shapes to try; by default the one without parameters."""
         return ({},)
+
+    def always(self, shape: Shape) -> Shape | None:
+        """Return the shape in which what comes and goes at the times of a shape is always there; None where none is."""
+        return None
 
     @abstractmethod
     def terms(self, situation: Situation, shape: Shape) -> Iterable[Term]:

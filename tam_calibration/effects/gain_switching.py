@@ -19,11 +19,8 @@ from tam_calibration.effects.effect import (
     Term,
 )
 from tam_calibration.effects.memory import Memory
-from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows
+from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
 from tam_calibration.units import FloatArray
-
-_ROWS = 3
-"""Axes, those in which two rough states explain most, of which the states are settled."""
 
 _QUANTILES, _COARSE = np.linspace(0, 1, 41), 8
 """Of the readings at which the gain changes, among which thresholds are sought; first every so many of them."""
@@ -72,11 +69,12 @@ class GainSwitching(LinearEffect):
         if situation.sample_count < LEAST_SAMPLES:
             return []
         levels = [Level.of_row(misfit, row, situation.sensed_T[:, row]) for row in range(situation.scalar_row)]
-        started = [(level.start(), level, row) for row, level in enumerate(levels)]
-        strongest = sorted(started, key=lambda one: -one[0].gain)[:_ROWS]
-        settled = [(level.settled(start), level, row) for start, level, row in strongest]
-        states, level, row = max(settled, key=lambda one: one[0].gain)
+        states, level, row = settled_strongest(levels)
         return [_shape(situation, level, states, row)] if level.is_switching(states) else []
+
+    def always(self, shape: Shape) -> Shape | None:
+        """Return a window without an end; None for what depends on the reading."""
+        return {"on_1_s": -np.inf} if "on_1_s" in shape else None
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return the change of each axis' gain."""

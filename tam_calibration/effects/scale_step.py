@@ -49,7 +49,7 @@ class ScaleStep(LinearEffect):
     excitation: ClassVar[str] = "turn through the same attitudes before and after the step"
     is_free_in_time: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
-    surrogates: ClassVar[SurrogateKind] = "of_course"
+    surrogates: ClassVar[SurrogateKind] = "at_other_times"
     shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
     limits: ClassVar[Mapping[str, Limit]] = {
         "scale": Limit(
@@ -85,6 +85,10 @@ class ScaleStep(LinearEffect):
         middle = (time[1:] + time[:-1]) / 2
         cuts = dict.fromkeys(change.cuts for change in sharp.values())
         return [dict(zip(self.shape_units, middle[list(times)].tolist(), strict=False)) for times in cuts]
+
+    def always(self, shape: Shape) -> Shape | None:
+        """Return a step that was there before the first sample."""
+        return {"time_s": -np.inf}
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return from the one time on a scale and a tilt of each axis and a turn of each sensor.

@@ -1,5 +1,6 @@
 """Something that is on in some windows of time and off in between, found from what it would add while it is on."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,6 +18,9 @@ _LEAST_WINDOWS, _MOST_WINDOWS = 2, 300
 
 WINDOW_UNITS = {f"{edge}_{number}_s": "s" for number in range(1, _MOST_WINDOWS + 1) for edge in ("on", "off")}
 """SI unit of the parameters of a shape that tell windows; the last window may have no end."""
+
+_SETTLED = 3
+"""Levels, those of which two rough states explain most, of which the states are settled."""
 
 _ROUNDS = 6
 _SPANS = (4, 16, 64)
@@ -161,6 +165,14 @@ class Level:
     def _left(self, function: FloatArray) -> float:
         level, rest = self._fit(function)
         return float(self.information @ (rest - level * function) ** 2)
+
+
+def settled_strongest(levels: Sequence[Level]) -> tuple[Switching, Level, int]:
+    """Return the settled states that explain most of those of some levels, with their level and its number."""
+    started = [(level.start(), level, number) for number, level in enumerate(levels)]
+    strongest = sorted(started, key=lambda one: -one[0].gain)[:_SETTLED]
+    settled = [(level.settled(start), level, number) for start, level, number in strongest]
+    return max(settled, key=lambda one: one[0].gain)
 
 
 def _ratio(score: FloatArray, size: FloatArray) -> FloatArray:

@@ -1,6 +1,7 @@
 """From a search to the verdict."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from math import expm1
 
 import numpy as np
 
@@ -86,10 +87,10 @@ def _causes(
     others = list(by_finding.values())
     shares = shares_of(model) if model.parts else np.empty(0)
     fitted = _fitted(model)
-    gains = [step.accepted.gain for step in (*linear, *others)]
-    total = max(sum(gains), 1e-300)
-    linear_gain = sum(step.accepted.gain for step in linear)
-    weights = [*(share * linear_gain / total for share in shares), *(step.accepted.gain / total for step in others)]
+    energy = _energies(found.steps, found.nominal.base().channels.count)
+    total = sum(energy.values())
+    linear_energy = sum(energy[step] for step in linear)
+    weights = [*(share * linear_energy / total for share in shares), *(energy[step] / total for step in others)]
     situation = model.channels().situation
     causes = []
     for step, effect, weight in zip((*linear, *others), (*fitted, *_findings(model)), weights, strict=True):
@@ -110,6 +111,15 @@ def _causes(
             )
         )
     return tuple(sorted(causes, key=lambda cause: -cause.share))
+
+
+def _energies(steps: Sequence[Step], count: float) -> dict[Step, float]:
+    """Return the part of the energy that each cause explains of what those accepted before it leave."""
+    left, energies = 1.0, {}
+    for step in steps:
+        energies[step] = left * -expm1(-step.accepted.gain / count)
+        left -= energies[step]
+    return energies
 
 
 def _alike(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:

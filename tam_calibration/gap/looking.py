@@ -22,6 +22,7 @@ from tam_calibration.gap.support import (
     holds,
     is_new,
     open_part,
+    special,
     stands,
     supported,
 )
@@ -92,7 +93,7 @@ class Looking:
     def found(self, first: Evidence | None) -> Outcome:
         """Return the causes that hold of those found from a start, or from the strongest."""
         steps = self._forward(first)
-        kept = self._swapped(self._holding(steps))
+        kept = self._holding(self._swapped(self._holding(steps)))
         model, base = self._beside(kept)
         unknown = tuple(rivals(base)) if kept else self.weigh_first()[1]
         count = base.channels.count
@@ -220,7 +221,11 @@ class Looking:
             fitting = [offer for offer in sharp if is_new(offer, rest, base)]
             if step.accepted.effect not in {offer.effect for offer in fitting}:
                 continue
-            best = max(fitting, key=lambda offer: offer.delta_bic)
+            ranked = sorted(fitting, key=lambda offer: -offer.delta_bic)
+            unknown = rivals(base)
+            own = step.accepted.effect
+            held = [offer for offer in ranked if offer.effect == own or stands(base, offer, unknown)[0]]
+            best = special(held[0], held)
             kept[index] = Step(best, step.weighed, step.rivals, step.standing)
         return kept
 

@@ -91,7 +91,7 @@ def _searched(form: Hypothesis) -> int:
     """Return the number of parameters of a shape that were searched, not a convention."""
     if form.effect.has_exact_shapes:
         return len(form.shape)
-    return sum(len({other[name] for other in form.tried if name in other}) > 1 for name in form.shape)
+    return sum(len({other.get(name) for other in form.tried}) > 1 for name in form.shape)
 
 
 def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypothesis:

@@ -9,14 +9,15 @@ import numpy as np
 
 from tam_calibration.effects.effect import ALL, Contribution, Finding, FittedEffect, SurrogateKind
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.hypotheses import Evidence, examine
+from tam_calibration.gap.abrupt import MOST_STEPS, standing_of_change
+from tam_calibration.gap.hypotheses import Evidence, examine, rivals
 from tam_calibration.gap.noise_gain import noise_gain
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.search import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.selection import columns_of
 from tam_calibration.gap.standing import Standing
 from tam_calibration.gap.surrogates import standing_of
-from tam_calibration.gap.unknown import FunctionOfDirection, FunctionOfTime
+from tam_calibration.gap.unknown import FunctionOfDirection
 
 LEAST_EVIDENCE = 12.0
 """ΔBIC from which a hypothesis counts: odds of 400 to 1 in white noise (Kass and Raftery, JASA 90, 1995: above 10)."""
@@ -25,18 +26,19 @@ _LEAST_RATIO: Mapping[SurrogateKind, float] = {
     "moved": 2.0,
     "of_channel": 1.0,
     "of_attitude": 2.0,
-    "of_course": 1.1,
     "elsewhere": 1.0,
     "at_other_frequencies": 2.0,
 }
 """How many times the best surrogate's gain a form must gain.
 
-What follows the motion in another way gains up to 1.9 times what the moved residual does; a drift without jumps gains
-up to 1.3 times what others of its spectrum do.
+What follows the motion in another way gains up to 1.9 times what the moved residual does.
 """
 
 LEAST_SHARE = 0.08
 """Part of all that can be explained that a cause must explain."""
+
+_WHOLE = 0.05
+"""Part of all that can be explained that a form may leave, of which its best surrogate explains nearly as much."""
 
 _NEARLY_ALL = 0.97
 """Part of what a hypothesis gains from which on its special case is the cause."""
@@ -44,14 +46,8 @@ _NEARLY_ALL = 0.97
 _OF_DIRECTION = 0.9
 """Part of what functions of the direction gain in its sensors that an effect of the field alone must gain."""
 
-_OF_TIME = 0.7
-"""Part of what smooth functions of time gain in its sensors that a change at some times must gain."""
-
 _OF_NOISE = 0.5
 """Part of what a cause gains that it may gain by averaging noise."""
-
-_MOST_JUMPS = 3
-"""Times at which one sensor's bias jumps; what comes and goes more often is a loose part or contact, and no jump."""
 
 _MOST_STRUCK = 0.04
 """Part of the samples that are outliers at most."""
@@ -60,7 +56,8 @@ _SAME_TIME = 3.0
 """Sampling steps within which two jumps are one."""
 
 NOISE, OUTLIERS, JUMP = "noise_excess", "outliers", "bias_jump"
-_REPEATED = {JUMP, "scale_step", "periodic_interference", NOISE, OUTLIERS}
+_STEPS = {JUMP, "scale_step"}
+_REPEATED = {*_STEPS, "periodic_interference", NOISE, OUTLIERS}
 """Effects that may happen more than once, each time in another form."""
 
 _OF_EACH_SENSOR = {"temperature_drift"}
@@ -112,19 +109,22 @@ def supported(
         held.append((candidate, standing))
         if own > beyond:
             best, beyond = (candidate, standing), own
-    return best and _special(best, held)
+    if best is None:
+        return None
+    chosen = special(best[0], [one for one, _ in held])
+    return next(one for one in held if one[0] is chosen)
 
 
-def _special(
-    best: tuple[Evidence, Standing | None], held: Sequence[tuple[Evidence, Standing | None]]
-) -> tuple[Evidence, Standing | None]:
-    """Return the special case of a hypothesis that explains nearly all that it does, where the residual supports it."""
-    nearly = [one for one in held if _is_within(one[0], best[0]) and one[0].gain > _NEARLY_ALL * best[0].gain]
-    return max(nearly, key=lambda one: one[0].delta_bic, default=best)
-
-
-def _is_within(one: Evidence, other: Evidence) -> bool:
-    return isinstance(one.form, Hypothesis) and other.effect in one.form.effect.within
+def special(best: Evidence, others: Sequence[Evidence]) -> Evidence:
+    """Return which of others is a special case of a hypothesis and explains nearly all that it does, or itself."""
+    nearly = [
+        one
+        for one in others
+        if isinstance(one.form, Hypothesis)
+        and best.effect in one.form.effect.within
+        and one.gain > _NEARLY_ALL * best.gain
+    ]
+    return max(nearly, key=lambda one: one.delta_bic, default=best)
 
 
 def _worth(one: Evidence) -> float:
@@ -149,9 +149,20 @@ def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tupl
         return False, None
     if form.effect.oversize(base.channels.situation, fitted_at(base, form)) is not None:
         return False, None
+    if form.effect.always(form.shape) is not None:
+        among_times = standing_of_change(base, form, candidate.delta_bic)
+        if among_times is None or form.effect.surrogates == "at_other_times":
+            return among_times is not None, among_times
     standing = _standing(base, form)
     is_first = standing.gain > standing.largest + LEAST_EVIDENCE
-    return is_first and standing.ratio > _LEAST_RATIO[form.effect.surrogates], standing
+    is_alone = standing.ratio > _LEAST_RATIO[form.effect.surrogates]
+    return is_first and (is_alone or _is_whole(base, form)), standing
+
+
+def _is_whole(base: Base, form: Hypothesis) -> bool:
+    """Whether beside a form functions without physics say next to nothing: what only resembles it leaves something."""
+    beside = Base(base.channels, [*base.designs, base.channels.design(form.terms)])
+    return open_part(base, beside, rivals(beside)) < _WHOLE
 
 
 def fitted_at(base: Base, form: Hypothesis) -> FittedEffect:
@@ -175,8 +186,6 @@ def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     gain, rank = base.project(base.channels.design(moved.terms)).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
     alone = Evidence(cause.effect, moved, gain - rank * log(base.channels.count), gain)
-    if form.effect.surrogates == "of_course" and _is_of_time(base, alone, unknown):
-        return False
     return alone.delta_bic > LEAST_EVIDENCE and stands(base, alone, unknown)[0]
 
 
@@ -216,7 +225,7 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
     if any(_is_nested(candidate, other) for other in there):
         return False
-    return candidate.effect != JUMP or _jumps([candidate, *there], base.channels.situation.step_s) <= _MOST_JUMPS
+    return candidate.effect not in _STEPS or _changes([candidate, *there], base.channels.situation.step_s) <= MOST_STEPS
 
 
 def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
@@ -244,11 +253,6 @@ def _is_of_direction(base: Base, cause: Evidence, unknown: Collection[Evidence])
     return cause.gain < _OF_DIRECTION * _gain_beside(base, cause, unknown, {FunctionOfDirection.name})
 
 
-def _is_of_time(base: Base, cause: Evidence, unknown: Collection[Evidence]) -> bool:
-    """Whether far more has a smooth course in the sensors of a change at some times: then it stands in for that."""
-    return cause.gain < _OF_TIME * _gain_beside(base, cause, unknown, {FunctionOfTime.name})
-
-
 def _gain_beside(base: Base, cause: Evidence, unknown: Collection[Evidence], kinds: Collection[str]) -> float:
     """Return the most that functions without physics of some kinds gain in the sensors of a cause."""
     sensors, most = sensors_of(places_of(cause.form)), 0.0
@@ -274,9 +278,9 @@ def _struck(causes: Sequence[Evidence]) -> float:
     return float(np.any(flags, axis=0).mean())
 
 
-def _jumps(causes: Sequence[Evidence], step_s: float) -> int:
-    """Return the number of times at which biases jump."""
-    forms = [one.form for one in causes if one.effect == JUMP]
+def _changes(causes: Sequence[Evidence], step_s: float) -> int:
+    """Return the number of times at which biases or scale factors change."""
+    forms = [one.form for one in causes if one.effect in _STEPS]
     times = sorted(time for form in forms if isinstance(form, Hypothesis) for time in form.shape.values())
     return sum(
         later - time > _SAME_TIME * step_s for time, later in zip(times, [*times[1:], float("inf")], strict=True)

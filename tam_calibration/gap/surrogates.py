@@ -1,8 +1,8 @@
 """How much of a residual a form would explain if it had nothing to do with it.
 
 A form explains some energy of the residual. So do its surrogates, which are as it is in all but what ties it to the
-residual: the residual is moved in time, the recorded channel is another of the same spectrum, a jump is another
-course of the same spectrum, a tone has another frequency. Whatever else is real in the residual is there for
+residual: the residual is moved in time, the recorded channel is another of the same spectrum, a tone has another
+frequency. Whatever else is real in the residual is there for
 them too, coloured and unknown, so that neither its noise level nor its colour has to be known (randomisation test,
 Fisher, The design of experiments, 1935; Theiler et al., Testing for nonlinearity in time series: the method of
 surrogate data, Physica D 58, 1992, p. 77). An effect says which surrogates it has.
@@ -32,12 +32,6 @@ _CHANNELS = 60
 
 _ENOUGH = 3
 """Surrogates that explain as much, after which no others are made."""
-
-_COURSES = 100
-"""Courses of time that are made of a change at some times."""
-
-_SAME_COURSE = 0.9
-"""Correlation with a change from which on a course is that change."""
 
 _FREQUENCIES = 60
 
@@ -174,18 +168,6 @@ def _of_spectrum(course: FloatArray, count: int) -> Iterator[FloatArray]:
         yield course.mean() + idct(spectrum * generator.choice([-1.0, 1.0], len(course)), norm="ortho")
 
 
-def _of_course(base: Base, form: Hypothesis) -> Iterator[float]:
-    """Yield what a form explains whose change at some times is replaced by a course of the same spectrum."""
-    situation = base.channels.situation
-    time_s = situation.time_s
-    course = (time_s >= form.shape["time_s"]) & (time_s < form.shape.get("end_s", np.inf))
-    always = chosen(form.effect.terms(situation, {"time_s": -np.inf}), form.keys)
-    for other in _of_spectrum(course.astype(float), _COURSES):
-        if abs(np.corrcoef(course, other)[0, 1]) < _SAME_COURSE:
-            terms = [replace(term, features=term.features * other[:, None]) for term in always]
-            yield base.project(base.channels.design(terms)).gain()[0]
-
-
 def _elsewhere(base: Base, form: Hypothesis) -> Iterator[float]:
     """Yield what the same functions explain in each other row."""
     situation = base.channels.situation
@@ -215,7 +197,6 @@ _KINDS: Mapping[SurrogateKind, Callable[[Base, Hypothesis], Iterator[float]]] = 
     "moved": _moved,
     "of_channel": _of_channel,
     "of_attitude": _of_attitude,
-    "of_course": _of_course,
     "elsewhere": _elsewhere,
     "at_other_frequencies": _at_other_frequencies,
 }

@@ -1,0 +1,108 @@
+"""Whether a change is abrupt: what comes and goes at some times, against smooth courses of the same.
+
+What an effect adds while it is there, times cosines of half periods of the record, is any smooth course of it: a gain
+or a bias that wanders. A staircase follows a wandering course as well as many courses of its spectrum do, but never as
+well as a smooth one; and a real step beside a wandering course stands out among steps at all other times.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import log
+
+import numpy as np
+
+from tam_calibration.effects.effect import Term
+from tam_calibration.effects.term import chosen
+from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
+from tam_calibration.gap.search import Hypothesis
+from tam_calibration.gap.standing import Standing
+from tam_calibration.units import FloatArray
+
+_ORDERS = (2, 4, 8, 16, 32)
+"""Numbers of cosines: a course of as many half swings in the record."""
+
+_SAMPLES_PER_COSINE = 8
+"""Fewer are no longer a smooth course."""
+
+_TIMES = 64
+"""At which other steps are set, evenly over the record."""
+
+_OTHER_TIME = 0.05
+"""Part of the record by which a step at another time is away from a change."""
+
+MOST_STEPS = 3
+"""Times at which one sensor's bias or scale changes; what does more often is a loose part or contact, and no step."""
+
+SHARPEST = 6.0
+"""How many times what a step at another time gains each change must gain, beside a smooth course."""
+
+
+def standing_of_change(base: Base, form: Hypothesis, delta_bic: float) -> Standing | None:
+    """Return how the changes of a form stand among steps at other times; None where a smooth course says more.
+
+    That is where the evidence for smooth courses exceeds that for the form, and the changes do not stand out beside
+    the best of them.
+    """
+    always = chosen(base.channels.terms(form.effect, form.effect.always(form.shape) or {}), form.keys)
+    course = _best_course(base, form, always, delta_bic)
+    standing = _among_times(base, form, always, course)
+    return None if course and standing.ratio < SHARPEST else standing
+
+
+def _best_course(base: Base, form: Hypothesis, always: Sequence[Term], least: float) -> list[Term]:
+    """Return the smooth course with the most evidence; nothing where it is the least that is asked for."""
+    channels, count, width = base.channels, base.channels.count, form.width
+    courses = _times(always, _cosines(channels.situation.time_s[:: channels.stride]))
+    if not courses:
+        return []
+    projected, best = base.project(channels.design(courses)), 0
+    for order in _ORDERS:
+        if order * width > len(projected.score):
+            break
+        gain, rank = projected.take(np.arange(order * width)).gain()
+        evidence = twice_log_likelihood_ratio(base.energy, gain, count) - rank * log(count)
+        if evidence > least:
+            best, least = order, evidence
+    return courses[: best * len(always)]
+
+
+def _among_times(base: Base, form: Hypothesis, always: Sequence[Term], course: Sequence[Term]) -> Standing:
+    """Return how each change of a form stands beside a smooth course among steps at all other times beside both.
+
+    With few changes, the next strongest are no such steps but more of them.
+    """
+    channels = base.channels
+    time_s = channels.situation.time_s[:: channels.stride]
+    changes = np.array(list(form.shape.values()))
+    smooth = Base(channels, [*base.designs, channels.design(course)]) if course else base
+    own = channels.design(form.terms)
+    designs = [*smooth.designs, own]
+    gain = smooth.project(own).gain()[0]
+    times, others = np.linspace(time_s[0], time_s[-1], _TIMES + 2)[1:-1], np.zeros(0)
+    while len(times):
+        times = times[np.abs(times[:, None] - changes).min(axis=1) > _OTHER_TIME * np.ptp(time_s)]
+        steps = channels.design(_times(always, (time_s[:, None] >= times).astype(float)))
+        groups = np.split(np.arange(len(times) * form.width), len(times))
+        others = Base(channels, designs).project(steps).gains(groups)[0]
+        if len(changes) >= MOST_STEPS:
+            break
+        best = int(np.argmax(others))
+        designs.append(channels.design(_times(always, (time_s[:, None] >= times[[best]]).astype(float))))
+        changes = np.append(changes, times[best])
+    return Standing.among(
+        twice_log_likelihood_ratio(smooth.energy, gain, channels.count),
+        twice_log_likelihood_ratio(smooth.energy, len(form.shape) * others, channels.count),
+    )
+
+
+def _times(terms: Sequence[Term], courses: FloatArray) -> list[Term]:
+    """Return terms times each of some courses (N, C), course by course."""
+    return [replace(term, features=term.features * course[:, None]) for course in courses.T for term in terms]
+
+
+def _cosines(time_s: FloatArray) -> FloatArray:
+    """Return the cosines (N, C) of whole numbers of half periods of the record, slowest first."""
+    phase = np.pi * (time_s - time_s[0]) / max(float(np.ptp(time_s)), np.finfo(float).tiny)
+    orders = np.arange(1, min(_ORDERS[-1], len(time_s) // _SAMPLES_PER_COSINE) + 1)
+    cosines: FloatArray = np.cos(phase[:, None] * orders)
+    return cosines
