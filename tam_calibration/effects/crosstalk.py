@@ -16,6 +16,9 @@ _PARALLEL = 0.9
 _LATE = (1.0, 2.0, 4.0, 7.0, 10.0)
 """Sampling steps by which what bleeds is late: from the channel before to a queue of usual length."""
 
+_SHAPES = {"late_x_s": 0, "late_y_s": 1, "late_z_s": 2}
+"""Axis of the array along which the one channel reads that comes late, by the parameter that says how late."""
+
 _BLOCK = 16
 """Samples over which the response of a row is taken for one: shorter than a window, long enough to beat noise."""
 
@@ -23,10 +26,11 @@ _BLEED = Coefficient("bleed", "1")
 
 
 class Crosstalk(LinearEffect):
-    """An axis reads a part of what another channel reads: of what that read before, or in windows of time.
+    """An axis reads a part of what another channel reads: of what one read before, or in windows of time.
 
     What always bleeds, and at once, is inside the calibration; what a parallel axis bleeds is a delay or a gain of the
-    axis itself. The noise that comes along is not modelled.
+    axis itself. All sensors read about the same field, so that a channel is told by the axis along which it reads. The
+    noise that comes along is not modelled.
     """
 
     name: ClassVar[str] = "crosstalk"
@@ -38,14 +42,16 @@ class Crosstalk(LinearEffect):
     )
     excitation: ClassVar[str] = "turn the array fast and about all axes, so that the channels differ and change"
     is_causal: ClassVar[bool] = False
-    shape_units: ClassVar[Mapping[str, str]] = {"late_s": "s"} | WINDOW_UNITS
+    is_of_one_sensor: ClassVar[bool] = True
+    shape_units: ClassVar[Mapping[str, str]] = dict.fromkeys(_SHAPES, "s") | WINDOW_UNITS
     limits: ClassVar[Mapping[str, Limit]] = {
         "bleed": Limit(1.0, "an input that nothing drives keeps the whole charge of the one before it; Kester 2005")
     }
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
         """Return how late it is, where there is continuous motion, and the windows in which an axis bleeds most."""
-        late = [] if jumps(situation) else [{"late_s": steps * situation.step_s} for steps in _LATE]
+        is_continuous = jumps(situation) is None
+        late = [{name: steps * situation.step_s} for name in _SHAPES for steps in _LATE if is_continuous]
         windows = _windows(situation, misfit)
         return late if windows is None else [*late, windows.shape(situation)]
 
@@ -54,32 +60,34 @@ class Crosstalk(LinearEffect):
         return {"on_1_s": -np.inf} if "on_1_s" in shape else None
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return what each axis gets of each other channel: its change since it was read, or all in the windows."""
-        if "late_s" in shape:
-            bled = _change(situation, shape["late_s"])
+        """Return what each axis gets of the channels along other axes: the late one's change, or all in the windows."""
+        late = {axis: shape[name] for name, axis in _SHAPES.items() if name in shape}
+        if late:
+            bled = {axis: _change(situation, axis, late_s) for axis, late_s in late.items()}
         else:
-            bled = np.where(in_windows(situation, shape)[:, None], situation.sensed_T, 0.0)
-        axes = situation.errors.matrix.reshape(-1, 3)
-        axes = axes / np.linalg.norm(axes, axis=1)[:, None]
-        of_source = [np.ascontiguousarray(bled[:, [source]]) for source in range(situation.scalar_row)]
+            is_on = in_windows(situation, shape)
+            bled = {axis: np.where(is_on, situation.field_T[:, axis], 0.0) for axis in range(3)}
+        rows = situation.errors.matrix.reshape(-1, 3)
+        along = np.abs(rows) / np.linalg.norm(rows, axis=1)[:, None]
         return [
-            Term.of_row(situation, row, f"from {source // 3 + 1} {'xyz'[source % 3]}", [_BLEED], feature)
+            Term.of_row(situation, row, f"from {'xyz'[axis]}", [_BLEED], feature[:, None])
             for row in range(situation.scalar_row)
-            for source, feature in enumerate(of_source)
-            if abs(axes[source] @ axes[row]) < _PARALLEL
+            for axis, feature in bled.items()
+            if along[row, axis] < _PARALLEL
         ]
 
 
-def _change(situation: Situation, late_s: float) -> FloatArray:
-    """Return what the channels (N, 3K) read so long before, less what they read; none behind a hole."""
+def _change(situation: Situation, axis: int, late_s: float) -> FloatArray:
+    """Return the field (N,) along an axis so long before, less the present one; none behind a hole."""
     from scipy.interpolate import CubicSpline
 
-    change, time = np.zeros_like(situation.sensed_T), situation.time_s
+    field, time = situation.field_T[:, axis], situation.time_s
+    change = np.zeros(len(time))
     for stretch in situation.stretches:
-        begun = stretch.start + np.searchsorted(time[stretch], time[stretch.start] + late_s)
+        begun = stretch.start + int(np.searchsorted(time[stretch], time[stretch.start] + late_s))
         if stretch.stop - stretch.start > 1:
-            read = CubicSpline(time[stretch], situation.sensed_T[stretch])(time[begun : stretch.stop] - late_s)
-            change[begun : stretch.stop] = read - situation.sensed_T[begun : stretch.stop]
+            before = CubicSpline(time[stretch], field[stretch])(time[begun : stretch.stop] - late_s)
+            change[begun : stretch.stop] = before - field[begun : stretch.stop]
     return change
 
 

@@ -175,6 +175,8 @@ class LinearEffect(Effect):
         recursions then use the memory of the situation.
     is_of_site : bool
         Whether it belongs to where the recording was made: it does not go with the array to another place.
+    is_of_one_sensor : bool
+        Whether it is a fault of a single sensor: two that have it have two, each with a shape of its own.
     has_exact_shapes : bool
         Whether the shapes that it returns are the best ones, and not points of a grid between which to look further.
     within : tuple of str
@@ -191,6 +193,7 @@ class LinearEffect(Effect):
     is_free_in_time: ClassVar[bool] = False
     is_causal: ClassVar[bool] = True
     is_of_site: ClassVar[bool] = False
+    is_of_one_sensor: ClassVar[bool] = False
     has_exact_shapes: ClassVar[bool] = False
     within: ClassVar[tuple[str, ...]] = ()
     shape_units: ClassVar[Mapping[str, str]] = {}

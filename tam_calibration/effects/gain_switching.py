@@ -40,6 +40,7 @@ class GainSwitching(LinearEffect):
     )
     excitation: ClassVar[str] = "turn each axis along and against the field in both states of the gain"
     is_free_in_time: ClassVar[bool] = True
+    is_of_one_sensor: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
     surrogates: ClassVar[SurrogateKind] = "elsewhere"
     shape_units: ClassVar[dict[str, str]] = {
@@ -77,10 +78,11 @@ class GainSwitching(LinearEffect):
         return {"on_1_s": -np.inf} if "on_1_s" in shape else None
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return the change of each axis' gain."""
+        """Return the change of each axis' gain, by which the bias is amplified too."""
         states = _states(situation, shape)
+        amplified = np.where(states, situation.sensed_T + situation.errors.bias_T.ravel(), 0.0)
         return [
-            Term.of_row(situation, row, "gain", [_GAIN], (situation.sensed_T[:, row] * states[:, row])[:, None])
+            Term.of_row(situation, row, "gain", [_GAIN], amplified[:, row, None])
             for row in range(situation.scalar_row)
         ]
 

@@ -35,6 +35,7 @@ class Ringing(LinearEffect):
     )
     excitation: ClassVar[str] = "turn the array in jerks, as fast as the filter's frequency"
     is_causal: ClassVar[bool] = False
+    is_of_one_sensor: ClassVar[bool] = True
     shape_units: ClassVar[Mapping[str, str]] = {"frequency_hz": "Hz", "damping": "1"}
     limits: ClassVar[Mapping[str, Limit]] = {
         "amplitude": Limit(1.0, "all of a reading passes the filter; Oppenheim and Willsky 1997"),

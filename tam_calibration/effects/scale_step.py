@@ -48,6 +48,7 @@ class ScaleStep(LinearEffect):
     )
     excitation: ClassVar[str] = "turn through the same attitudes before and after the step"
     is_free_in_time: ClassVar[bool] = True
+    is_of_one_sensor: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
     surrogates: ClassVar[SurrogateKind] = "at_other_times"
     shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}
@@ -93,18 +94,19 @@ class ScaleStep(LinearEffect):
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return from the one time on a scale and a tilt of each axis and a turn of each sensor.
 
-        The axes' scales and tilts together are any change of the response.
+        The axes' scales and tilts together are any change of the response; what changes a scale amplifies the bias too.
         """
         since = (situation.time_s >= shape["time_s"]) & (situation.time_s < shape.get("end_s", np.inf))
         field = np.where(since[:, None], situation.field_T, 0.0)
         matrix = situation.errors.matrix
         sensed = field @ matrix.reshape(-1, 3).T
+        amplified = np.where(since[:, None], sensed + situation.errors.bias_T.ravel(), 0.0)
         terms = []
         for row in range(situation.scalar_row):
             sensor, axis = divmod(row, 3)
             others = [other for other in range(3) if other != axis]
             tilts = [Coefficient(f"tilt towards {'xyz'[other]}", "rad") for other in others]
-            terms.append(Term.of_row(situation, row, "scale", [_SCALE], sensed[:, row, None]))
+            terms.append(Term.of_row(situation, row, "scale", [_SCALE], amplified[:, row, None]))
             terms.append(
                 Term.of_row(situation, row, "tilt", tilts, sensed[:, [3 * sensor + other for other in others]])
             )

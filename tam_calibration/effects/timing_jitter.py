@@ -29,12 +29,15 @@ from tam_calibration.effects.effect import (
 from tam_calibration.effects.excess_variance import Moments, best_excess
 from tam_calibration.effects.motion import jumps, rates
 from tam_calibration.effects.other_sensors import LEAST_SENSORS, AgainstOthers
-from tam_calibration.effects.regularity import CERTAIN, HEAVY, alike
+from tam_calibration.effects.regularity import CERTAIN, alike
 from tam_calibration.effects.within_motion import Statistic, is_chance
 from tam_calibration.units import FloatArray
 
 _FORETOLD = 0.3
 """Part of the variance of the displacements that the next three samples share: more goes on, and does not scatter."""
+
+_HEAVIEST = 15.0
+"""Kurtosis of the scatter; 9 where times are waits of an exponential law, far more where few samples are late."""
 
 _NUMBERS = 2
 """That jitter has: its size, and the sensor."""
@@ -190,7 +193,7 @@ class _Path:
         if alike(along) > max(_FORETOLD * (size - self.floor(self.part)), chance):
             return "what is off along the path of the field goes on from sample to sample"
         scatter = along / np.sqrt(1 + self.part * self.square[moves])
-        if np.mean(scatter**4) > (3 + HEAVY) * np.mean(scatter**2) ** 2:
+        if np.mean(scatter**4) > _HEAVIEST * np.mean(scatter**2) ** 2:
             return "what is off along the path of the field comes in few samples"
         if is_chance(self._statistic(), norm(self.rate, axis=1)):
             return "what is off has not the direction of the path of the field"

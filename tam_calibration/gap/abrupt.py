@@ -50,19 +50,37 @@ def standing_of_change(base: Base, form: Hypothesis, delta_bic: float) -> Standi
 
 
 def _best_course(base: Base, form: Hypothesis, always: Sequence[Term], least: float) -> list[Term]:
-    """Return the smooth course with the most evidence; nothing where it is the least that is asked for."""
+    """Return the smooth course with the most evidence; nothing where a form, or levels of their own, have more.
+
+    Parameters
+    ----------
+    base : Base
+    form : Hypothesis
+        Between its changes, if they are few, it may have any levels: that would be more of the same effect.
+    always : sequence of Term
+        Of the form, as if it were always there.
+    least : float
+        The evidence for the form.
+    """
     channels, count, width = base.channels, base.channels.count, form.width
-    courses = _times(always, _cosines(channels.situation.time_s[:: channels.stride]))
+    time_s = channels.situation.time_s[:: channels.stride]
+    courses = _times(always, _cosines(time_s))
     if not courses:
         return []
+
+    def evidence(gain: float, rank: int) -> float:
+        return float(twice_log_likelihood_ratio(base.energy, gain, count) - rank * log(count))
+
+    if len(form.shape) <= MOST_STEPS:
+        levels = _times(always, (time_s[:, None] >= np.array(list(form.shape.values()))).astype(float))
+        least = max(least, evidence(*base.project(channels.design(levels)).gain()) - len(form.shape) * log(count))
     projected, best = base.project(channels.design(courses)), 0
     for order in _ORDERS:
         if order * width > len(projected.score):
             break
-        gain, rank = projected.take(np.arange(order * width)).gain()
-        evidence = twice_log_likelihood_ratio(base.energy, gain, count) - rank * log(count)
-        if evidence > least:
-            best, least = order, evidence
+        smooth = evidence(*projected.take(np.arange(order * width)).gain())
+        if smooth > least:
+            best, least = order, smooth
     return courses[: best * len(always)]
 
 

@@ -26,6 +26,9 @@ Sheets tell typical sensors, which differ by some ten per cent; at twice the noi
 _CHANCE = 8.0
 """Over the root of the number of samples: five standard deviations of the logarithm of a level."""
 
+_SURE_OF_ROUNDING = 0.3
+"""Part of the variance of rounding that noise must have to be seen beside it; what is less, rounding hides."""
+
 _SLOW_RAD = 0.1
 """Median angle between the fields of neighbouring samples up to which differences hold noise and not the motion."""
 
@@ -107,12 +110,12 @@ def floor_of(channels: Channels, stated: Array) -> Floor:
             level[-1], colour[-1] = np.sqrt(_white(known)), _colour_of(known)
     is_slow = _median_turn(channels) < _SLOW_RAD
     if is_slow and channels.is_counted.sum() >= _LEAST_SAMPLES:
-        level[:-1], colour[:-1] = _of_rows(channels)
+        level[:-1], colour[:-1] = _of_rows(channels, _stated_T(stated))
     floor = Floor(level, colour, _stated_T(stated))
     return Floor(level, colour, floor.stated_T, _remarks(floor, stated, int(channels.is_counted.sum())))
 
 
-def _of_rows(channels: Channels) -> tuple[FloatArray, FloatArray]:
+def _of_rows(channels: Channels, stated_T: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the levels and colours of the sensors' rows."""
     counted = channels.is_counted
     readings = channels.recording.readings_T.reshape(len(counted), -1)[counted]
@@ -133,7 +136,9 @@ def _of_rows(channels: Channels) -> tuple[FloatArray, FloatArray]:
     for lattice in find_lattices(channels.misfit):
         if lattice.row < len(variance):
             rounding = lattice.step_T**2 / 12
-            variance[lattice.row] = max(variance[lattice.row] - rounding, rounding * 1e-2)
+            noise = variance[lattice.row] - rounding
+            hidden = stated_T[lattice.row] ** 2 if np.isfinite(stated_T[lattice.row]) else rounding * 1e-2
+            variance[lattice.row] = noise if noise > _SURE_OF_ROUNDING * rounding else hidden
     return np.sqrt(variance), np.broadcast_to(colour, variance.shape)
 
 

@@ -13,7 +13,6 @@ from tam_calibration.gap.result import Considered
 from tam_calibration.gap.search import Hypothesis, given_form, places_of, restricted, sensors_of
 from tam_calibration.gap.size import LARGEST_NOISE
 from tam_calibration.gap.support import (
-    JUMP,
     LEAST_EVIDENCE,
     LEAST_SHARE,
     Step,
@@ -143,22 +142,10 @@ class Looking:
             given = (first, stands(base, first, unknown)[1]) if first is not None and not steps else None
             found = given or supported(base, weighed, unknown, steps, least)
             if found is None:
-                return steps or self._jumps(weighed, unknown)
+                return steps
             accepted, standing = found
             steps.append(Step(absorbed(accepted, steps), weighed, unknown, standing))
         return steps
-
-    def _jumps(self, weighed: tuple[Evidence, ...], unknown: tuple[Evidence, ...]) -> list[Step]:
-        """Return several jumps of which none stands alone, but each beside the others; none where that is not so."""
-        effect = self._effects.get(JUMP)
-        chain: list[Step] = []
-        while effect is not None and len(chain) < _MOST_CAUSES:
-            base = self._beside(chain)[1]
-            one = examine(base, effect)
-            if not isinstance(one, Evidence) or one.delta_bic < LEAST_EVIDENCE or not is_new(one, chain, base):
-                break
-            chain.append(Step(one, weighed, unknown))
-        return chain if chain and len(self._holding(chain)) == len(chain) else []
 
     def _visible(self) -> float:
         """Return the energy of the gap: what anything explains of it, or what exceeds noise beyond all doubt."""

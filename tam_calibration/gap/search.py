@@ -1,6 +1,6 @@
 """The best form of one hypothesis: over the shapes of an effect, the terms that the data ask for."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from heapq import nlargest
 
@@ -9,7 +9,7 @@ import numpy as np
 from tam_calibration.effects.effect import SCALAR, Finding, FittedEffect, LinearEffect, Shape, Situation, Term
 from tam_calibration.effects.term import Key, chosen
 from tam_calibration.gap.regression import Base
-from tam_calibration.gap.selection import Choice, Selection, evidence
+from tam_calibration.gap.selection import Choice, Selection, columns_of, evidence
 from tam_calibration.units import FloatArray
 
 _FULLY_SELECTED = 2
@@ -76,7 +76,7 @@ def sensors_of(places: Iterable[Place]) -> set[int]:
 def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
     """Return the form of an effect with the most evidence among its shapes, or None when no part of it is visible."""
     shapes = tuple(effect.shapes(base.channels.situation, base.channels.misfit))
-    offers = (offer for offer in (_offer(base, effect, shape) for shape in shapes) if offer is not None)
+    offers = (offer for shape in shapes for offer in _offers(base, effect, shape))
     promising = nlargest(_FULLY_SELECTED, offers, key=lambda offer: offer.evidence)
     selected = (_selected(effect, offer) for offer in promising)
     forms = [form for form in selected if form is not None]
@@ -112,8 +112,8 @@ def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypoth
 
 def restricted(base: Base, form: Hypothesis, sensor: int) -> Hypothesis | None:
     """Return what the data ask for of the same effect and shape at one sensor."""
-    offer = _offer(base, form.effect, form.shape, sensor)
-    return None if offer is None else _selected(form.effect, offer)
+    offers = list(_offers(base, form.effect, form.shape, sensor))
+    return _selected(form.effect, offers[0]) if offers else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,18 +125,33 @@ class _Offer:
     evidence: float
 
 
-def _offer(base: Base, effect: LinearEffect, shape: Shape, sensor: int | None = None) -> _Offer | None:
+def _offers(base: Base, effect: LinearEffect, shape: Shape, sensor: int | None = None) -> Iterator[_Offer]:
+    """Yield the terms of a shape, at one sensor or all; those of each apart where the effect is of a single one."""
     terms = [
         term
         for term in base.channels.terms(effect, shape)
         if sensor in (None, term.sensor) and (term.sensor != SCALAR or effect.is_of_site or base.channels.has_scalar)
     ]
     if not terms:
-        return None
-    projected = base.project(base.channels.design(terms))
-    choice = Choice(projected, terms, base.energy, base.channels.count - base.rank)
-    first = choice.first_step()
-    return _Offer(shape, choice, first) if np.isfinite(first) else None
+        return
+    projected, count = base.project(base.channels.design(terms)), base.channels.count - base.rank
+    choices = [Choice(projected, terms, base.energy, count)]
+    if effect.is_of_one_sensor:
+        columns = columns_of(terms)
+        groups = [[index for index, term in enumerate(terms) if term.sensor == one] for one in dict.fromkeys(term.sensor for term in terms)]
+        choices = [
+            Choice(
+                projected.take(np.concatenate([columns[index] for index in group])),
+                [terms[index] for index in group],
+                base.energy,
+                count,
+            )
+            for group in groups
+        ]
+    for choice in choices:
+        first = choice.first_step()
+        if np.isfinite(first):
+            yield _Offer(shape, choice, first)
 
 
 def _selected(effect: LinearEffect, offer: _Offer) -> Hypothesis | None:

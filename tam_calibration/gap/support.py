@@ -55,6 +55,9 @@ _MOST_STRUCK = 0.04
 _SAME_TIME = 3.0
 """Sampling steps within which two jumps are one."""
 
+_SAME_LINE = 4.0
+"""Widths of a spectral line, of one over the duration, within which two tones are one."""
+
 NOISE, OUTLIERS, JUMP = "noise_excess", "outliers", "bias_jump"
 _STEPS = {JUMP, "scale_step"}
 _REPEATED = {*_STEPS, "periodic_interference", NOISE, OUTLIERS}
@@ -94,7 +97,7 @@ def supported(
     beyond = 0.0
     held: list[tuple[Evidence, Standing | None]] = []
     for candidate in sorted(weighed, key=lambda one: (-one.is_certain, -_worth(one))):
-        if _worth(candidate) <= beyond:
+        if not candidate.is_certain and _worth(candidate) <= beyond:
             break
         if candidate.delta_bic < LEAST_EVIDENCE or energy_explained(candidate, base) < least:
             continue
@@ -213,9 +216,14 @@ def energy_explained(one: Evidence, base: Base) -> float:
 def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     """Whether a candidate may come beside the causes accepted."""
     alike = [step.accepted for step in steps if step.accepted.effect == candidate.effect]
+    if isinstance(candidate.form, Hypothesis) and candidate.form.effect.is_of_one_sensor:
+        own = sensors_of(places_of(candidate.form))
+        alike = [one for one in alike if own & sensors_of(places_of(one.form))]
     if candidate.effect in _OF_EACH_SENSOR:
         alike = alike if len(alike) > 1 else [one for one in alike if len(sensors_of(places_of(one.form))) == 1]
     if alike and candidate.effect not in _REPEATED:
+        return False
+    if any(_is_same_tone(candidate, other, base) for other in alike):
         return False
     if isinstance(candidate.form, Finding) and not _gives_up_more(candidate.form, base):
         return False
@@ -226,6 +234,14 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     if any(_is_nested(candidate, other) for other in there):
         return False
     return candidate.effect not in _STEPS or _changes([candidate, *there], base.channels.situation.step_s) <= MOST_STEPS
+
+
+def _is_same_tone(one: Evidence, other: Evidence, base: Base) -> bool:
+    """Whether two tones have a frequency that the record does not tell apart: one that trembles is one."""
+    frequencies = [form.shape.get("frequency_hz") for form in (one.form, other.form) if isinstance(form, Hypothesis)]
+    if one.effect != "periodic_interference" or None in frequencies:
+        return False
+    return abs(frequencies[0] - frequencies[1]) * float(np.ptp(base.channels.situation.time_s)) < _SAME_LINE
 
 
 def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
