@@ -70,7 +70,7 @@ def _try(rng: Generator, plan: Plan) -> Case | None:
     causes: list[Scaled] = []
     for effect, gap in zip(plan.effects, plan.gaps, strict=True):
         scaled = scale_to(model, CAUSES[effect].draw(rng, scene), gap, seen)
-        if scaled is None or not _is_natural(scaled) or not _can_be_seen(model, scaled):
+        if scaled is None or not _is_natural(scaled, scene) or not _can_be_seen(model, scaled):
             return None
         causes.append(scaled)
     if len(causes) == 2 and not _differ(model, causes, apart=plan.kind == "mixed"):
@@ -128,10 +128,17 @@ def _can_be_seen(model: NominalModel, scaled: Scaled) -> bool:
     return float(norm(model.left(scaled.signal))) > HIDDEN * float(norm(whole))
 
 
-def _is_natural(scaled: Scaled) -> bool:
-    """Say whether a cause changes no reading by more than it does in nature."""
+def _is_natural(scaled: Scaled, scene: Scene) -> bool:
+    """Say whether a cause changes no reading by more, nor faster, than it does in nature."""
+    entry = CAUSES[scaled.disturbance.effect]
     largest_T = max(float(np.abs(part).max()) for part in scaled.signal)
-    return bool(to_nanotesla(largest_T) <= CAUSES[scaled.disturbance.effect].most_nT)
+    if to_nanotesla(largest_T) > entry.most_nT:
+        return False
+    if np.isinf(entry.most_nT_per_s):
+        return True
+    step_s = np.diff(scene.time_s)
+    rates = [np.diff(part.reshape(len(part), -1), axis=0) / step_s[:, None] for part in scaled.signal]
+    return bool(to_nanotesla(max(np.sqrt(np.mean(rate**2)) for rate in rates)) <= entry.most_nT_per_s)
 
 
 def _differ(model: NominalModel, causes: list[Scaled], apart: bool) -> bool:

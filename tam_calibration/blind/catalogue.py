@@ -28,7 +28,9 @@ CATALOGUE = {
     "scalar_heading_error": Entry(
         scalar_heading_error, "scalar", sensor_counts=SEVERAL, scalar_needed=True, most_nT=100, large=(30.0,)
     ),
-    "geomagnetic_drift": Entry(geomagnetic_drift, "slow", sensor_counts=(2, *SEVERAL), most_nT=300, large=(30.0,)),
+    "geomagnetic_drift": Entry(
+        geomagnetic_drift, "slow", sensor_counts=(2, *SEVERAL), most_nT=300, most_nT_per_s=8.0, large=(30.0,)
+    ),
     "bias_jump": Entry(bias_jump, "slow", sensor_counts=ANY, most_nT=50_000),
     "current_interference": Entry(current_interference, "slow", channel="current"),
     "flexure": Entry(flexure, "bending", channel="attitude", sensor_counts=SEVERAL, most_nT=3000),

@@ -28,6 +28,8 @@ class Entry:
     scalar_needed : bool
     most_nT : float
         The largest change of a reading that it makes in nature.
+    most_nT_per_s : float
+        The fastest change that it makes in nature, root mean square.
     large : tuple of float
         The large gaps, in noise floors, that it can have in nature.
     named : str
@@ -45,6 +47,7 @@ class Entry:
     sensor_counts: tuple[int, ...] = (2, 3, 4, 6)
     scalar_needed: bool = False
     most_nT: float = 10_000.0
+    most_nT_per_s: float = float("inf")
     large: tuple[float, ...] = (30.0, 1000.0)
     named: str = ""
     coarse: bool = False

@@ -82,8 +82,7 @@ class GainSwitching(LinearEffect):
         states = _states(situation, shape)
         amplified = np.where(states, situation.sensed_T + situation.errors.bias_T.ravel(), 0.0)
         return [
-            Term.of_row(situation, row, "gain", [_GAIN], amplified[:, row, None])
-            for row in range(situation.scalar_row)
+            Term.of_row(situation, row, "gain", [_GAIN], amplified[:, row, None]) for row in range(situation.scalar_row)
         ]
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.lag import mode
@@ -16,14 +17,19 @@ _FREQUENCIES, _DAMPINGS = 5, (0.1, 0.4)
 _SLOWEST = 2.0
 """Ratio of the lowest frequency that is tried to that of the motion."""
 
+_LOWEST_TAIL = 0.06
+"""Cycles per sample of the slowest oscillation that is tried after jumps; a slower one does not end before the next."""
+
 _PARTS = (Coefficient("amplitude", "1"), Coefficient("delay", "s"))
+_TAIL = (Coefficient("tail", "1"), Coefficient("tail a quarter earlier", "1"))
 
 
 class Ringing(LinearEffect):
     """A sensor reads b + a (h * b + (2ζ/ω) db/dt - b) - δ db/dt, with h the response of an oscillator of ω = 2πf and ζ.
 
     The delay of the filter, 2ζ/ω, is taken out of its response and has a value of its own, for time stamps may be
-    corrected for it; samples on both sides are used.
+    corrected for it; samples on both sides are used. Where the field changes in jumps, as from pose to pose, each jump
+    has a tail, an oscillation that dies, of any phase.
     """
 
     name: ClassVar[str] = "ringing"
@@ -36,40 +42,44 @@ class Ringing(LinearEffect):
     excitation: ClassVar[str] = "turn the array in jerks, as fast as the filter's frequency"
     is_causal: ClassVar[bool] = False
     is_of_one_sensor: ClassVar[bool] = True
-    shape_units: ClassVar[Mapping[str, str]] = {"frequency_hz": "Hz", "damping": "1"}
+    shape_units: ClassVar[Mapping[str, str]] = {"frequency_hz": "Hz", "tail_hz": "Hz", "damping": "1"}
     limits: ClassVar[Mapping[str, Limit]] = {
         "amplitude": Limit(1.0, "all of a reading passes the filter; Oppenheim and Willsky 1997"),
+        "tail": Limit(1.0, "all of a reading passes the filter; Oppenheim and Willsky 1997"),
         "delay": Limit(1.0, "filters, buses and wireless links delay a sensor by some tenths of a second", "s"),
     }
-
-    def obstacle(self, situation: Situation) -> str | None:
-        """Return that no motion is fast enough to make a filter ring, where none is."""
-        return jumps(situation)
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
         """Return frequencies from above that of the motion to half the sampling rate, with little and much damping."""
         highest = 0.5 / situation.step_s
-        lowest = min(_SLOWEST * _motion_hz(situation), highest / 2)
+        lowest = {"tail_hz": _LOWEST_TAIL / situation.step_s}
+        if jumps(situation) is None:
+            lowest["frequency_hz"] = min(_SLOWEST * _motion_hz(situation), highest / 2)
         return [
-            {"frequency_hz": frequency, "damping": damping}
-            for frequency in np.geomspace(lowest, highest, _FREQUENCIES).tolist()
+            {name: frequency, "damping": damping}
+            for name in lowest
+            for frequency in np.geomspace(lowest[name], highest, _FREQUENCIES).tolist()
             for damping in _DAMPINGS
         ]
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return the response of a sensor and of a single axis, each with a delay."""
-        rate = rates(situation)
-        ringing = _response(situation, shape["frequency_hz"], shape["damping"]) - situation.field_T
-        ringing += shape["damping"] / (np.pi * shape["frequency_hz"]) * rate
+        """Return the response of a sensor and of a single axis, each with a delay, or the tails of its jumps."""
         matrix = situation.errors.matrix.reshape(-1, 3)
-        parts = np.stack([ringing @ matrix.T, -rate @ matrix.T], axis=2)
+        if "tail_hz" in shape:
+            tail = _tail(situation, shape["tail_hz"], shape["damping"]) @ matrix.T
+            names, parts = _TAIL, np.stack([tail.real, tail.imag], axis=2)
+        else:
+            rate = rates(situation)
+            ringing = _response(situation, shape["frequency_hz"], shape["damping"]) - situation.field_T
+            ringing += shape["damping"] / (np.pi * shape["frequency_hz"]) * rate
+            names, parts = _PARTS, np.stack([ringing @ matrix.T, -rate @ matrix.T], axis=2)
         terms = []
         for sensor in range(situation.sensor_count):
             rows, columns = np.divmod(np.arange(6), 2)
             features = parts[:, 3 * sensor : 3 * sensor + 3].reshape(-1, 6)
-            terms.append(Term(sensor, None, "response", _PARTS, features, 3 * sensor + rows, columns))
+            terms.append(Term(sensor, None, "response", names, features, 3 * sensor + rows, columns))
         for row in range(situation.scalar_row):
-            terms.append(Term.of_row(situation, row, "response of the axis", _PARTS, parts[:, row]))
+            terms.append(Term.of_row(situation, row, "response of the axis", names, parts[:, row]))
         return terms
 
 
@@ -86,6 +96,18 @@ def _response(situation: Situation, frequency_hz: float, damping: float) -> Floa
     ]
     response: FloatArray = -(omega**2) / pole.imag * np.imag(np.concatenate(parts) / pole)
     return response
+
+
+def _tail(situation: Situation, frequency_hz: float, damping: float) -> NDArray[np.complexfloating]:
+    """Return the tails of the field's jumps (N, 3): each begins with the jump, turns and dies; none behind a hole."""
+    from scipy.signal import lfilter
+
+    turn = -2 * np.pi * frequency_hz * situation.step_s * complex(damping, -np.sqrt(1 - damping**2))
+    tail = np.zeros(situation.field_T.shape, dtype=complex)
+    for stretch in situation.stretches:
+        field = situation.field_T[stretch]
+        tail[stretch] = lfilter([1.0], [1.0, -np.exp(turn)], np.diff(field, axis=0, prepend=field[:1]), axis=0)
+    return tail
 
 
 def _motion_hz(situation: Situation) -> float:

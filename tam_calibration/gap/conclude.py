@@ -5,7 +5,7 @@ from math import expm1
 
 import numpy as np
 
-from tam_calibration.effects.effect import Finding, FittedEffect
+from tam_calibration.effects.effect import Finding, FittedEffect, LinearEffect, Situation
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import sandwich
@@ -17,7 +17,7 @@ from tam_calibration.gap.regression import Base
 from tam_calibration.gap.remainder import describe
 from tam_calibration.gap.residue import residue_of
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
-from tam_calibration.gap.search import Hypothesis, Place
+from tam_calibration.gap.search import Hypothesis, Place, sensors_of
 from tam_calibration.gap.shares import shares_of
 from tam_calibration.gap.size import LARGEST_NOISE, measure, noise_variance
 from tam_calibration.gap.steps import Search
@@ -28,6 +28,9 @@ from tam_calibration.gap.where import locate, sensors_and_axes
 _AS_GOOD = 10.0
 _NEARLY_ALL = 0.97
 """Difference of BIC, and part of the evidence, within which two effects cannot be told apart."""
+
+_SLIGHT = 0.1
+"""Part of the signal in the strongest sensor; what errs there shifts the field that all share by a part of its error."""
 
 _FREE_WITHOUT = ("temperature_drift", "current_interference")
 """Effects that, while their channel is missing, may be any function of time."""
@@ -51,7 +54,7 @@ def conclude(found: Search) -> Gap:
     if verdict in ("no_gap", "unexplained"):
         causes, whole = (), whole_nominal
         size = measure(whole_nominal, whole, variance)
-    places = [_places(cause.fitted) for cause in causes]
+    places = [_places(cause.fitted, base.channels.situation) for cause in causes]
     where = (
         Where((), (), None, None, {})
         if verdict == "no_gap"
@@ -94,7 +97,7 @@ def _causes(
     situation = model.channels().situation
     causes = []
     for step, effect, weight in zip((*linear, *others), (*fitted, *_findings(model)), weights, strict=True):
-        sensors, axes = sensors_and_axes(_places(effect), model.recording)
+        sensors, axes = sensors_and_axes(_places(effect, situation), model.recording)
         causes.append(
             Cause(
                 effect,
@@ -160,8 +163,15 @@ def _findings(model: Model) -> list[FittedEffect]:
     return list({id(finding.fitted): finding.fitted for finding in reversed(model.findings)}.values())
 
 
-def _places(effect: FittedEffect) -> list[Place]:
-    return list(dict.fromkeys((one.sensor, one.axis) for one in effect.contributions))
+def _places(fitted: FittedEffect, situation: Situation) -> list[Place]:
+    """Return the places of a fitted effect, sensors left out that only get what the common field hands on to them."""
+    effect = effect_named(fitted.effect)
+    places = list(dict.fromkeys((one.sensor, one.axis) for one in fitted.contributions))
+    if not isinstance(effect, LinearEffect) or len(sensors_of(places)) < 2:
+        return places
+    rows = np.sqrt(np.mean(effect.signal(situation, fitted)[:, :-1] ** 2, axis=0))
+    size = np.sqrt(np.mean(rows.reshape(-1, 3) ** 2, axis=1))
+    return [place for place in places if place[0] < 0 or size[place[0]] > _SLIGHT * size.max()]
 
 
 def _units(effect: FittedEffect, evidence: Evidence) -> dict[str, str]:

@@ -138,7 +138,10 @@ def _offers(base: Base, effect: LinearEffect, shape: Shape, sensor: int | None =
     choices = [Choice(projected, terms, base.energy, count)]
     if effect.is_of_one_sensor:
         columns = columns_of(terms)
-        groups = [[index for index, term in enumerate(terms) if term.sensor == one] for one in dict.fromkeys(term.sensor for term in terms)]
+        groups = [
+            [index for index, term in enumerate(terms) if term.sensor == one]
+            for one in dict.fromkeys(term.sensor for term in terms)
+        ]
         choices = [
             Choice(
                 projected.take(np.concatenate([columns[index] for index in group])),
