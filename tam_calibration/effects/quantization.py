@@ -199,7 +199,7 @@ def _frequency(ordered: FloatArray) -> float | None:
     gaps = np.diff(ordered)
     gaps = gaps[gaps > _EQUAL]
     if 0 < len(gaps) < _FEW * len(ordered):
-        return 1 / float(gaps.min()) if _FINEST <= gaps.min() else None
+        return 1 / float(gaps.min()) if gaps.min() >= _FINEST else None
     lag = max(1, int(len(ordered) * _DISTANCE / max(ordered[-1], _DISTANCE)))
     difference = ordered[lag:] - ordered[:-lag]
     if len(difference) < _LEAST_DIFFERENCES:

@@ -96,7 +96,8 @@ def _among_times(base: Base, form: Hypothesis, always: Sequence[Term], course: S
     own = channels.design(form.terms)
     designs = [*smooth.designs, own]
     gain = smooth.project(own).gain()[0]
-    times, others = np.linspace(time_s[0], time_s[-1], _TIMES + 2)[1:-1], np.zeros(0)
+    times: FloatArray = np.linspace(time_s[0], time_s[-1], _TIMES + 2)[1:-1]
+    others: FloatArray = np.zeros(0)
     while len(times):
         times = times[np.abs(times[:, None] - changes).min(axis=1) > _OTHER_TIME * np.ptp(time_s)]
         steps = channels.design(_times(always, (time_s[:, None] >= times).astype(float)))

@@ -30,7 +30,7 @@ _NEARLY_ALL = 0.97
 """Difference of BIC, and part of the evidence, within which two effects cannot be told apart."""
 
 _SLIGHT = 0.1
-"""Part of the signal in the strongest sensor; what errs there shifts the field that all share by a part of its error."""
+"""Part of the signal in the strongest sensor: what errs there shifts the field that all share by part of its error."""
 
 _FREE_WITHOUT = ("temperature_drift", "current_interference")
 """Effects that, while their channel is missing, may be any function of time."""

@@ -58,9 +58,9 @@ _SAME_TIME = 3.0
 _SAME_LINE = 4.0
 """Widths of a spectral line, of one over the duration, within which two tones are one."""
 
-NOISE, OUTLIERS, JUMP = "noise_excess", "outliers", "bias_jump"
+NOISE, OUTLIERS, JUMP, TONE = "noise_excess", "outliers", "bias_jump", "periodic_interference"
 _STEPS = {JUMP, "scale_step"}
-_REPEATED = {*_STEPS, "periodic_interference", NOISE, OUTLIERS}
+_REPEATED = {*_STEPS, TONE, NOISE, OUTLIERS}
 """Effects that may happen more than once, each time in another form."""
 
 _OF_EACH_SENSOR = {"temperature_drift"}
@@ -223,7 +223,7 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
         alike = alike if len(alike) > 1 else [one for one in alike if len(sensors_of(places_of(one.form))) == 1]
     if alike and candidate.effect not in _REPEATED:
         return False
-    if any(_is_same_tone(candidate, other, base) for other in alike):
+    if candidate.effect == TONE and any(_is_same_line(candidate, other, base) for other in alike):
         return False
     if isinstance(candidate.form, Finding) and not _gives_up_more(candidate.form, base):
         return False
@@ -236,12 +236,10 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     return candidate.effect not in _STEPS or _changes([candidate, *there], base.channels.situation.step_s) <= MOST_STEPS
 
 
-def _is_same_tone(one: Evidence, other: Evidence, base: Base) -> bool:
+def _is_same_line(one: Evidence, other: Evidence, base: Base) -> bool:
     """Whether two tones have a frequency that the record does not tell apart: one that trembles is one."""
-    frequencies = [form.shape.get("frequency_hz") for form in (one.form, other.form) if isinstance(form, Hypothesis)]
-    if one.effect != "periodic_interference" or None in frequencies:
-        return False
-    return abs(frequencies[0] - frequencies[1]) * float(np.ptp(base.channels.situation.time_s)) < _SAME_LINE
+    lines = [form.shape["frequency_hz"] for form in (one.form, other.form) if isinstance(form, Hypothesis)]
+    return abs(lines[0] - lines[1]) * float(np.ptp(base.channels.situation.time_s)) < _SAME_LINE
 
 
 def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:

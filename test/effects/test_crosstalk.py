@@ -1,6 +1,7 @@
 """Channels that bleed into each other."""
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.crosstalk import Crosstalk
@@ -8,11 +9,12 @@ from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
 
 EFFECT = Crosstalk()
+LATE = {"late_y_s": 0.05}
 
 
 def test_coefficients_come_back(turning, refitted):
     """What bleeds into some axes is told from the calibration."""
-    deviation, error = refitted(EFFECT, turning(), {}, (0, 0, "previous 2 y"), (2, 1, "previous 2 z"))
+    deviation, error = refitted(EFFECT, turning(), LATE, (0, 0, "from y"), (2, 2, "from y"))
     assert np.abs(deviation).max() < 4
     assert error.max() < 0.1
 
@@ -20,12 +22,11 @@ def test_coefficients_come_back(turning, refitted):
 def test_the_reading_before_is_what_a_multiplexer_held(turning):
     """A capacitor that keeps a part of the reading before adds that, less the same part of the present one."""
     situation = turning()
-    other = situation.sensed_T[:, 4] + situation.errors.bias_T[1, 1]
-    held = np.empty(1200)
-    held[0], held[1:] = other[0], other[:-1]
-    fitted = FittedEffect("crosstalk", {}, (Contribution(0, 2, "previous 2 y", {"bleed": 0.01}),))
+    other = situation.field_T[:, 1]
+    held = np.append(other[0], other[:-1])
+    fitted = FittedEffect("crosstalk", LATE, (Contribution(0, 2, "from y", {"bleed": 0.01}),))
     added = EFFECT.signal(situation, fitted)
-    assert_allclose(added[:, 2], 0.01 * (held - other), atol=1e-18)
+    assert_allclose(added[:, 2], 0.01 * (held - other), atol=1e-15)
     assert not np.delete(added, 2, axis=1).any()
 
 
@@ -33,27 +34,36 @@ def test_nothing_is_held_across_a_hole(turning):
     """The reading before a hole is not the one before."""
     whole = turning()
     broken = whole.take(np.r_[0:400, 600:1200])
-    ours, theirs = (EFFECT.terms(situation, {})[0].features[:, 0] for situation in (broken, whole))
+    ours, theirs = (EFFECT.terms(situation, LATE)[0].features[:, 0] for situation in (broken, whole))
     assert ours[400] == 0
-    assert_allclose(np.delete(ours, 400), np.delete(theirs[np.r_[0:400, 600:1200]], 400))
+    assert_allclose(np.delete(ours, 400), np.delete(theirs[np.r_[0:400, 600:1200]], 400), atol=1e-12)
 
 
 def test_parallel_axes_are_left_out(turning):
     """What they bleed is a delay or a gain of the axis itself."""
-    names = {(term.sensor, term.axis, term.name) for term in EFFECT.terms(turning(), {})}
-    assert len(names) == 12 * 8
-    assert (0, 0, "previous 2 y") in names and (0, 0, "previous 2 x") not in names
+    names = {term.key for term in EFFECT.terms(turning(), {"on_1_s": 20.0})}
+    assert len(names) == 12 * 2
+    assert (0, 0, "from y") in names and (0, 0, "from x") not in names
+    assert {name for _, _, name in (term.key for term in EFFECT.terms(turning(), LATE))} == {"from y"}
 
 
-def test_poses_show_nothing(turning):
+def test_the_windows_in_which_a_channel_bleeds_are_found(turning, left_by):
+    """On the row that gets most of it, with the part of the field that comes and goes."""
+    situation = turning()
+    edges = np.arange(2.025, 58, 2.5)
+    shape = {f"{('on', 'off')[i % 2]}_{i // 2 + 1}_s": edge for i, edge in enumerate(edges.tolist()[:22])}
+    misfit = left_by(EFFECT, situation, shape, (2, 0, "from z", {"bleed": 0.02}))
+    found = [one for one in EFFECT.shapes(situation, misfit) if "on_1_s" in one]
+    assert found == [pytest.approx(shape, abs=0.21)]
+
+
+def test_poses_show_no_delay(turning, left_by):
     """Without motion there is no reading before that differs."""
     poses = turning(samples=300, attitude=np.random.default_rng(1).normal(size=(300, 4)))
-    assert "jumps" in EFFECT.obstacle(poses)
-    assert "too few" in EFFECT.obstacle(turning(samples=10))
-    assert EFFECT.obstacle(turning()) is None
+    assert not [one for one in EFFECT.shapes(poses, left_by(EFFECT, poses, {})) if "on_1_s" not in one]
 
 
 def test_it_survives_a_file():
     """Read again from what is written, it is the same."""
-    fitted = FittedEffect("crosstalk", {}, (Contribution(1, 2, "previous 2 x", {"bleed": 2e-4}),))
-    assert EffectFile.model_validate(effect_to_mapping(fitted, {"bleed": "1"})).to_fitted() == fitted
+    fitted = FittedEffect("crosstalk", LATE, (Contribution(1, 2, "from x", {"bleed": 2e-4}),))
+    assert EffectFile.model_validate(effect_to_mapping(fitted, {"bleed": "1"} | dict(EFFECT.shape_units))).to_fitted() == fitted

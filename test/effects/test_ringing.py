@@ -65,7 +65,9 @@ def test_a_hole_leaves_no_trace_behind_it(turning):
 def test_frequencies_reach_from_the_motion_to_half_the_sampling_rate(turning, left_by):
     """Few are tried."""
     situation = turning()
-    tried = list(EFFECT.shapes(situation, left_by(EFFECT, situation, SHAPE)))
+    every = list(EFFECT.shapes(situation, left_by(EFFECT, situation, SHAPE)))
+    tried = [shape for shape in every if "frequency_hz" in shape]
+    assert len(every) == 20
     frequencies = sorted({shape["frequency_hz"] for shape in tried})
     motion = (
         np.sqrt(np.mean(np.gradient(situation.field_T, 0.05, axis=0) ** 2)) / np.std(situation.field_T, axis=0).max()
@@ -75,11 +77,19 @@ def test_frequencies_reach_from_the_motion_to_half_the_sampling_rate(turning, le
     assert all(0 < shape["damping"] < 1 for shape in tried)
 
 
-def test_poses_show_nothing(turning):
-    """Without motion nothing rings."""
-    poses = np.random.default_rng(1).normal(size=(300, 4))
-    assert "jumps" in EFFECT.obstacle(turning(samples=300, attitude=poses))
-    assert EFFECT.obstacle(turning()) is None
+def test_each_jump_from_pose_to_pose_has_a_tail(turning, refitted):
+    """An oscillation that dies, of any phase, is told from the calibration; where poses jump nothing else is sought."""
+    situation = turning(samples=1200, attitude=np.repeat(np.random.default_rng(1).normal(size=(60, 4)), 20, axis=0))
+    shape = {"tail_hz": 4.0, "damping": 0.15}
+    jump = np.diff(situation.sensed_T[:, 4], prepend=situation.sensed_T[0, 4])
+    turn = 2 * np.pi * 4.0 * situation.step_s
+    dying = np.array([np.exp(-0.15 * turn * n) * np.cos(turn * np.sqrt(1 - 0.15**2) * n) for n in range(1200)])
+    part = Contribution(1, 1, "response of the axis", {"tail": 0.01})
+    added = EFFECT.signal(situation, FittedEffect("ringing", shape, (part,)))
+    assert_allclose(added[:, 4], 0.01 * np.convolve(jump, dying)[:1200], atol=1e-15)
+    deviation, _ = refitted(EFFECT, situation, shape, (1, 1, "response of the axis"))
+    assert np.abs(deviation).max() < 4
+    assert all("tail_hz" in tried for tried in EFFECT.shapes(situation, None))
 
 
 def test_it_survives_a_file():

@@ -1,0 +1,61 @@
+"""Changes that are abrupt, against what wanders."""
+
+import numpy as np
+import pytest
+
+from tam_calibration.effects.library import effect_named
+from tam_calibration.gap.abrupt import SHARPEST, standing_of_change
+from tam_calibration.gap.search import best_form
+
+
+def wandering(time_s, swings, seed):
+    """Return a smooth course of unit variance with so many swings."""
+    generator = np.random.default_rng(seed)
+    phase = np.pi * (time_s - time_s[0]) / np.ptp(time_s)
+    course = sum(generator.normal() * np.cos(order * phase) for order in range(1, swings + 1))
+    return (course - course.mean()) / course.std()
+
+
+def standing(made, effect):
+    """Return how the changes of an effect's best form stand."""
+    base = made.model().base()
+    form = best_form(base, effect_named(effect))
+    return form and standing_of_change(base, form, form.selection.delta_bic)
+
+
+@pytest.mark.parametrize("swings", [2, 5, 12])
+@pytest.mark.parametrize("seed", range(3))
+def test_what_wanders_is_no_step(run, swings, seed):
+    """A bias, and a scale factor, that wander smoothly."""
+    made = run(900)
+    course = wandering(made.recording.time_s, swings, seed)
+    assert standing(made.with_row(4, 10e-9 * course), "bias_jump") is None
+    assert standing(made.with_row(4, 3e-4 * course * made.recording.readings_T[:, 1, 1]), "scale_step") is None
+
+
+@pytest.mark.parametrize("ends", [(30.0, np.inf), (20.0, 41.0)])
+def test_a_step_is_abrupt(run, ends):
+    """For good or for a while, alone or beside what wanders."""
+    made = run(900)
+    time_s = made.recording.time_s
+    jump = np.where((time_s > ends[0]) & (time_s < ends[1]), 15e-9, 0.0)
+    drift = 4e-9 * wandering(time_s, 2, 1)
+    for row in (jump, jump + drift):
+        found = standing(made.with_row(4, row), "bias_jump")
+        assert found.ratio > SHARPEST
+
+
+def test_many_steps_are_no_step(run):
+    """A random walk by a step every six seconds."""
+    made = run(900)
+    walk = np.cumsum(np.random.default_rng(4).choice([-1.0, 1.0], 11))
+    course = walk[np.minimum((made.recording.time_s / 6).astype(int), 10)]
+    assert standing(made.with_row(4, 10e-9 * course), "bias_jump") is None
+
+
+def test_levels_at_the_same_times_are_more_of_the_same(run):
+    """Two steps of unlike size are no course, though one step to and fro fits them badly."""
+    made = run(900)
+    time_s = made.recording.time_s
+    level = np.where(time_s < 20, 0.0, np.where(time_s < 41, 20e-9, -14e-9))
+    assert standing(made.with_row(4, level), "bias_jump") is not None
