@@ -84,16 +84,20 @@ def _causes(
     found: Search, model: Model, size: Size, chances: Mapping[str, float], variance: float
 ) -> tuple[Cause, ...]:
     linear = [step for step in found.steps if isinstance(step.accepted.form, Hypothesis)]
-    by_finding = {
-        id(step.accepted.form.fitted): step for step in reversed(found.steps) if isinstance(step.accepted.form, Finding)
-    }
-    others = list(by_finding.values())
+    by_finding: dict[int, list[Step]] = {}
+    for step in found.steps:
+        if isinstance(step.accepted.form, Finding):
+            by_finding.setdefault(id(step.accepted.form.fitted), []).append(step)
+    others = [steps[0] for steps in by_finding.values()]
     shares = shares_of(model) if model.parts else np.empty(0)
     fitted = _fitted(model)
     energy = _energies(found.steps, found.nominal.base().channels.count)
     total = sum(energy.values())
     linear_energy = sum(energy[step] for step in linear)
-    weights = [*(share * linear_energy / total for share in shares), *(energy[step] / total for step in others)]
+    weights = [
+        *(share * linear_energy / total for share in shares),
+        *(sum(energy[step] for step in steps) / total for steps in by_finding.values()),
+    ]
     situation = model.channels().situation
     causes = []
     for step, effect, weight in zip((*linear, *others), (*fitted, *_findings(model)), weights, strict=True):
@@ -160,7 +164,7 @@ def _fitted(model: Model) -> list[FittedEffect]:
 
 
 def _findings(model: Model) -> list[FittedEffect]:
-    return list({id(finding.fitted): finding.fitted for finding in reversed(model.findings)}.values())
+    return list({id(finding.fitted): finding.fitted for finding in model.findings}.values())
 
 
 def _places(fitted: FittedEffect, situation: Situation) -> list[Place]:

@@ -25,7 +25,7 @@ LEAST_EVIDENCE = 12.0
 _LEAST_RATIO: Mapping[SurrogateKind, float] = {
     "moved": 2.0,
     "of_channel": 1.0,
-    "of_attitude": 2.0,
+    "of_attitude": 1.3,
     "elsewhere": 1.0,
     "at_other_frequencies": 2.0,
 }
@@ -243,13 +243,13 @@ def _is_same_line(one: Evidence, other: Evidence, base: Base) -> bool:
 
 
 def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
-    """Return noise or spikes in sensors that saturate or are rounded as part of that: what is left there is of it."""
+    """Return noise or spikes in sensors that saturate, are rounded or lose samples as part of that: it leaves them."""
     if not isinstance(accepted.form, Finding) or accepted.is_certain:
         return accepted
     sensors = sensors_of(places_of(accepted.form))
     for step in steps:
         before = step.accepted
-        if not (before.is_certain and isinstance(before.form, Finding)):
+        if not isinstance(before.form, Finding) or before.effect in (NOISE, OUTLIERS):
             continue
         if sensors <= sensors_of(places_of(before.form)):
             return replace(accepted, effect=before.effect, form=replace(accepted.form, fitted=before.form.fitted))
@@ -257,27 +257,23 @@ def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
 
 
 def _is_best(base: Base, candidate: Evidence, unknown: Collection[Evidence]) -> bool:
-    """Whether noise or spikes explain about as much as any function without physics: what has a course is neither."""
-    most = max((one.gain for one in unknown if one.delta_bic > LEAST_EVIDENCE), default=0.0)
-    return candidate.gain >= most
+    """Whether noise or spikes explain as much as any function without physics there: what has a course is neither."""
+    return all(candidate.gain >= _gain_there(base, candidate, one) for one in unknown)
 
 
 def _is_of_direction(base: Base, cause: Evidence, unknown: Collection[Evidence]) -> bool:
     """Whether a function of the direction explains more in the sensors of a cause: then no axis and no time matter."""
-    return cause.gain < _OF_DIRECTION * _gain_beside(base, cause, unknown, {FunctionOfDirection.name})
+    others = [one for one in unknown if one.effect == FunctionOfDirection.name]
+    return any(cause.gain < _OF_DIRECTION * _gain_there(base, cause, one) for one in others)
 
 
-def _gain_beside(base: Base, cause: Evidence, unknown: Collection[Evidence], kinds: Collection[str]) -> float:
-    """Return the most that functions without physics of some kinds gain in the sensors of a cause."""
-    sensors, most = sensors_of(places_of(cause.form)), 0.0
-    for one in unknown:
-        if one.effect not in kinds or not isinstance(one.form, Hypothesis):
-            continue
-        terms = [term for term in one.form.terms if term.sensor in sensors or ALL in sensors]
-        if terms:
-            gain = base.project(base.channels.design(terms)).gain()[0]
-            most = max(most, float(twice_log_likelihood_ratio(base.energy, gain, base.channels.count)))
-    return most
+def _gain_there(base: Base, cause: Evidence, other: Evidence) -> float:
+    """Return what a function without physics gains in the sensors of a cause; nothing where it is noise."""
+    sensors = sensors_of(places_of(cause.form))
+    terms = other.form.terms if isinstance(other.form, Hypothesis) and other.delta_bic > LEAST_EVIDENCE else ()
+    there = [term for term in terms if term.sensor in sensors or ALL in sensors]
+    gain = base.project(base.channels.design(there)).gain()[0] if there else 0.0
+    return float(twice_log_likelihood_ratio(base.energy, gain, base.channels.count))
 
 
 def _is_nested(one: Evidence, other: Evidence) -> bool:

@@ -66,4 +66,5 @@ def test_poses_show_no_delay(turning, left_by):
 def test_it_survives_a_file():
     """Read again from what is written, it is the same."""
     fitted = FittedEffect("crosstalk", LATE, (Contribution(1, 2, "from x", {"bleed": 2e-4}),))
-    assert EffectFile.model_validate(effect_to_mapping(fitted, {"bleed": "1"} | dict(EFFECT.shape_units))).to_fitted() == fitted
+    units = {"bleed": "1"} | dict(EFFECT.shape_units)
+    assert EffectFile.model_validate(effect_to_mapping(fitted, units)).to_fitted() == fitted

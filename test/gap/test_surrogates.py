@@ -49,9 +49,7 @@ def test_another_residual_is_that_of_its_channels(run):
     assert_allclose(other.project(base.designs[0]).before, made.project(base.designs[0]).before)
 
 
-@pytest.mark.parametrize(
-    ("effect", "row"), [("temperature_drift", 4), ("current_interference", 1), ("time_skew", 3)]
-)
+@pytest.mark.parametrize(("effect", "row"), [("temperature_drift", 4), ("current_interference", 1), ("time_skew", 3)])
 def test_a_slow_course_that_follows_nothing_stands_among_its_surrogates(run, effect, row):
     """Channel and motion explain a part of any slow course, and so do those like them."""
     made = run(900)
