@@ -43,9 +43,9 @@ SurrogateKind = Literal["moved", "of_channel", "of_attitude", "at_other_times", 
 """How surrogates of an effect are made, which have its form and nothing to do with the residual.
 
 ``moved``: the residual is moved in time against all else. ``of_channel``: the recorded channel is, or is another of
-the same spectrum. ``of_attitude``: the recorded attitude is moved. ``of_course``: a change at some times is another
-course of time of the same spectrum. ``elsewhere``: it acts on other rows. ``at_other_frequencies``: its frequency is
-another.
+the same spectrum. ``of_attitude``: the recorded attitude is moved. ``at_other_times``: it is a step at another time,
+beside itself and the best smooth course of it. ``elsewhere``: it acts on other rows. ``at_other_frequencies``: its
+frequency is another.
 """
 
 
