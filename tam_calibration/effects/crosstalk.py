@@ -53,27 +53,31 @@ class Crosstalk(LinearEffect):
         is_continuous = jumps(situation) is None
         late = [{name: steps * situation.step_s} for name in _SHAPES for steps in _LATE if is_continuous]
         windows = _windows(situation, misfit)
-        return late if windows is None else [*late, windows.shape(situation)]
+        on = {} if windows is None else windows.shape(situation)
+        return [*late, *({name: 0.0, **on} for name in _SHAPES if on)]
 
     def always(self, shape: Shape) -> Shape | None:
-        """Return a window without an end; None for what is late."""
-        return {"on_1_s": -np.inf} if "on_1_s" in shape else None
+        """Return a window without an end; None for what is late all the time."""
+        late = {name: late_s for name, late_s in shape.items() if name in _SHAPES}
+        return {**late, "on_1_s": -np.inf} if "on_1_s" in shape else None
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return what each axis gets of the channels along other axes: the late one's change, or all in the windows."""
-        late = {axis: shape[name] for name, axis in _SHAPES.items() if name in shape}
-        if late:
-            bled = {axis: _change(situation, axis, late_s) for axis, late_s in late.items()}
+        """Return what each axis gets of the late channel: its change, or all of it in windows.
+
+        All the time, a parallel axis gets none, for that is a delay of its own.
+        """
+        ((source, late_s),) = ((axis, shape[name]) for name, axis in _SHAPES.items() if name in shape)
+        bled = _change(situation, source, late_s)
+        along = np.zeros(situation.scalar_row)
+        if "on_1_s" in shape:
+            bled = np.where(in_windows(situation, shape), situation.field_T[:, source] + bled, 0.0)
         else:
-            is_on = in_windows(situation, shape)
-            bled = {axis: np.where(is_on, situation.field_T[:, axis], 0.0) for axis in range(3)}
-        rows = situation.errors.matrix.reshape(-1, 3)
-        along = np.abs(rows) / np.linalg.norm(rows, axis=1)[:, None]
+            axes = situation.errors.matrix.reshape(-1, 3)
+            along = np.abs(axes[:, source]) / np.linalg.norm(axes, axis=1)
         return [
-            Term.of_row(situation, row, f"from {'xyz'[axis]}", [_BLEED], feature[:, None])
+            Term.of_row(situation, row, f"from {'xyz'[source]}", [_BLEED], bled[:, None])
             for row in range(situation.scalar_row)
-            for axis, feature in bled.items()
-            if along[row, axis] < _PARALLEL
+            if along[row] < _PARALLEL
         ]
 
 

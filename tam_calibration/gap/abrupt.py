@@ -97,9 +97,11 @@ def _among_times(base: Base, form: Hypothesis, always: Sequence[Term], course: S
     designs = [*smooth.designs, own]
     gain = smooth.project(own).gain()[0]
     times: FloatArray = np.linspace(time_s[0], time_s[-1], _TIMES + 2)[1:-1]
-    others: FloatArray = np.zeros(0)
-    while len(times):
+    while True:
         times = times[np.abs(times[:, None] - changes).min(axis=1) > _OTHER_TIME * np.ptp(time_s)]
+        if not len(times):
+            others: FloatArray = np.zeros(0)
+            break
         steps = channels.design(_times(always, (time_s[:, None] >= times).astype(float)))
         groups = np.split(np.arange(len(times) * form.width), len(times))
         others = Base(channels, designs).project(steps).gains(groups)[0]

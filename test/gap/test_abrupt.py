@@ -59,3 +59,12 @@ def test_levels_at_the_same_times_are_more_of_the_same(run):
     time_s = made.recording.time_s
     level = np.where(time_s < 20, 0.0, np.where(time_s < 41, 20e-9, -14e-9))
     assert standing(made.with_row(4, level), "bias_jump") is not None
+
+
+def test_where_all_times_are_changes_there_is_no_other(run):
+    """A gain that goes to and fro all the time stands alone."""
+    made = run(900)
+    is_on = (made.recording.time_s % 2.4) < 1.0
+    made = made.with_row(4, np.where(is_on, 1e-3, 0.0) * made.recording.readings_T[:, 1, 1])
+    found = standing(made, "gain_switching")
+    assert found.largest == 0 and found.gain > 100

@@ -94,7 +94,7 @@ def test_the_gradients_of_a_room_are_not_blamed_on_the_sensor():
     gap = gap_of("broad_03")
     assert gap.verdict == "partly_explained"
     assert gap.size.closed < 0.6 and gap.size.after > 1
-    assert gap.causes[0].fitted.effect == "eddy_current"
+    assert gap.causes[0].fitted.effect in {"eddy_current", "time_skew"}
     assert status_of(gap, "hysteresis") == "not_supported"
     assert status_of(gap, "temperature_drift") == "channel_missing"
     assert status_of(gap, "ambient_gradient") == "not_identifiable"
