@@ -43,7 +43,7 @@ _WHOLE = 0.05
 _NEARLY_ALL = 0.97
 """Part of what a hypothesis gains from which on its special case is the cause."""
 
-_OF_DIRECTION = 0.9
+_OF_DIRECTION = 0.97
 """Part of what functions of the direction gain in its sensors that an effect of the field alone must gain."""
 
 _OF_NOISE = 0.5
