@@ -7,6 +7,7 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.effects.situation import Situation
+from tam_calibration.recording import BLOCK
 from tam_calibration.units import FloatArray
 
 _NEIGHBOURS = 6
@@ -14,8 +15,6 @@ _LARGEST_WEIGHT = 50.0
 """Of a neighbour in a derivative, per step of time; more means samples that nearly coincide."""
 
 _KNOWN: WeakKeyDictionary[Situation, FloatArray] = WeakKeyDictionary()
-
-_PIECE = 32_768
 
 _JUMP = 0.35
 _BLOCKS = (1, 2, 4, 8, 16)
@@ -34,8 +33,8 @@ def rates(situation: Situation) -> FloatArray:
         if stretch.stop - stretch.start < 3:
             continue
         neighbours, here = _neighbours(stretch), np.arange(stretch.start, stretch.stop)
-        for first_of_piece in range(0, len(here), _PIECE):
-            nodes, own = neighbours[first_of_piece:][:_PIECE], here[first_of_piece:][:_PIECE]
+        for first_of_piece in range(0, len(here), BLOCK):
+            nodes, own = neighbours[first_of_piece:][:BLOCK], here[first_of_piece:][:BLOCK]
             _, slope = _weights(situation.time_s[nodes] - situation.time_s[own, None])
             wild = np.abs(slope).max(axis=1) * situation.step_s > _LARGEST_WEIGHT
             slope[wild] = 0

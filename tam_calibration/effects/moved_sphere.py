@@ -19,8 +19,11 @@ _MOST_READINGS = 500_000
 _BLOCKS = 300
 _LEAST_BLOCKS = 20
 _ROUNDS = 2
-_LEAST_FALL = 4.0
-"""How many times smaller the squares must be with two spheres than with one."""
+LEAST_FALL = 4.0
+"""How many times smaller the squares must be with a gross jump than without; noise does not make twos of one."""
+
+GROSS = 0.01
+"""Part of the field's intensity: misfits above are no small disturbances, for which alone sums are linear."""
 
 _LEAST_JUMP = 0.1
 """Of the field; less is a small disturbance, or made of errors of scale in a short record."""
@@ -57,7 +60,7 @@ def moved_sphere(recording: Recording) -> FittedEffect | None:
             best = tried[inside][np.argmin(sums.left(tried[inside]))]
     one, two = sums.left(np.array([[0, count], best]))
     jump = sums.jump(best)
-    if one < _LEAST_FALL * two or norm(jump, axis=1).max() < _LEAST_JUMP:
+    if one < LEAST_FALL * two or norm(jump, axis=1).max() < _LEAST_JUMP:
         return None
     middle = (recording.time_s[1:] + recording.time_s[:-1]) / 2
     shape = {name: float(middle[cut - 1]) for name, cut in zip(("time_s", "end_s"), best, strict=True) if cut < count}

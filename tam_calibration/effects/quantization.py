@@ -30,6 +30,7 @@ from tam_calibration.effects.effect import (
     Situation,
 )
 from tam_calibration.effects.places import row_deviations, rows_of
+from tam_calibration.effects.regularity import CERTAIN
 from tam_calibration.units import FloatArray
 
 _FINEST = 0.5
@@ -53,9 +54,6 @@ _VISIBLE = 0.1
 
 _EXPECTED = 0.5
 """Part of the rounding's variance that a row's residual must show."""
-
-_CERTAIN = 3.0
-"""Standard errors by which it must exceed the floor."""
 
 _FEW = 0.6
 """Part of the readings that are different values, below which steps are read off these."""
@@ -243,7 +241,7 @@ def _visible(lattices: list[Lattice], square: FloatArray, information: FloatArra
         rows = [lattice.row for lattice in group]
         rounding = float(information[rows].sum()) * group[0].step_T ** 2 / 12
         surplus = float((square[rows] - floor).sum())
-        chance = _CERTAIN * float(np.sqrt(2 * np.sum(square[rows] ** 2) / sample_count))
+        chance = CERTAIN * float(np.sqrt(2 * np.sum(square[rows] ** 2) / sample_count))
         if surplus > max(_EXPECTED * rounding, chance):
             kept += group
     return sorted(kept, key=lambda lattice: lattice.row)

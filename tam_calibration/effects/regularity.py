@@ -4,7 +4,7 @@ import numpy as np
 
 from tam_calibration.effects.excess_variance import Excess
 from tam_calibration.effects.misfit import Misfit
-from tam_calibration.effects.neighbours import sum_around
+from tam_calibration.effects.neighbours import MOST_NEIGHBOURS, sum_around
 from tam_calibration.effects.places import row_deviations
 from tam_calibration.units import FloatArray
 
@@ -27,10 +27,9 @@ _SPAN, _RIDGE = 8, 0.3
 """Neighbouring samples on either side, and what keeps their regressions from following noise."""
 
 CERTAIN = 3.0
-"""Standard errors by which either must differ from that of white noise."""
+"""Standard errors by which a statistic of a residual must differ from that of white noise."""
 
 _NEIGHBOURS = 16
-_MOST_NEIGHBOURS = 20_000
 
 HEAVY = 3.0
 """Excess kurtosis, with the variance of the surroundings taken out, from which on it is spikes."""
@@ -106,7 +105,7 @@ def _directed(deviation: FloatArray, direction: FloatArray) -> float:
     """Return the covariance of samples with the one at the nearest direction that is far off in time."""
     from scipy.spatial import cKDTree
 
-    every = max(1, len(deviation) // _MOST_NEIGHBOURS)
+    every = max(1, len(deviation) // MOST_NEIGHBOURS)
     chosen, values = direction[::every], deviation[::every]
     count = min(_NEIGHBOURS, len(values) - 1)
     _, near = cKDTree(chosen).query(chosen, count + 1)

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.clipped_core import ClippedCore, find_clipped_cores
+from tam_calibration.effects.clipped_core import FLAT, ClippedCore, find_clipped_cores
 from tam_calibration.effects.effect import (
     Contribution,
     Finding,
@@ -25,6 +25,7 @@ from tam_calibration.effects.effect import (
 )
 from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.places import rows_of
+from tam_calibration.effects.robust import noise_deviation
 from tam_calibration.units import FloatArray
 
 WIDEST_RANGE = Limit(5e-2, "the widest range of a Hall sensor; Melexis, data sheet of the MLX90393", "T")
@@ -43,9 +44,6 @@ _CERTAIN = 5.0
 
 _DEEP = 4.0
 """Standard deviations of the noise by which one reading at least must fall short of what it should be."""
-
-_FLAT = 0.2
-"""Beyond a limit the reading must follow what it should be by less than this."""
 
 _ENDS = {"upper limit": 1.0, "lower limit": -1.0}
 
@@ -203,7 +201,7 @@ def _pile(outward: FloatArray, shift: FloatArray, noise: float) -> NDArray[np.in
     if len(chosen) < _LEAST_PILED:
         return chosen[:0]
     should, did = expected[chosen] - expected[chosen].mean(), outward[chosen] - outward[chosen].mean()
-    is_flat = should @ should > len(chosen) * (3 * noise) ** 2 and abs(should @ did) < _FLAT * (should @ should)
+    is_flat = should @ should > len(chosen) * (3 * noise) ** 2 and abs(should @ did) < FLAT * (should @ should)
     return chosen if is_flat and np.std(did) < 2 * noise else chosen[:0]
 
 
@@ -217,7 +215,7 @@ def _is_lone(misfit: Misfit, row: int, sample: int, scale: float) -> bool:
 def _scale(misfit: Misfit, row: int) -> float:
     """Return the robust standard deviation of a row's shifts in standard errors."""
     deviation = misfit.row_shift_T[:, row] * np.sqrt(misfit.row_information[:, row])
-    return float(1.4826 * np.median(np.abs(deviation)))
+    return float(noise_deviation(deviation))
 
 
 def _energy(misfit: Misfit, limit: _Limit) -> float:

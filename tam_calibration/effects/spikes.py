@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.misfit import Misfit
+from tam_calibration.effects.neighbours import MOST_NEIGHBOURS
 from tam_calibration.effects.places import row_deviations
+from tam_calibration.effects.robust import noise_deviation
 from tam_calibration.effects.saturation import find_limits
 from tam_calibration.units import FloatArray
 
@@ -25,7 +27,6 @@ _FALSE_DISCOVERIES = 0.02
 _EFFICIENCY = 0.37
 """Of the median of absolute values as an estimate of a Gaussian scale."""
 
-_NORMAL = 1.4826
 _BLOCK = 200
 """Samples over which the scale of the surroundings is taken."""
 
@@ -48,7 +49,6 @@ _BESIDE = 10
 _LOUD = 1.1
 """Scale of what is beside spikes, relative to the row's, that is no louder than elsewhere."""
 
-_MOST_NEIGHBOURS = 20_000
 _CLUSTERED = 1e-3
 """Probability below which bursts do not come at random times."""
 
@@ -120,9 +120,9 @@ def _standardised(raw: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
     count = max(1, len(chosen) // _BLOCK)
     size = len(chosen) // count
     blocks = chosen[: count * size].reshape(count, size, -1)
-    scale = _NORMAL * np.median(blocks, axis=1)
-    thinned = chosen[:: max(1, len(chosen) // _MOST_NEIGHBOURS)]
-    scale = np.maximum(scale, _NORMAL * np.median(thinned, axis=0))
+    scale = noise_deviation(blocks, axis=1)
+    thinned = chosen[:: max(1, len(chosen) // MOST_NEIGHBOURS)]
+    scale = np.maximum(scale, noise_deviation(thinned, axis=0))
     index = np.zeros(len(deviation), dtype=np.intp)
     index[usable] = np.minimum(np.arange(len(chosen)) // size, count - 1)
     scale = np.where(scale > 0, scale, np.inf)
@@ -169,14 +169,14 @@ def _shared(misfit: Misfit, deviation: FloatArray, worst: NDArray[np.intp], far:
     around = others[np.clip(order + np.arange(-_AROUND, _AROUND), 0, len(others) - 1)]
     shared = np.median(deviation[around[:, _IN_TIME], rows], axis=1) / own > _SHARED
     usable = np.flatnonzero(misfit.channel_count > 0)
-    thinned = usable[:: max(1, len(usable) // _MOST_NEIGHBOURS)]
+    thinned = usable[:: max(1, len(usable) // MOST_NEIGHBOURS)]
     direction = misfit.situation.field_T / misfit.situation.intensity_T[:, None]
     near = thinned[cKDTree(direction[thinned]).query(direction[samples], _NEIGHBOURS)[1]]
     at_direction = np.where(np.abs(near - samples[:, None]) > LONGEST_BURST, deviation[near, rows], np.nan)
     several = np.sum(np.isfinite(at_direction), axis=1) >= _NEIGHBOURS // 2
     shared[several] |= np.nanmedian(at_direction[several], axis=1) / own[several] > _SHARED
-    sides = np.abs(deviation[around, rows]).reshape(len(samples), 2, _AROUND)
-    shared |= np.abs(own) < _STANDS_OUT * _NORMAL * np.median(sides, axis=2).max(axis=1)
+    sides = deviation[around, rows].reshape(len(samples), 2, _AROUND)
+    shared |= np.abs(own) < _STANDS_OUT * noise_deviation(sides, axis=2).max(axis=1)
     found: NDArray[np.intp] = samples[shared]
     return found
 
@@ -202,5 +202,5 @@ def _is_loud_around(
     others, samples = np.flatnonzero(~far & usable), np.flatnonzero(far)
     steps = np.concatenate([np.arange(-_BESIDE, 0), np.arange(_BESIDE)])
     beside = others[np.clip(np.searchsorted(others, samples)[:, None] + steps, 0, len(others) - 1)]
-    scale = _NORMAL * float(np.median(np.abs(deviation[beside, worst[samples][:, None]])))
+    scale = float(noise_deviation(deviation[beside, worst[samples][:, None]]))
     return scale > _LOUD + 4 / float(np.sqrt(2 * _EFFICIENCY * beside.size))

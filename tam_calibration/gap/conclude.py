@@ -6,6 +6,7 @@ import numpy as np
 
 from tam_calibration.effects.effect import Finding, FittedEffect
 from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import sandwich
 from tam_calibration.gap.hypotheses import Evidence
@@ -18,7 +19,7 @@ from tam_calibration.gap.residue import residue_of
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
 from tam_calibration.gap.search import Hypothesis, Place
 from tam_calibration.gap.shares import shares_of
-from tam_calibration.gap.size import LARGEST_NOISE, measure, noise_variance
+from tam_calibration.gap.size import measure, noise_variance
 from tam_calibration.gap.steps import Search
 from tam_calibration.gap.support import LEAST_EVIDENCE, Step
 from tam_calibration.gap.verdict import noisier_rows, smallest_gap, statement, verdict_on

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.array import Array
 from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, LinearEffect, Shape, Term
-from tam_calibration.effects.moved_sphere import moved_sphere
+from tam_calibration.effects.moved_sphere import GROSS, moved_sphere
 from tam_calibration.effects.removal import attitude_known, filled
 from tam_calibration.effects.term import Key, chosen
 from tam_calibration.errors import SensorErrors
@@ -20,7 +20,7 @@ from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.nominal import starts, stepped, wild_samples, without_jump
 from tam_calibration.gap.physical import objection_to, sensed_intensity
-from tam_calibration.gap.refusal import without_calibration
+from tam_calibration.gap.refusal import ENOUGH_SAMPLES, without_calibration
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.search import Hypothesis
 from tam_calibration.gap.selection import columns_of
@@ -33,14 +33,8 @@ _MOST_STEPS, _MOST_ROUNDS = 8, 4
 _SPHERE_RANK = 9
 """Of the calibration of one sensor by the length of the field, where that tells all of it."""
 
-_GROSS = 0.01
-"""Of the field: a misfit above is no small disturbance."""
-
 _LEAST_JUMP = 0.01
 """Part of the largest jump of an axis below which another is the error of a sphere's centre."""
-
-_ENOUGH_SAMPLES = 8000
-"""Of a long recording a search takes no more; the fit that it ends with takes all."""
 
 _KNOWN: "WeakKeyDictionary[Model, Base]" = WeakKeyDictionary()
 
@@ -136,7 +130,7 @@ class Model:
 
         That is a few readings beyond all others, or a jump.
         """
-        stride = recording.sample_count // _ENOUGH_SAMPLES + 1
+        stride = recording.sample_count // ENOUGH_SAMPLES + 1
         is_oriented, wild = attitude_known(recording), wild_samples(recording)
         if wild.any():
             tame = cls.nominal(recording.take(~wild), array)
@@ -251,7 +245,7 @@ class Model:
         """Whether the misfit is no small disturbance of the field."""
         misfit = self.channels().misfit
         size = np.sqrt(np.mean(misfit.row_shift_T**2 * (misfit.row_information > 0)))
-        return bool(size > _GROSS * np.median(self.channels().situation.intensity_T))
+        return bool(size > GROSS * np.median(self.channels().situation.intensity_T))
 
     @property
     def is_counted(self) -> NDArray[np.bool_]:
@@ -347,7 +341,7 @@ class Model:
         if self in _KNOWN:
             return _KNOWN[self]
         base = self._base()
-        if self.recording.sample_count <= _ENOUGH_SAMPLES:
+        if self.recording.sample_count <= ENOUGH_SAMPLES:
             _KNOWN[self] = base
         return base
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from tam_calibration.effects.fitted import ALL, SCALAR
+from tam_calibration.effects.ridge import ridged
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.regression import Base
@@ -85,8 +86,8 @@ def _energy_along(
     ).copy()
     information += channels.precision[:, None, None] * direction[:, :, None] * direction[:, None, :]
     size = np.sqrt(np.maximum(np.einsum("nii->ni", information), np.finfo(float).tiny))
-    scaled = information / (size[:, :, None] * size[:, None, :])
-    solved = np.linalg.solve(scaled + 1e-9 * np.eye(len(rows)), (score / size)[:, :, None])[:, :, 0]
+    scaled = ridged(information / (size[:, :, None] * size[:, None, :]))
+    solved = np.linalg.solve(scaled, (score / size)[:, :, None])[:, :, 0]
     return np.sum(solved * score / size, axis=1), len(rows)
 
 
