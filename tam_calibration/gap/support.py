@@ -10,7 +10,6 @@ import numpy as np
 from tam_calibration.effects.effect import ALL, Contribution, Finding, FittedEffect, SurrogateKind
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.hypotheses import Evidence, examine
-from tam_calibration.gap.noise_gain import noise_gain
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.search import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.selection import columns_of
@@ -46,9 +45,6 @@ _OF_DIRECTION = 0.9
 
 _OF_TIME = 0.7
 """Part of what smooth functions of time gain in its sensors that a change at some times must gain."""
-
-_OF_NOISE = 0.5
-"""Part of what a cause gains that it may gain by averaging noise."""
 
 _MOST_JUMPS = 3
 """Times at which one sensor's bias jumps; what comes and goes more often is a loose part or contact, and no jump."""
@@ -144,8 +140,7 @@ def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tupl
     follows_field_alone = not (form.effect.is_free_in_time or form.effect.channels)
     if follows_field_alone and _is_of_direction(base, candidate, unknown):
         return False, None
-    own = noise_gain(base, form)
-    if candidate.delta_bic - own < LEAST_EVIDENCE or own > _OF_NOISE * candidate.gain:
+    if candidate.delta_bic < LEAST_EVIDENCE:
         return False, None
     if form.effect.oversize(base.channels.situation, fitted_at(base, form)) is not None:
         return False, None
