@@ -17,9 +17,8 @@ from tam_calibration.effects.effect import (
 )
 from tam_calibration.units import FloatArray
 
-_LEAST_SAMPLES = 32
 _LEAST_PERIODS = 10
-"""In the record; what varies more slowly is a drift."""
+"""In the record; what varies more slowly is a drift, and a record of two samples a period is too short."""
 
 _AT_WORK = Limit(
     1e-3, "the largest field of mains that people may work in; ICNIRP guidelines, Health Phys. 99, 2010, p. 818", "T"
@@ -57,13 +56,13 @@ class PeriodicInterference(LinearEffect):
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the recording is too short, where it is."""
-        if situation.sample_count < _LEAST_SAMPLES:
+        if situation.sample_count <= 2 * _LEAST_PERIODS:
             return f"{situation.sample_count} samples are too few for a spectrum"
         return None
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
         """Return the frequencies of the strongest lines above the band of the motion and of drifts."""
-        if situation.sample_count < _LEAST_SAMPLES:
+        if situation.sample_count <= 2 * _LEAST_PERIODS:
             return []
         start = float(situation.time_s[0])
         return [{"frequency_hz": frequency, "start_s": start} for frequency in _lines(misfit)]

@@ -15,9 +15,9 @@ from itertools import pairwise
 import numpy as np
 
 from tam_calibration.gap.channels import Channels
+from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.design import Design
 from tam_calibration.gap.regression import Base
-from tam_calibration.gap.result import CONFIDENCE
 from tam_calibration.units import FloatArray
 
 _COSINES = 8
@@ -96,5 +96,5 @@ def _scale(information: FloatArray, solve: FloatArray, influence: FloatArray, co
     if total <= 0:
         return 0.0
     freedom = total**2 / float(np.sum(covariance**2))
-    two_sided = (1 + CONFIDENCE) / 2
-    return float(stdtrit(freedom, two_sided) / ndtri(two_sided)) * float(np.sqrt(energy.sum() * _COSINES / total))
+    quantile = float(stdtrit(freedom, 1 - CHANCE / 2) / ndtri(1 - CHANCE / 2))
+    return quantile * float(np.sqrt(energy.sum() * _COSINES / total))

@@ -25,15 +25,11 @@ from tam_calibration.gap.support import LEAST_EVIDENCE, Step
 from tam_calibration.gap.verdict import noisier_rows, smallest_gap, statement, verdict_on
 from tam_calibration.gap.where import locate, sensors_and_axes
 
-_AS_GOOD = 10.0
-_NEARLY_ALL = 0.97
-"""Difference of BIC, and part of the evidence, within which two effects cannot be told apart."""
-
 _FREE_WITHOUT = ("temperature_drift", "current_interference")
 """Effects that, while their channel is missing, may be any function of time."""
 
 _OF_FEW, _FEW = ("saturation", "outliers"), 3
-"""Effects that are alike in so few samples."""
+"""Effects that are alike in so few samples: a spike or three may as well be the end of a range."""
 
 
 def conclude(found: Search) -> Gap:
@@ -119,8 +115,7 @@ def _alike(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
     names = [
         rival.effect
         for rival in step.weighed
-        if rival.effect != effect.effect
-        and (rival.delta_bic > cause.delta_bic - _AS_GOOD or rival.gain > _NEARLY_ALL * cause.gain)
+        if rival.effect != effect.effect and rival.delta_bic > cause.delta_bic - LEAST_EVIDENCE
     ]
     if isinstance(cause.form, Hypothesis) and cause.form.effect.is_free_in_time:
         names += [

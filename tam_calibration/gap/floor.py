@@ -37,8 +37,6 @@ _ROUNDS = 200
 LEAST_SAMPLES = 20
 """Fewer tell neither the level of a noise nor, without a fold of them, the nine numbers of an ellipsoid."""
 
-_LARGEST_COLOUR = 0.95
-
 
 @dataclass(frozen=True, eq=False)
 class Floor:
@@ -69,7 +67,7 @@ class Floor:
     @property
     def total_T(self) -> FloatArray:
         """(3K + 1,) standard deviation with the colour: of an autoregressive process that has this level above."""
-        colour = np.clip(self.colour, 0, _LARGEST_COLOUR)
+        colour = np.clip(self.colour, 0, 1 - np.finfo(float).eps)
         # Its power at the middle of the upper half of the band, in that of white noise of the same variance.
         part = (1 - colour**2) / (1 + colour**2 - 2 * colour * np.cos(0.75 * np.pi))
         total: FloatArray = self.level_T / np.sqrt(part)

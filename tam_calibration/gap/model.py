@@ -41,9 +41,6 @@ _KNOWN: "WeakKeyDictionary[Model, Base]" = WeakKeyDictionary()
 _HELD_BACK = 0.01
 """Part of the energy that a further step would take, from which a fit has not settled."""
 
-_SAME_NOISE = 0.02
-"""Relative difference of noises that is not worth another fit."""
-
 _STEP_LENGTHS = (1.0, 0.5, 0.125, 0.03)
 _SETTLED = 1e-3
 
@@ -209,7 +206,7 @@ class Model:
         else:
             base = self.base()
             noise_T = noise_T * np.sqrt(base.energy / max(base.channels.count - base.rank, 1.0))
-        if np.allclose(noise_T, before_T, rtol=_SAME_NOISE, atol=0):
+        if np.array_equal(noise_T, before_T):
             return self
         model = replace(self, array=replace(self.array, vector_noise_T=noise_T))
         return model.settled() if settled else model

@@ -21,7 +21,6 @@ from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import EARTH_FIELD_T, Recording
 from tam_calibration.units import FloatArray
 
-_SURE_HAND = 1e-3
 _WILD, _MOST_WILD = 4.0, 0.02
 """Times the median length from which a reading is wild, and the part of the samples up to which these are few."""
 
@@ -83,7 +82,7 @@ def _check_hands(recording: Recording) -> None:
     least = canonical_correlations(recording.readings_T)[:, -1]
     is_seen = least > sure_correlation(recording.sample_count)
     for sensor, value in enumerate(determinant):
-        if value < -_SURE_HAND and is_seen[sensor]:
+        if value < 0 and is_seen[sensor]:
             raise InputError(f"sensor {sensor + 1} has left-handed or dependent axes: check their order and signs")
 
 

@@ -16,9 +16,6 @@ from tam_calibration.units import FloatArray
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained", "not_identifiable"]
 Status = Literal["supported", "not_supported", "not_identifiable", "channel_missing"]
 
-CONFIDENCE = 0.95
-"""Probability with which an interval holds the true value."""
-
 
 @dataclass(frozen=True)
 class Size:

@@ -8,10 +8,11 @@ import numpy as np
 from tam_calibration.array import TENSOR_OUTPUTS
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.noise_excess import LARGEST_NOISE as LARGEST_NOISE
+from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.result import CONFIDENCE, Size
+from tam_calibration.gap.result import Size
 from tam_calibration.gap.validation import FOLDS, held_out_energy
 from tam_calibration.units import FloatArray
 
@@ -93,7 +94,7 @@ def _closed(first: FloatArray, last: FloatArray) -> tuple[float, tuple[float, fl
     left_out = np.array([part(np.arange(len(first)) != fold) for fold in range(len(first))])
     error = np.sqrt((len(first) - 1) / len(first) * np.sum((left_out - left_out.mean()) ** 2))
     # Student's t has as many degrees of freedom as there are folds less one.
-    half = float(stdtrit(len(first) - 1, (1 + CONFIDENCE) / 2) * error)
+    half = float(stdtrit(len(first) - 1, 1 - CHANCE / 2) * error)
     return value, (max(value - half, 0.0), min(value + half, 1.0))
 
 
