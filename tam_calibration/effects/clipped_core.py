@@ -30,9 +30,6 @@ _DEEP = 3.0
 FLAT = 0.2
 """Beyond a limit an axis follows what it should read by less than this part of it: bent transfer functions do not."""
 
-_NUMBERS = 5
-"""That a hinge has: three of its direction and a limit at either end; fewer samples are no test of it."""
-
 
 @dataclass(frozen=True, eq=False)
 class ClippedCore:
@@ -97,18 +94,18 @@ class _Hinge:
         short = -self._end * beyond_T[:, self.axis]
         is_far = self.against.usable & (energy > 2 * np.log(len(short)) * self._floor)
         is_far &= (short > 0) & (short**2 * self._information > energy / 2) & (self._height > self._height.max() / 2)
-        if is_far.sum() <= _NUMBERS:
+        if is_far.sum() <= self._functions.shape[1]:
             return None
         is_near = self.against.usable & (self._height > self._height.max() - _DEEP * short[is_far].max())
         beyond = is_far & is_near
         for _ in range(_ROUNDS):
-            if beyond.sum() <= _NUMBERS:
+            if beyond.sum() <= self._functions.shape[1]:
                 return None
             values = self._plane(short, beyond)
             before, beyond = beyond, is_near & (self._shortfall(values) > 0)
             if (before == beyond).all():
                 break
-        if beyond.sum() <= _NUMBERS or abs(values[self.axis] - 1) > FLAT:
+        if beyond.sum() <= self._functions.shape[1] or abs(values[self.axis] - 1) > FLAT:
             return None
         return self._core(values, np.flatnonzero(beyond), beyond_T)
 

@@ -36,7 +36,6 @@ from tam_calibration.units import FloatArray
 _FINEST = 0.5
 """Steps, in standard deviations of a row's noise, that are sought: rounding is then 2 % of the variance."""
 
-_COARSEST = 150.0
 _DISTANCE = 500.0
 """Typical difference of the readings that are compared, in the same unit."""
 
@@ -44,8 +43,14 @@ _PER_FINEST = 8
 """Cells of the histogram of differences to the finest step."""
 
 _DIFFERENCES = 2000
+"""Differences of readings that are compared; more make their phases no more sure."""
+
 _LEAST_DIFFERENCES = 20
+"""Of readings; phases of fewer agree by chance."""
+
 _COHERENT = 0.6
+"""Mean vector of the phases of differences at a step that they share; by chance it is one over their root."""
+
 _ON_LATTICE = 0.15
 """Largest root mean square distance of readings from the lattice, in those of readings that know of none."""
 
@@ -58,7 +63,6 @@ _EXPECTED = 0.5
 _FEW = 0.6
 """Part of the readings that are different values, below which steps are read off these."""
 
-_EQUAL = 1e-6
 _LEAST_FLOOR = 0.5
 """White variance of the channels that rounding leaves at least, in what is stated."""
 
@@ -195,9 +199,9 @@ def _adjusted(ordered: FloatArray, step: float) -> float:
 def _frequency(ordered: FloatArray) -> float | None:
     """Return the lowest frequency at which differences of the readings agree in phase, per standard deviation."""
     gaps = np.diff(ordered)
-    gaps = gaps[gaps > _EQUAL]
+    gaps = gaps[gaps > 0]
     if 0 < len(gaps) < _FEW * len(ordered):
-        return 1 / float(gaps.min()) if _FINEST <= gaps.min() <= _COARSEST else None
+        return 1 / float(gaps.min()) if gaps.min() >= _FINEST else None
     lag = max(1, int(len(ordered) * _DISTANCE / max(ordered[-1], _DISTANCE)))
     difference = ordered[lag:] - ordered[:-lag]
     if len(difference) < _LEAST_DIFFERENCES:
@@ -212,7 +216,7 @@ def _frequency(ordered: FloatArray) -> float | None:
     coherence = np.abs(np.fft.rfft(histogram, length)) / len(difference)
     frequency = np.arange(len(coherence)) / (length * cell)
     spread = float(np.std(difference))
-    sought = (frequency > max(1 / _COARSEST, 4 / max(spread, 1e-9))) & (frequency <= 1 / _FINEST)
+    sought = (frequency > 4 / max(spread, np.finfo(float).tiny)) & (frequency <= 1 / _FINEST)
     strong = np.flatnonzero(sought & (coherence > _COHERENT))
     if not len(strong):
         return None

@@ -24,6 +24,8 @@ LONGEST_BURST = 8
 """Samples; what lasts longer is no spike."""
 
 _FALSE_DISCOVERIES = 0.02
+"""Part of the spikes that may be noise."""
+
 _EFFICIENCY = 0.37
 """Of the median of absolute values as an estimate of a Gaussian scale."""
 
@@ -37,6 +39,8 @@ _MOST = 0.15
 """Part of the samples; more cannot be outliers."""
 
 _NEIGHBOURS = 8
+"""Samples that are next to a spike in time or in the field's direction."""
+
 _SHARED = 0.3
 """Part of a spike that its neighbours on the sphere or in time may share."""
 
@@ -44,13 +48,16 @@ _AROUND = 25
 """Samples on either side against whose scale a spike must stand out as well."""
 
 _IN_TIME = slice(_AROUND - _NEIGHBOURS // 2, _AROUND + _NEIGHBOURS // 2)
+"""Of the samples around a spike those that are next to it."""
+
 _STANDS_OUT = 3.5
+"""Standard deviations of the louder side of its surroundings by which a spike must be off."""
+
 _BESIDE = 10
+"""Samples on either side of a spike that tell how loud it is there."""
+
 _LOUD = 1.1
 """Scale of what is beside spikes, relative to the row's, that is no louder than elsewhere."""
-
-_CLUSTERED = 1e-3
-"""Probability below which bursts do not come at random times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +104,7 @@ def find_spikes(misfit: Misfit) -> Spikes | str:
     far = _improbable(np.where(far, chance, 1.0))
     if not far.any():
         return "no reading lies beyond what noise reaches"
-    if _is_clustered(far, usable) or _is_loud_around(deviation, worst, far, usable):
+    if _is_loud_around(deviation, worst, far, usable):
         return "what is far off comes in spells, as where the noise changes"
     samples = np.flatnonzero(far)
     return Spikes(samples, worst[samples])
@@ -179,20 +186,6 @@ def _shared(misfit: Misfit, deviation: FloatArray, worst: NDArray[np.intp], far:
     shared |= np.abs(own) < _STANDS_OUT * noise_deviation(sides, axis=2).max(axis=1)
     found: NDArray[np.intp] = samples[shared]
     return found
-
-
-def _is_clustered(far: NDArray[np.bool_], usable: NDArray[np.bool_]) -> bool:
-    """Return whether bursts crowd in parts of the record, by the index of dispersion of their numbers in blocks."""
-    from scipy.special import chdtrc
-
-    struck = np.flatnonzero(far[usable])
-    starts = struck[np.diff(struck, prepend=-LONGEST_BURST - 1) > LONGEST_BURST]
-    blocks = int(min(len(starts) // 2, 50))
-    if blocks < 3:
-        return False
-    counts = np.bincount(starts * blocks // int(usable.sum()), minlength=blocks)
-    dispersion = float(np.sum((counts - counts.mean()) ** 2) / counts.mean())
-    return bool(chdtrc(blocks - 1, dispersion) < _CLUSTERED)
 
 
 def _is_loud_around(
