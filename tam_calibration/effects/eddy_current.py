@@ -27,6 +27,7 @@ _LIMIT = Limit(
     "currents in a passive conductor at most keep its field: that of a sphere of perfect conductance is at its pole as "
     "large as the change; Jackson, Classical Electrodynamics, 3rd edition, Wiley, 1999, section 5.11",
 )
+"""Of what a mode adds, as a part of the change of the field."""
 
 _NAMES = tuple(f"{axis} of the field on {row}" for row in "xyz" for axis in "xyz")
 

@@ -23,6 +23,8 @@ from tam_calibration.effects.places import Place, places, row_scores
 from tam_calibration.units import FloatArray
 
 _CELLS = 48
+"""Cells of directions on half the sphere, twenty degrees wide, within which the mean of AᵀA serves."""
+
 _LEAST_PART = 0.1
 """Of the stated variance, in each row: less is within what sensors of a kind differ by."""
 

@@ -32,6 +32,7 @@ _STORM = Limit(
     "and extreme impulsive geomagnetic field disturbance events, Adv. Space Res. 38, 2006, p. 188",
     "T/s",
 )
+"""Root of the mean square of a drift's rate."""
 
 
 class GeomagneticDrift(LinearEffect):

@@ -13,8 +13,10 @@ from tam_calibration.effects.nonlinearity import LEAST_SPREAD, full_scale
 from tam_calibration.units import FloatArray
 
 _PLAYS = (0.15, 0.4)
+"""Fields that must be turned back before a sharp loop closes, as parts of the full scale: narrow and wide."""
+
 _ROUNDED = (0.1, 0.5)
-"""Fields that must be turned back before a loop closes, as parts of the full scale."""
+"""Fields over which a rounded loop closes, as parts of the full scale."""
 
 # A curve alone is no loop: it is offered with those that it closes at the ends of the range.
 _LOOPS = {

@@ -11,13 +11,18 @@ from tam_calibration.recording import BLOCK
 from tam_calibration.units import FloatArray
 
 _NEIGHBOURS = 6
+"""Samples on both sides of one that a polynomial through them tells: of fifth degree, as turns are smooth."""
+
 _LARGEST_WEIGHT = 50.0
 """Of a neighbour in a derivative, per step of time; more means samples that nearly coincide."""
 
 _KNOWN: WeakKeyDictionary[Situation, FloatArray] = WeakKeyDictionary()
 
 _JUMP = 0.35
+"""Part of a step of the motion by which its neighbours may miss a sample: of jumps it is all, of turns hardly any."""
+
 _BLOCKS = (1, 2, 4, 8, 16)
+"""Samples whose mean is foretold: in longer means there is less noise, which a slow motion needs."""
 
 
 def rates(situation: Situation) -> FloatArray:

@@ -29,7 +29,7 @@ from tam_calibration.effects.spikes import without_spikes
 from tam_calibration.units import FloatArray
 
 _ALIKE_EVERYWHERE = 0.2
-"""The same where all sensors have it, which may as well be anything that the site does."""
+"""Part of an excess of all sensors that the next three samples may share: more is what the site does, and no noise."""
 
 LARGEST_NOISE = 1.2
 """White noise of so many times the data sheet's, common to all sensors, is not yet a gap: the sheet is merely wrong."""

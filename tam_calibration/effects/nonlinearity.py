@@ -9,6 +9,8 @@ from numpy.polynomial.legendre import legvander
 from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
 
 _ORDERS = {"quadratic": (2,), "cubic": (3,), "higher": (4, 5), "highest": (6, 7, 8, 9)}
+"""Orders of the polynomials that stand or fall together, by name: bends, and kinks as of a limit that is soft."""
+
 LEAST_SPREAD = 0.1
 """Part of the field by which the reading of an axis must change, and for loops turn back, to show a curve."""
 

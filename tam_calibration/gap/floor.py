@@ -34,6 +34,8 @@ _CLIP = 4.0
 """Robust standard deviations at which differences are clipped."""
 
 _ROUNDS = 200
+"""Multiplicative steps, as the levels of rows that few channels tell settle slowly."""
+
 LEAST_SAMPLES = 20
 """Fewer tell neither the level of a noise nor, without a fold of them, the nine numbers of an ellipsoid."""
 

@@ -29,7 +29,12 @@ from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
-_MOST_STEPS, _MOST_ROUNDS = 8, 4
+_MOST_STEPS = 8
+"""Gauss-Newton steps in a row; a fit that needs more is held back by its bounds or runs away."""
+
+_MOST_ROUNDS = 4
+"""Times that a fit is taken up again from where it stopped, as each changes where it is linearised."""
+
 _SPHERE_RANK = 9
 """Of the calibration of one sensor by the length of the field, where that tells all of it."""
 
@@ -42,7 +47,10 @@ _HELD_BACK = 0.01
 """Part of the energy that a further step would take, from which a fit has not settled."""
 
 _STEP_LENGTHS = (1.0, 0.5, 0.125, 0.03)
+"""Parts of a step that are tried, the whole first: where none of them goes downhill, nothing does."""
+
 _SETTLED = 1e-3
+"""Fall of the energy that a step promises, in that of one channel: far below any evidence."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,13 @@ from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 _SPAN_ENERGY = 0.9
+"""Part of the energy beyond noise that lies in the span of time that is told."""
+
 _SHORT_SPAN = 0.6
+"""Part of the recording from which on a span says nothing: of an even gap nine tenths lie in nine tenths of it."""
+
 _NEARLY_ALL = 0.85
+"""Part of what a function without physics explains that the sensors or the axis must make that are told for it."""
 
 
 def sensors_and_axes(places: Iterable[Place], recording: Recording) -> tuple[tuple[int | str, ...], tuple[str, ...]]:
