@@ -25,6 +25,9 @@ from tam_calibration.gap.support import LEAST_EVIDENCE, Step
 from tam_calibration.gap.verdict import noisier_rows, smallest_gap, statement, verdict_on
 from tam_calibration.gap.where import locate, sensors_and_axes
 
+_NEARLY_ALL = 0.97
+"""Part of what a cause gains from which on what gains it in its place cannot be told from it, however much that is."""
+
 _FREE_WITHOUT = ("temperature_drift", "current_interference")
 """Effects that, while their channel is missing, may be any function of time."""
 
@@ -115,7 +118,8 @@ def _alike(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
     names = [
         rival.effect
         for rival in step.weighed
-        if rival.effect != effect.effect and rival.delta_bic > cause.delta_bic - LEAST_EVIDENCE
+        if rival.effect != effect.effect
+        and (rival.delta_bic > cause.delta_bic - LEAST_EVIDENCE or rival.gain > _NEARLY_ALL * cause.gain)
     ]
     if isinstance(cause.form, Hypothesis) and cause.form.effect.is_free_in_time:
         names += [
