@@ -20,6 +20,9 @@ Numbers = TypeVar("Numbers", float, FloatArray)
 _OPEN = 1e-8
 """Directions of the calibration of so little relative information are open, as is the common rotation."""
 
+_LEAST_ENERGY = 1e-9
+"""Part of the energy that rounding may leave."""
+
 VISIBLE = 1e-5
 """Part of a column's information that must be left once the calibration is eliminated."""
 
@@ -174,7 +177,7 @@ class Base:
         self.step = self.inverse @ self._score
         self.information = information
         self.fall = float(self._score @ self.step)
-        self.energy = max(channels.energy - self.fall, np.finfo(float).eps * channels.energy)
+        self.energy = max(channels.energy - self.fall, _LEAST_ENERGY * channels.energy)
 
     def energy_with(self, prior_weight: float) -> float:
         """Return the energy of the channels and that of the prior of so much weight: what a fit makes small."""
@@ -202,7 +205,7 @@ class Base:
         other._score = np.concatenate([other.channels.score(design) for design in self.designs])
         other.step = self.inverse @ other._score
         other.energy = max(
-            other.channels.energy - float(other._score @ other.step), np.finfo(float).eps * other.channels.energy
+            other.channels.energy - float(other._score @ other.step), _LEAST_ENERGY * other.channels.energy
         )
         return other
 
@@ -225,5 +228,5 @@ def _rank(information: FloatArray) -> int:
 
 def twice_log_likelihood_ratio(energy: float, gain: Numbers, count: float) -> Numbers:
     """Return n ln(S / (S - gain)) of n channels with the energy S, of which a gain is explained, for each gain."""
-    ratio: Numbers = count * np.log(energy / np.maximum(energy - gain, np.finfo(float).eps * energy))
+    ratio: Numbers = count * np.log(energy / np.maximum(energy - gain, _LEAST_ENERGY * energy))
     return ratio
