@@ -12,7 +12,7 @@ from numpy.linalg import norm
 
 from tam_calibration.array import Array
 from tam_calibration.effects.effect import ALL, Coefficient, Limit, LinearEffect, Shape, Situation, SurrogateKind, Term
-from tam_calibration.effects.orientation import to_world, turn_spread
+from tam_calibration.effects.orientation import LEAST_TURN, to_world, turn_spread
 from tam_calibration.effects.potentials import derivatives, fields
 from tam_calibration.errors import SensorErrors
 from tam_calibration.problems import InputError
@@ -100,9 +100,6 @@ _DEGREES = {2: "T/m", 3: "T/m²", 4: "T/m³"}
 _NEARER = 10.0
 """Times that a derivative of the field grows per metre of distance to sources at some tenths of a metre."""
 
-_LEAST_TURN = 0.1
-"""Radians by which the array must be turned, root of the mean square."""
-
 
 class AmbientGradient(LinearEffect):
     """The field of the site is not uniform; the array turns about its centre, which stays where it is."""
@@ -133,7 +130,7 @@ class AmbientGradient(LinearEffect):
         if not situation.array.positions_m.any() and not _has_distant_scalar(situation.array):
             return "all sensors are at the centre of rotation"
         turn = turn_spread(situation)
-        if turn < _LEAST_TURN:
+        if turn < LEAST_TURN:
             return f"the attitude changes by {turn:.2f} rad only"
         return None
 

@@ -17,7 +17,7 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.effects.misfit import Misfit
-from tam_calibration.effects.other_sensors import LEAST_SENSORS, MEDIAN_OF_THREE, AgainstOthers
+from tam_calibration.effects.other_sensors import LEAST_SENSORS, AgainstOthers
 from tam_calibration.effects.within_motion import is_chance
 from tam_calibration.units import FloatArray
 
@@ -27,11 +27,8 @@ _ROUNDS = 5
 _DEEP = 3.0
 """Times the largest shortfall: the part of an axis' range, from its end, in which its limit is looked for."""
 
-_FLAT = 0.2
-"""Beyond a limit the core must follow what it should read by less than this."""
-
-_NUMBERS = 5
-"""That a hinge has: three of its direction and a limit at either end; fewer samples are no test of it."""
+FLAT = 0.2
+"""Beyond a limit an axis follows what it should read by less than this part of it: bent transfer functions do not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,18 +94,18 @@ class _Hinge:
         short = -self._end * beyond_T[:, self.axis]
         is_far = self.against.usable & (energy > 2 * np.log(len(short)) * self._floor)
         is_far &= (short > 0) & (short**2 * self._information > energy / 2) & (self._height > self._height.max() / 2)
-        if is_far.sum() <= _NUMBERS:
+        if is_far.sum() <= self._functions.shape[1]:
             return None
         is_near = self.against.usable & (self._height > self._height.max() - _DEEP * short[is_far].max())
         beyond = is_far & is_near
         for _ in range(_ROUNDS):
-            if beyond.sum() <= _NUMBERS:
+            if beyond.sum() <= self._functions.shape[1]:
                 return None
             values = self._plane(short, beyond)
             before, beyond = beyond, is_near & (self._shortfall(values) > 0)
             if (before == beyond).all():
                 break
-        if beyond.sum() <= _NUMBERS or abs(values[self.axis] - 1) > _FLAT:
+        if beyond.sum() <= self._functions.shape[1] or abs(values[self.axis] - 1) > FLAT:
             return None
         return self._core(values, np.flatnonzero(beyond), beyond_T)
 
@@ -170,4 +167,4 @@ class _Hinge:
 
     @cached_property
     def _floor(self) -> float:
-        return float(np.median(self._energy[self.against.usable])) / MEDIAN_OF_THREE
+        return self.against.floor(self._energy)

@@ -18,8 +18,14 @@ from tam_calibration.effects.effect import (
 from tam_calibration.effects.lag import lagged
 
 _LEAST_CHANGE_A = 1e-3
+"""Amperes by which the current must change: what usual ammeters are read to."""
+
 _LEAST_PART = 0.005
+"""Part of the current by which it must change: ripple and noise of a steady one are less."""
+
 _AT_A_MILLIMETRE = Limit(2e-4, "a straight wire at 1 mm, by the law of Biot and Savart: µ0/(2π r)", "T/A")
+"""Field per current."""
+
 _LAGS = (1.0, 5.0, 25.0, 125.0)
 """Time constants of a lagged part, in steps of time."""
 

@@ -14,7 +14,7 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, Misfit
-from tam_calibration.effects.other_sensors import MEDIAN_OF_THREE, AgainstOthers
+from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.within_motion import is_chance
 from tam_calibration.units import FloatArray
 
@@ -66,7 +66,7 @@ class Displaced:
 
     @cached_property
     def _floor(self) -> float:
-        return float(np.median(self.against.energy(self.beyond_T)[self.against.usable])) / MEDIAN_OF_THREE
+        return self.against.floor(self.against.energy(self.beyond_T))
 
     def _claims(self, dealt: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]:
         """Return samples that are displaced, by which displacement, and the energy saved, of residuals dealt out."""

@@ -10,7 +10,15 @@ from tam_calibration.effects.lag import lagged_smooth
 from tam_calibration.effects.motion import jumps, rates
 from tam_calibration.units import FloatArray
 
-_SHORTEST_STEPS, _LONGEST_S, _LONGEST_PART, _COUNT = 0.3, 10.0, 0.1, 7
+_SHORTEST = 0.3
+"""Steps of time; currents that decay faster follow the field within a sample."""
+
+_LONGEST_S = 10.0
+"""Seconds, µ0 σ d²/π² of aluminium that is a metre and a half thick: nothing near a sensor is slower."""
+
+_COUNT = 7
+"""Time constants that are tried; their neighbours are near enough for a refinement."""
+
 _SLOWER = 5.0
 """Ratio of the time constant of the slower mode to that of the first."""
 
@@ -19,6 +27,7 @@ _LIMIT = Limit(
     "currents in a passive conductor at most keep its field: that of a sphere of perfect conductance is at its pole as "
     "large as the change; Jackson, Classical Electrodynamics, 3rd edition, Wiley, 1999, section 5.11",
 )
+"""Of what a mode adds, as a part of the change of the field."""
 
 _NAMES = tuple(f"{axis} of the field on {row}" for row in "xyz" for axis in "xyz")
 
@@ -47,13 +56,12 @@ class EddyCurrent(LinearEffect):
 
         Currents that decay more slowly than the field turns change the scale factor, and a lag of it is a slow drift.
         """
-        shortest = _SHORTEST_STEPS * situation.step_s
-        span = float(situation.time_s[-1] - situation.time_s[0])
+        shortest = _SHORTEST * situation.step_s
         change = np.diff(situation.field_T, axis=0)
         turning = np.sum(change**2) / np.sum(np.diff(situation.time_s)) / situation.step_s
         spread = np.mean(np.sum((situation.field_T - situation.field_T.mean(axis=0)) ** 2, axis=1))
         slowest = float(np.sqrt(spread / turning))
-        longest = max(min(_LONGEST_S, _LONGEST_PART * span, slowest), 2 * shortest)
+        longest = max(min(_LONGEST_S, slowest), 2 * shortest)
         return [{"time_constant_s": float(constant)} for constant in np.geomspace(shortest, longest, _COUNT)]
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:

@@ -11,6 +11,7 @@ over cells of directions, in which G is taken at its mean. Twice the logarithm o
 gain: what it compares with is the same white noise of one free variance that regressions are compared with.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,14 +23,19 @@ from tam_calibration.effects.places import Place, places, row_scores
 from tam_calibration.units import FloatArray
 
 _CELLS = 48
+"""Cells of directions on half the sphere, twenty degrees wide, within which the mean of AᵀA serves."""
+
 _LEAST_PART = 0.1
 """Of the stated variance, in each row: less is within what sensors of a kind differ by."""
 
 _SCALAR_PART = 0.69
 """The same for the scalar, whose data sheet may err by 12 % the other way than that of the sensors: 1.3² - 1."""
 
-_LOG_RANGE = (-6.0, 14.0)
+_LOG_RANGE = (-8.0, 16.0)
+"""Logarithms of the part of the noise that is sought, from what is not seen to all there is."""
+
 _STEP = 0.2
+"""Of that logarithm, for the curvature of a likelihood: well inside its parabola, and far above rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +108,7 @@ class Moments:
 
     def relative_error(self, excess: "Excess") -> float:
         """Return the relative standard error of an excess variance, from the curvature of the likelihood."""
-        rows, part = excess.place.rows, excess.part
-        low, middle, high = (self.profile(rows, part * np.exp(step))[0] for step in (-_STEP, 0.0, _STEP))
-        curvature = max((low - 2 * middle + high) / _STEP**2, np.finfo(float).tiny)
-        return float(np.sqrt(2 / curvature))
+        return relative_error(lambda factor: self.profile(excess.place.rows, factor * excess.part)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,18 +172,26 @@ def best_excess(moments: Moments, situation: Situation) -> Excess | None:
 
 def _scaled(moments: Moments, rows: tuple[int, ...], weight: FloatArray) -> FloatArray:
     """Return the excess of rows over the floor that has the given proportions, at its best size."""
-    from scipy.optimize import minimize_scalar
-
     largest = float(moments.gram[:, rows, rows].max())
     if largest == 0:
         return np.zeros(len(rows))
+    return most_likely(lambda part: moments.profile(rows, part / largest * weight)[0]) / largest * weight
+
+
+def most_likely(profile: Callable[[float], float]) -> float:
+    """Return the part of the noise at which minus twice a log likelihood is least, to a hundredth of itself."""
+    from scipy.optimize import minimize_scalar
+
     done = minimize_scalar(
-        lambda log: moments.profile(rows, np.exp(log) / largest * weight)[0],
-        bounds=_LOG_RANGE,
-        method="bounded",
-        options={"xatol": 1e-2},
+        lambda log: profile(float(np.exp(log))), bounds=_LOG_RANGE, method="bounded", options={"xatol": 1e-2}
     )
-    return np.asarray(np.exp(done.x) / largest * weight)
+    return float(np.exp(done.x))
+
+
+def relative_error(profile: Callable[[float], float]) -> float:
+    """Return the relative standard error of a number, from minus twice the log likelihood at factors of its best."""
+    low, middle, high = (profile(float(np.exp(step))) for step in (-_STEP, 0.0, _STEP))
+    return float(np.sqrt(2 * _STEP**2 / max(low - 2 * middle + high, np.finfo(float).tiny)))
 
 
 def _stated_variance(situation: Situation) -> FloatArray:

@@ -6,10 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Shape, Situation, SurrogateKind, Term
-from tam_calibration.effects.orientation import upwards
-
-_LEAST_TILT = 0.1
-"""Radians by which the vertical must move in the array frame, root of the mean square."""
+from tam_calibration.effects.orientation import LEAST_TURN, upwards
 
 
 class Flexure(LinearEffect):
@@ -34,7 +31,7 @@ class Flexure(LinearEffect):
             return "a turn of a single sensor does not change the length of the field"
         up = upwards(situation)
         tilt = float(np.sqrt(np.mean(np.sum((up - up.mean(axis=0)) ** 2, axis=1))))
-        if tilt < _LEAST_TILT:
+        if tilt < LEAST_TURN:
             return f"the array is tilted by {tilt:.2f} rad only"
         return None
 

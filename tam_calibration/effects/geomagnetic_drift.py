@@ -19,8 +19,11 @@ from tam_calibration.effects.effect import (
     Term,
 )
 
-_ORDERS = ((1, 2), (3, 4), (5, 8), (9, 16), (17, 32))
-_LEAST_SAMPLES = 20
+ORDERS = ((1, 2), (3, 4), (5, 8), (9, 16), (17, 32))
+"""Orders of the functions of a free course in time that stand or fall together, by octaves."""
+
+SAMPLES_PER_ORDER = 8
+"""With fewer than so many samples in a half period, a function of time follows single readings."""
 
 _RATE = "rate of change"
 _STORM = Limit(
@@ -29,6 +32,7 @@ _STORM = Limit(
     "and extreme impulsive geomagnetic field disturbance events, Adv. Space Res. 38, 2006, p. 188",
     "T/s",
 )
+"""Root of the mean square of a drift's rate."""
 
 
 class GeomagneticDrift(LinearEffect):
@@ -54,7 +58,7 @@ class GeomagneticDrift(LinearEffect):
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the recording is too short, where it is."""
-        if situation.sample_count < _LEAST_SAMPLES:
+        if situation.sample_count < SAMPLES_PER_ORDER * ORDERS[0][1]:
             return f"{situation.sample_count} samples are too few for a free function of time"
         return None
 
@@ -72,7 +76,7 @@ class GeomagneticDrift(LinearEffect):
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return Legendre polynomials of time, held at their last value outside the span."""
         phase = np.clip(2 * (situation.time_s - shape["start_s"]) / shape["span_s"] - 1, -1, 1)
-        functions = legvander(phase, _ORDERS[-1][1])
+        functions = legvander(phase, ORDERS[-1][1])
         row = situation.scalar_row
         return [
             Term.of_row(
@@ -82,5 +86,5 @@ class GeomagneticDrift(LinearEffect):
                 [Coefficient(f"order {order}", "T") for order in range(first, last + 1)],
                 functions[:, first : last + 1],
             )
-            for first, last in _ORDERS
+            for first, last in ORDERS
         ]

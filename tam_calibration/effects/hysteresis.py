@@ -9,12 +9,14 @@ from numpy.polynomial.legendre import legvander
 from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.lag import follow
 from tam_calibration.effects.memory import Memory
-from tam_calibration.effects.nonlinearity import full_scale
+from tam_calibration.effects.nonlinearity import LEAST_SPREAD, full_scale
 from tam_calibration.units import FloatArray
 
 _PLAYS = (0.15, 0.4)
+"""Fields that must be turned back before a sharp loop closes, as parts of the full scale: narrow and wide."""
+
 _ROUNDED = (0.1, 0.5)
-"""Fields that must be turned back before a loop closes, as parts of the full scale."""
+"""Fields over which a rounded loop closes, as parts of the full scale."""
 
 # A curve alone is no loop: it is offered with those that it closes at the ends of the range.
 _LOOPS = {
@@ -28,8 +30,6 @@ _LOOPS = {
 
 _STILL = 0.01
 """Part of the full scale below which a change is taken for noise, which must not wear off what is remembered."""
-
-_LEAST_SPREAD = 0.1
 
 _DIRECTIONS = np.array(
     [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -1, 0), (1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1),
@@ -60,7 +60,7 @@ class Hysteresis(LinearEffect):
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the field was not turned back along any axis, where it was not."""
         size = full_scale(situation)
-        width = _LEAST_SPREAD * size / 2
+        width = LEAST_SPREAD * size / 2
         state = play(situation.sensed_T, np.array([width]))[:, :, 0]
         movement = np.diff(state, axis=0)
         if not ((movement > 0).any(axis=0) & (movement < 0).any(axis=0)).any():

@@ -8,9 +8,6 @@ from numpy.typing import NDArray
 from tam_calibration.effects.memory import Memory
 from tam_calibration.units import FloatArray
 
-_FORGOTTEN = 1e-18
-"""A factor below which what was before no longer counts."""
-
 
 def lagged(drive: FloatArray, time_s: FloatArray, time_constant_s: float, memory: Memory | None = None) -> FloatArray:
     """Return a drive (N,) or (N, C) after a first-order lag, exact for a drive that is linear between samples.
@@ -76,7 +73,7 @@ def follow(end: NDArray[Any], start: NDArray[Any], initial: NDArray[Any], ratio:
     factor = np.concatenate([np.zeros_like(decay[:1]), decay]) if len(decay) else np.zeros((1, 1))
     state = np.concatenate([initial[None], end - decay * start])
     reach = 1
-    while reach < len(state) and np.abs(factor[reach:]).max() > _FORGOTTEN:
+    while reach < len(state) and np.abs(factor[reach:]).max() > np.finfo(float).eps:
         state[reach:] += factor[reach:] * state[:-reach]
         factor[reach:] *= factor[:-reach].copy()
         reach *= 2

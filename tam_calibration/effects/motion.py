@@ -7,18 +7,22 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.effects.situation import Situation
+from tam_calibration.recording import BLOCK
 from tam_calibration.units import FloatArray
 
 _NEIGHBOURS = 6
+"""Samples on both sides of one that a polynomial through them tells: of fifth degree, as turns are smooth."""
+
 _LARGEST_WEIGHT = 50.0
 """Of a neighbour in a derivative, per step of time; more means samples that nearly coincide."""
 
 _KNOWN: WeakKeyDictionary[Situation, FloatArray] = WeakKeyDictionary()
 
-_PIECE = 32_768
-
 _JUMP = 0.35
+"""Part of a step of the motion by which its neighbours may miss a sample: of jumps it is all, of turns hardly any."""
+
 _BLOCKS = (1, 2, 4, 8, 16)
+"""Samples whose mean is foretold: in longer means there is less noise, which a slow motion needs."""
 
 
 def rates(situation: Situation) -> FloatArray:
@@ -34,8 +38,8 @@ def rates(situation: Situation) -> FloatArray:
         if stretch.stop - stretch.start < 3:
             continue
         neighbours, here = _neighbours(stretch), np.arange(stretch.start, stretch.stop)
-        for first_of_piece in range(0, len(here), _PIECE):
-            nodes, own = neighbours[first_of_piece:][:_PIECE], here[first_of_piece:][:_PIECE]
+        for first_of_piece in range(0, len(here), BLOCK):
+            nodes, own = neighbours[first_of_piece:][:BLOCK], here[first_of_piece:][:BLOCK]
             _, slope = _weights(situation.time_s[nodes] - situation.time_s[own, None])
             wild = np.abs(slope).max(axis=1) * situation.step_s > _LARGEST_WEIGHT
             slope[wild] = 0

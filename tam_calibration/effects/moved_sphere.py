@@ -16,16 +16,25 @@ from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 _MOST_READINGS = 500_000
+"""Readings of which sums are kept, 200 bytes each; of a longer recording some samples serve."""
+
 _BLOCKS = 300
-_LEAST_BLOCKS = 20
+"""Between which a jump is sought first: all pairs of them are 45 000."""
+
+_SAMPLES_PER_BLOCK = 20
+"""At least, so that in the shortest recordings as well a sphere lies through several blocks."""
+
 _ROUNDS = 2
-_LEAST_FALL = 4.0
-"""How many times smaller the squares must be with two spheres than with one."""
+"""Searches for either end of a jump, sample by sample, beside the other as it was found last."""
+
+LEAST_FALL = 4.0
+"""How many times smaller the squares must be with a gross jump than without; noise does not make twos of one."""
+
+GROSS = 0.01
+"""Part of the field's intensity: misfits above are no small disturbances, for which alone sums are linear."""
 
 _LEAST_JUMP = 0.1
 """Of the field; less is a small disturbance, or made of errors of scale in a short record."""
-
-_TINY = 1e-12
 
 
 def moved_sphere(recording: Recording) -> FittedEffect | None:
@@ -40,7 +49,7 @@ def moved_sphere(recording: Recording) -> FittedEffect | None:
     recording = recording.take(slice(None, None, thinning))
     sums = _Sums.of(recording)
     count = recording.sample_count
-    bounds = np.linspace(0, count, min(_BLOCKS, count // _LEAST_BLOCKS) + 1).astype(int)
+    bounds = np.linspace(0, count, min(_BLOCKS, count // _SAMPLES_PER_BLOCK) + 1).astype(int)
     if len(bounds) < 4:
         return None
     first, last = (index.ravel() for index in np.meshgrid(bounds[1:-1], bounds[1:], indexing="ij"))
@@ -57,7 +66,7 @@ def moved_sphere(recording: Recording) -> FittedEffect | None:
             best = tried[inside][np.argmin(sums.left(tried[inside]))]
     one, two = sums.left(np.array([[0, count], best]))
     jump = sums.jump(best)
-    if one < _LEAST_FALL * two or norm(jump, axis=1).max() < _LEAST_JUMP:
+    if one < LEAST_FALL * two or norm(jump, axis=1).max() < _LEAST_JUMP:
         return None
     middle = (recording.time_s[1:] + recording.time_s[:-1]) / 2
     shape = {name: float(middle[cut - 1]) for name, cut in zip(("time_s", "end_s"), best, strict=True) if cut < count}
@@ -68,6 +77,9 @@ def moved_sphere(recording: Recording) -> FittedEffect | None:
     )
     return FittedEffect("bias_jump", shape, contributions)
 
+
+_ROUNDING = 1e-12
+"""Part of the sums over all samples that rounding leaves of the differences of two."""
 
 _FARTHEST = 1e3
 """Readings of so many times the field are no sphere, and sums with their fourth powers hold nothing else."""
@@ -107,7 +119,7 @@ class _Sums:
     def _fit(self, sums: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return coefficients (..., 4) and sum of squares left (...) of spheres through samples of sums (..., 5, 5)."""
         # As large as the rounding of differences of all sums.
-        ridge = _TINY * (1 + np.trace(self.total[-1, ..., :4, :4], axis1=-2, axis2=-1))
+        ridge = _ROUNDING * (1 + np.trace(self.total[-1, ..., :4, :4], axis1=-2, axis2=-1))
         information = sums[..., :4, :4] + ridge[:, None, None] * np.eye(4)
         score = sums[..., :4, 4]
         step = np.linalg.solve(information, score[..., None])[..., 0]

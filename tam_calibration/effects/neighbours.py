@@ -1,8 +1,11 @@
-"""Sums over the samples around each one."""
+"""Samples around each one, in time or on the sphere."""
 
 import numpy as np
 
 from tam_calibration.units import FloatArray
+
+MOST_NEIGHBOURS = 20_000
+"""Samples among which neighbours on the sphere are sought; as many lie a degree from each other."""
 
 
 def sum_around(values: FloatArray, span: int) -> FloatArray:

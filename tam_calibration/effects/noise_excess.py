@@ -29,10 +29,10 @@ from tam_calibration.effects.spikes import without_spikes
 from tam_calibration.units import FloatArray
 
 _ALIKE_EVERYWHERE = 0.2
-"""The same where all sensors have it, which may as well be anything that the site does."""
+"""Part of an excess of all sensors that the next three samples may share: more is what the site does, and no noise."""
 
-_LARGEST_SHARED = 1.2
-"""Noise of all sensors alike, in what the data sheet states, up to which the sheet is merely wrong."""
+LARGEST_NOISE = 1.2
+"""White noise of so many times the data sheet's, common to all sensors, is not yet a gap: the sheet is merely wrong."""
 
 
 class NoiseExcess(FoundEffect):
@@ -78,7 +78,7 @@ class NoiseExcess(FoundEffect):
         counted, noise_T = misfit.is_counted, misfit.situation.array.vector_noise_T
         count = float(misfit.channel_count[counted].sum())
         variance = float(misfit.energy[counted].sum()) / count
-        if variance <= _LARGEST_SHARED**2 or noise_T is None:
+        if variance <= LARGEST_NOISE**2 or noise_T is None:
             return "no row is noisier than the others, spikes and readings at the end of the range left out"
         deviations = row_deviations(misfit)[counted]
         surplus, chance = variance - 1, CERTAIN * variance / float(np.sqrt(len(deviations)))
@@ -87,7 +87,7 @@ class NoiseExcess(FoundEffect):
         shared = np.append(surplus * np.repeat(noise_T**2, 3), 0.0)
         if _is_rounding(misfit, shared):
             return "the readings are whole steps"
-        beyond = variance / _LARGEST_SHARED**2
+        beyond = variance / LARGEST_NOISE**2
         size = float(np.sqrt(surplus * np.mean(noise_T**2)))
         error = size * variance / surplus / float(np.sqrt(2 * count))
         values, errors = {"standard deviation": size}, {"standard deviation": error}

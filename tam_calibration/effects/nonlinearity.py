@@ -9,7 +9,10 @@ from numpy.polynomial.legendre import legvander
 from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
 
 _ORDERS = {"quadratic": (2,), "cubic": (3,), "higher": (4, 5), "highest": (6, 7, 8, 9)}
-_LEAST_SPREAD = 0.1
+"""Orders of the polynomials that stand or fall together, by name: bends, and kinks as of a limit that is soft."""
+
+LEAST_SPREAD = 0.1
+"""Part of the field by which the reading of an axis must change, and for loops turn back, to show a curve."""
 
 
 class Nonlinearity(LinearEffect):
@@ -34,7 +37,7 @@ class Nonlinearity(LinearEffect):
     def obstacle(self, situation: Situation) -> str | None:
         """Return that no axis was turned far enough, where it is so."""
         spread = float(np.ptp(situation.sensed_T, axis=0).max() / situation.intensity_T.max())
-        if spread < _LEAST_SPREAD:
+        if spread < LEAST_SPREAD:
             return f"no axis sees the field change by more than {100 * spread:.2g} % of its length"
         return None
 

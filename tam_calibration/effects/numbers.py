@@ -8,7 +8,10 @@ from tam_calibration.effects.library import effect_named
 from tam_calibration.errors import SensorErrors
 
 _SAMPLES = 8
+"""Samples of any situation; as many as every effect has neighbours for."""
+
 _FIELD_T = 5e-5
+"""Tesla; a field of usual size, of which names and units do not depend."""
 
 
 def units_of(fitted: FittedEffect, errors: SensorErrors, array: Array) -> dict[str, str]:

@@ -5,6 +5,9 @@ import numpy as np
 from tam_calibration.effects.situation import Situation
 from tam_calibration.units import FloatArray
 
+LEAST_TURN = 0.1
+"""Radians, root of the mean square, by which the array or the vertical in it must turn: noise of attitudes is less."""
+
 
 def to_world(situation: Situation) -> FloatArray:
     """Return the (N, 3, 3) matrices that turn vectors of the array frame into the world's."""

@@ -8,16 +8,12 @@ from numpy.typing import NDArray
 
 from tam_calibration.effects.misfit import Misfit
 from tam_calibration.effects.motion import rates
+from tam_calibration.effects.ridge import ridged
+from tam_calibration.effects.robust import noise_energy
 from tam_calibration.units import FloatArray
 
 LEAST_SENSORS = 2
 """One sensor alone has no other that tells it where the field is."""
-
-MEDIAN_OF_THREE = 2.366
-"""Of χ² with three degrees of freedom."""
-
-_RIDGE = 1e-9
-"""Of the information: what keeps a direction that the others do not tell from being infinitely far off."""
 
 _CONCENTRATIONS = 8
 """Steps in which the calibration by the better half of the samples settles."""
@@ -51,8 +47,7 @@ class AgainstOthers:
     def of(cls, misfit: Misfit, sensor: int) -> "AgainstOthers":
         """Return one sensor against the others, of which there must be one at least."""
         own = misfit.directions[3 * sensor : 3 * sensor + 3]
-        information = own @ own.T
-        information = information + _RIDGE * np.trace(information) * np.eye(3)
+        information = ridged(own @ own.T)
         beyond = np.linalg.solve(information, own @ misfit.differential.T).T
         readings, bias = misfit.recording.readings_T[:, sensor], misfit.situation.errors.bias_T[sensor]
         return cls(misfit, sensor, beyond, readings - bias - beyond, np.linalg.cholesky(information))
@@ -75,6 +70,10 @@ class AgainstOthers:
         """Return the energy (...) of shifts (..., 3) of its readings, in units of the noise stated."""
         energy: FloatArray = np.sum((shift_T @ self.whitening) ** 2, axis=-1)
         return energy
+
+    def floor(self, energy: FloatArray) -> float:
+        """Return the variance of most of the samples of some energy (N,) of its three axes, in that of the noise."""
+        return noise_energy(energy[self.usable], 3)
 
     def recalibrated(self) -> "AgainstOthers":
         """Return the same at the bias and matrix that fit the better half of the samples best.

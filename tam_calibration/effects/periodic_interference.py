@@ -17,27 +17,37 @@ from tam_calibration.effects.effect import (
 )
 from tam_calibration.units import FloatArray
 
-_LEAST_SAMPLES = 32
 _LEAST_PERIODS = 10
-"""In the record; what varies more slowly is a drift."""
+"""In the record; what varies more slowly is a drift, and a record of two samples a period is too short."""
 
 _AT_WORK = Limit(
     1e-3, "the largest field of mains that people may work in; ICNIRP guidelines, Health Phys. 99, 2010, p. 818", "T"
 )
+"""Of an amplitude."""
+
 _LINES = 4
+"""Strongest lines that are tried, of which harmonics may be several."""
+
 _FINER = 4
 """Points of the periodogram per width of a line."""
 
 _SUBSTEPS = 4
+"""Points of the lattice per step of time where the samples lie on none of their own."""
+
 _LARGEST_LATTICE = 16
 """Points of the lattice per sample at most."""
 
 _ON_LATTICE = 0.02
+"""Steps of time by which stamps may lie off a lattice: at half the sampling rate a phase of four degrees."""
+
 _MOTION_POWER = 1e-3
 """Part of the power of the field's changes that may lie above the band of the motion."""
 
 _WHOLE_BAND = 0.3
+"""Part of the band from which on the motion leaves none free, and lines are sought in all of it."""
+
 _ROUNDS = 3
+"""Parabolas through the top of a line, each of a quarter of the width."""
 
 
 class PeriodicInterference(LinearEffect):
@@ -57,13 +67,13 @@ class PeriodicInterference(LinearEffect):
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the recording is too short, where it is."""
-        if situation.sample_count < _LEAST_SAMPLES:
+        if situation.sample_count <= 2 * _LEAST_PERIODS:
             return f"{situation.sample_count} samples are too few for a spectrum"
         return None
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
         """Return the frequencies of the strongest lines above the band of the motion and of drifts."""
-        if situation.sample_count < _LEAST_SAMPLES:
+        if situation.sample_count <= 2 * _LEAST_PERIODS:
             return []
         start = float(situation.time_s[0])
         return [{"frequency_hz": frequency, "start_s": start} for frequency in _lines(misfit)]

@@ -7,10 +7,9 @@ import numpy as np
 
 from tam_calibration.effects.fitted import ALL, SCALAR, Contribution
 from tam_calibration.effects.misfit import Misfit
+from tam_calibration.effects.ridge import ridged
 from tam_calibration.effects.situation import Situation
 from tam_calibration.units import FloatArray
-
-_RIDGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -79,11 +78,7 @@ def explained_energy(misfit: Misfit, samples: np.ndarray, place: Place) -> Float
     rows = np.array(place.rows)
     slope = misfit.row_slope[np.ix_(samples, rows)] * np.isfinite(misfit.common_mode[samples])[:, None]
     differential = np.vstack([misfit.directions, np.zeros((1, misfit.directions.shape[1]))])[rows]
-    gram = differential @ differential.T + slope[:, :, None] * slope[:, None, :]
-    gram = gram + _RIDGE * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(len(rows))
+    gram = ridged(differential @ differential.T + slope[:, :, None] * slope[:, None, :])
     score = misfit.differential[samples] @ differential.T + np.nan_to_num(misfit.common_mode[samples])[:, None] * slope
-    solvable = np.trace(gram, axis1=1, axis2=2) > 0
-    energy = np.zeros(len(samples))
-    solved = np.linalg.solve(gram[solvable], score[solvable, :, None])[:, :, 0]
-    energy[solvable] = np.sum(score[solvable] * solved, axis=1)
+    energy: FloatArray = np.sum(score * np.linalg.solve(gram, score[:, :, None])[:, :, 0], axis=1)
     return energy

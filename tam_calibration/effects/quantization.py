@@ -30,12 +30,12 @@ from tam_calibration.effects.effect import (
     Situation,
 )
 from tam_calibration.effects.places import row_deviations, rows_of
+from tam_calibration.effects.regularity import CERTAIN
 from tam_calibration.units import FloatArray
 
 _FINEST = 0.5
 """Steps, in standard deviations of a row's noise, that are sought: rounding is then 2 % of the variance."""
 
-_COARSEST = 150.0
 _DISTANCE = 500.0
 """Typical difference of the readings that are compared, in the same unit."""
 
@@ -43,8 +43,14 @@ _PER_FINEST = 8
 """Cells of the histogram of differences to the finest step."""
 
 _DIFFERENCES = 2000
+"""Differences of readings that are compared; more make their phases no more sure."""
+
 _LEAST_DIFFERENCES = 20
+"""Of readings; phases of fewer agree by chance."""
+
 _COHERENT = 0.6
+"""Mean vector of the phases of differences at a step that they share; by chance it is one over their root."""
+
 _ON_LATTICE = 0.15
 """Largest root mean square distance of readings from the lattice, in those of readings that know of none."""
 
@@ -54,13 +60,9 @@ _VISIBLE = 0.1
 _EXPECTED = 0.5
 """Part of the rounding's variance that a row's residual must show."""
 
-_CERTAIN = 3.0
-"""Standard errors by which it must exceed the floor."""
-
 _FEW = 0.6
 """Part of the readings that are different values, below which steps are read off these."""
 
-_EQUAL = 1e-6
 _LEAST_FLOOR = 0.5
 """White variance of the channels that rounding leaves at least, in what is stated."""
 
@@ -197,7 +199,7 @@ def _adjusted(ordered: FloatArray, step: float) -> float:
 def _frequency(ordered: FloatArray) -> float | None:
     """Return the lowest frequency at which differences of the readings agree in phase, per standard deviation."""
     gaps = np.diff(ordered)
-    gaps = gaps[gaps > _EQUAL]
+    gaps = gaps[gaps > 0]
     if 0 < len(gaps) < _FEW * len(ordered):
         return 1 / float(gaps.min()) if gaps.min() >= _FINEST else None
     lag = max(1, int(len(ordered) * _DISTANCE / max(ordered[-1], _DISTANCE)))
@@ -214,7 +216,7 @@ def _frequency(ordered: FloatArray) -> float | None:
     coherence = np.abs(np.fft.rfft(histogram, length)) / len(difference)
     frequency = np.arange(len(coherence)) / (length * cell)
     spread = float(np.std(difference))
-    sought = (frequency > max(1 / _COARSEST, 4 / max(spread, 1e-9))) & (frequency <= 1 / _FINEST)
+    sought = (frequency > 4 / max(spread, np.finfo(float).tiny)) & (frequency <= 1 / _FINEST)
     strong = np.flatnonzero(sought & (coherence > _COHERENT))
     if not len(strong):
         return None
@@ -243,7 +245,7 @@ def _visible(lattices: list[Lattice], square: FloatArray, information: FloatArra
         rows = [lattice.row for lattice in group]
         rounding = float(information[rows].sum()) * group[0].step_T ** 2 / 12
         surplus = float((square[rows] - floor).sum())
-        chance = _CERTAIN * float(np.sqrt(2 * np.sum(square[rows] ** 2) / sample_count))
+        chance = CERTAIN * float(np.sqrt(2 * np.sum(square[rows] ** 2) / sample_count))
         if surplus > max(_EXPECTED * rounding, chance):
             kept += group
     return sorted(kept, key=lambda lattice: lattice.row)

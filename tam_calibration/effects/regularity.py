@@ -4,7 +4,7 @@ import numpy as np
 
 from tam_calibration.effects.excess_variance import Excess
 from tam_calibration.effects.misfit import Misfit
-from tam_calibration.effects.neighbours import sum_around
+from tam_calibration.effects.neighbours import MOST_NEIGHBOURS, sum_around
 from tam_calibration.effects.places import row_deviations
 from tam_calibration.units import FloatArray
 
@@ -17,20 +17,26 @@ _LINE = 0.4
 _DIRECTED = 0.35
 """Correlation of the excess at neighbouring directions, far in time, from which on it follows the direction."""
 
-_SIZE_DIRECTED, _SIZE_OF_RATE = 0.2, 0.08
-"""Part of the variance of the squared excess that the field's direction, or its change, tells of what is no noise."""
+_SIZE_DIRECTED = 0.2
+"""Part of the variance of the squared excess that the field's direction tells, from which on it is no noise."""
+
+_SIZE_OF_RATE = 0.08
+"""Part of the variance of the squared excess that the field's rate tells, from which on it is no noise."""
 
 _SHARED_SCALE = 0.15
 """Part of the excess that neighbours foretell as a scale factor, beyond an offset, from which on it is no noise."""
 
-_SPAN, _RIDGE = 8, 0.3
-"""Neighbouring samples on either side, and what keeps their regressions from following noise."""
+_SPAN = 8
+"""Neighbouring samples on either side, of which a regression foretells one."""
+
+_RIDGE = 0.3
+"""Samples' worth of information that is added to such a regression, so that it does not follow noise."""
 
 CERTAIN = 3.0
-"""Standard errors by which either must differ from that of white noise."""
+"""Standard errors by which a statistic of a residual must differ from that of white noise."""
 
 _NEIGHBOURS = 16
-_MOST_NEIGHBOURS = 20_000
+"""Nearest directions among which one is sought that is far in time."""
 
 HEAVY = 3.0
 """Excess kurtosis, with the variance of the surroundings taken out, from which on it is spikes."""
@@ -42,7 +48,10 @@ LEAST_SAMPLES = 30
 """From which a variance is told."""
 
 _BLOCK = 50
+"""Samples within which the variance is taken for constant."""
+
 _BANDS = 40
+"""Parts of the spectrum of which one may hold a line."""
 
 
 def objection_to(misfit: Misfit, excess: Excess) -> str | None:
@@ -106,7 +115,7 @@ def _directed(deviation: FloatArray, direction: FloatArray) -> float:
     """Return the covariance of samples with the one at the nearest direction that is far off in time."""
     from scipy.spatial import cKDTree
 
-    every = max(1, len(deviation) // _MOST_NEIGHBOURS)
+    every = max(1, len(deviation) // MOST_NEIGHBOURS)
     chosen, values = direction[::every], deviation[::every]
     count = min(_NEIGHBOURS, len(values) - 1)
     _, near = cKDTree(chosen).query(chosen, count + 1)

@@ -13,11 +13,8 @@ from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.memory import Memory
 from tam_calibration.errors import SensorErrors
 from tam_calibration.problems import InputError
-from tam_calibration.recording import Recording
+from tam_calibration.recording import BLOCK, Recording
 from tam_calibration.units import FloatArray
-
-_BATCH = 32_768
-"""Samples of a recording that are worked on at once."""
 
 _PASSES = 2
 """What an effect adds depends on the field, and the field on what it added; a pass leaves a square of that."""
@@ -105,7 +102,7 @@ def added_to(recording: Recording, effects: Sequence[FittedEffect], errors: Sens
     recording = filled(recording)
     stream = EffectStream(effects, errors, array)
     count = recording.sample_count
-    size = _BATCH if all(linear_effect(fitted).is_causal for fitted in effects) else count
+    size = BLOCK if all(linear_effect(fitted).is_causal for fitted in effects) else count
     batches = [recording.take(slice(start, start + size)) for start in range(0, count, size)]
     return np.concatenate([stream.added(batch).rows_T for batch in batches])
 

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.clipped_core import ClippedCore, find_clipped_cores
+from tam_calibration.effects.clipped_core import FLAT, ClippedCore, find_clipped_cores
 from tam_calibration.effects.effect import (
     Contribution,
     Finding,
@@ -25,29 +25,26 @@ from tam_calibration.effects.effect import (
 )
 from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.places import rows_of
+from tam_calibration.effects.robust import noise_deviation
 from tam_calibration.units import FloatArray
 
 WIDEST_RANGE = Limit(5e-2, "the widest range of a Hall sensor; Melexis, data sheet of the MLX90393", "T")
+"""Of a reading."""
 
-_LONE_DEPTH, _LONE_OTHERS, _LONE_SAMPLES = 8.0, 5.0, 100
-"""A single reading is at a limit if it is short by so much, no other of the axis is off by so much, among so many."""
+_LONE_DEPTH = 8.0
+"""Standard errors by which a reading must fall short that alone is at a limit."""
+
+_LONE_SAMPLES = 100
+"""Readings among which one that alone is off is at a limit: a spike strikes the outermost once in so many times."""
 
 _LEAST_PILED = 4
 """Readings that stay within their noise of one value, for it to be a limit."""
 
-_SAME = 1e-3
-"""Readings that differ by less than this part of their noise are the same."""
-
 _CERTAIN = 5.0
-"""Standard errors by which the readings at a limit must fall short."""
-
-_DEEP = 4.0
-"""Standard deviations of the noise by which one reading at least must fall short of what it should be."""
-
-_FLAT = 0.2
-"""Beyond a limit the reading must follow what it should be by less than this."""
+"""Standard errors by which the readings at a limit must fall short; no other is off by as much where that is one."""
 
 _ENDS = {"upper limit": 1.0, "lower limit": -1.0}
+"""Signs that turn either end of a range into an upper one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,11 +162,10 @@ def _limit_of(misfit: Misfit, row: int, end: str, sign: float, reading: FloatArr
     noise = 1 / np.sqrt(float(np.mean(information[information > 0])))
     outward = sign * reading
     top = float(outward.max())
-    below = top - _SAME * noise
-    at_limit = np.flatnonzero(outward >= below)
-    inner = outward[outward < below]
+    at_limit = np.flatnonzero(outward == top)
+    inner = outward[outward < top]
     # On a coarse lattice of readings the next step down holds about as many.
-    next_count = int(np.sum(inner >= inner.max() - _SAME * noise)) if len(inner) else 0
+    next_count = int(np.sum(inner == inner.max())) if len(inner) else 0
     is_repeated = len(at_limit) > 3 * (next_count - 1)
     if len(at_limit) == 1 or not is_repeated:
         piled = _pile(outward, sign * misfit.row_shift_T[:, row], noise)
@@ -190,8 +186,6 @@ def _limit_of(misfit: Misfit, row: int, end: str, sign: float, reading: FloatArr
 def _pile(outward: FloatArray, shift: FloatArray, noise: float) -> NDArray[np.intp]:
     """Return the readings that stay within their noise of one value although they should differ, none if so."""
     expected = outward - shift
-    if shift.min() > -_DEEP * noise:
-        return np.zeros(0, dtype=np.intp)
     order = np.argsort(expected)[::-1]
     count = np.arange(1, len(order) + 1)
     depth = outward[order] - outward.max()
@@ -203,7 +197,7 @@ def _pile(outward: FloatArray, shift: FloatArray, noise: float) -> NDArray[np.in
     if len(chosen) < _LEAST_PILED:
         return chosen[:0]
     should, did = expected[chosen] - expected[chosen].mean(), outward[chosen] - outward[chosen].mean()
-    is_flat = should @ should > len(chosen) * (3 * noise) ** 2 and abs(should @ did) < _FLAT * (should @ should)
+    is_flat = should @ should > len(chosen) * (3 * noise) ** 2 and abs(should @ did) < FLAT * (should @ should)
     return chosen if is_flat and np.std(did) < 2 * noise else chosen[:0]
 
 
@@ -211,13 +205,13 @@ def _is_lone(misfit: Misfit, row: int, sample: int, scale: float) -> bool:
     """Return whether a reading is off alone: that a spike strikes just the outermost reading is one chance in N."""
     deviation = np.abs(misfit.row_shift_T[:, row]) * np.sqrt(misfit.row_information[:, row]) / scale
     others = np.delete(deviation, sample)
-    return bool(len(others) >= _LONE_SAMPLES and deviation[sample] > _LONE_DEPTH and others.max() < _LONE_OTHERS)
+    return bool(len(others) >= _LONE_SAMPLES and deviation[sample] > _LONE_DEPTH and others.max() < _CERTAIN)
 
 
 def _scale(misfit: Misfit, row: int) -> float:
     """Return the robust standard deviation of a row's shifts in standard errors."""
     deviation = misfit.row_shift_T[:, row] * np.sqrt(misfit.row_information[:, row])
-    return float(1.4826 * np.median(np.abs(deviation)))
+    return float(noise_deviation(deviation))
 
 
 def _energy(misfit: Misfit, limit: _Limit) -> float:

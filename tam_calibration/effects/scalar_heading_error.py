@@ -15,18 +15,31 @@ _NUISANCE_COUNT = 9
 """Harmonics up to degree 2: a calibration error makes any of them."""
 
 _DEGREES = (3, 4, 5, 6)
+"""Of the harmonics for any function of the direction: the lowest that no calibration error makes."""
+
 _AXIS_ORDERS = ((3,), (4,), (5, 6), (7, 8), (9, 10), (11, 12))
+"""Of the polynomials about one axis that stand or fall together; dead zones are sharp."""
+
 _GRID = 400
+"""Axes that are tried first, seven degrees apart on half the sphere."""
+
 _AXES = 3
+"""Axes of which each is refined, as the best of the grid need not be."""
+
 _APART = 0.3
 """Least angle between two axes that are tried, radians."""
 
 _CLIMBS = (0.1, 0.04, 0.016, 0.006)
+"""Sizes of the caps, radians, in which an axis is refined, each as wide as the axes of the one before are apart."""
+
 _CLIMB_GRID = 30
-"""Sizes of the caps, radians, and number of axes in each, in which an axis is refined."""
+"""Axes in each cap."""
 
 _LEAST_FRACTION = 1e-3
+"""Part of the third degree that must be left beside what a calibration error makes."""
+
 _PRECISE = 1e-9
+"""Relative size of what rounding may leave of normal equations."""
 
 
 class ScalarHeadingError(LinearEffect):

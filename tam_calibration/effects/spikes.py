@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.misfit import Misfit
+from tam_calibration.effects.neighbours import MOST_NEIGHBOURS
 from tam_calibration.effects.places import row_deviations
+from tam_calibration.effects.robust import noise_deviation
 from tam_calibration.effects.saturation import find_limits
 from tam_calibration.units import FloatArray
 
@@ -22,10 +24,11 @@ LONGEST_BURST = 8
 """Samples; what lasts longer is no spike."""
 
 _FALSE_DISCOVERIES = 0.02
+"""Part of the spikes that may be noise."""
+
 _EFFICIENCY = 0.37
 """Of the median of absolute values as an estimate of a Gaussian scale."""
 
-_NORMAL = 1.4826
 _BLOCK = 200
 """Samples over which the scale of the surroundings is taken."""
 
@@ -36,6 +39,8 @@ _MOST = 0.15
 """Part of the samples; more cannot be outliers."""
 
 _NEIGHBOURS = 8
+"""Samples that are next to a spike in time or in the field's direction."""
+
 _SHARED = 0.3
 """Part of a spike that its neighbours on the sphere or in time may share."""
 
@@ -43,14 +48,16 @@ _AROUND = 25
 """Samples on either side against whose scale a spike must stand out as well."""
 
 _IN_TIME = slice(_AROUND - _NEIGHBOURS // 2, _AROUND + _NEIGHBOURS // 2)
+"""Of the samples around a spike those that are next to it."""
+
 _STANDS_OUT = 3.5
+"""Standard deviations of the louder side of its surroundings by which a spike must be off."""
+
 _BESIDE = 10
+"""Samples on either side of a spike that tell how loud it is there."""
+
 _LOUD = 1.1
 """Scale of what is beside spikes, relative to the row's, that is no louder than elsewhere."""
-
-_MOST_NEIGHBOURS = 20_000
-_CLUSTERED = 1e-3
-"""Probability below which bursts do not come at random times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +104,7 @@ def find_spikes(misfit: Misfit) -> Spikes | str:
     far = _improbable(np.where(far, chance, 1.0))
     if not far.any():
         return "no reading lies beyond what noise reaches"
-    if _is_clustered(far, usable) or _is_loud_around(deviation, worst, far, usable):
+    if _is_loud_around(deviation, worst, far, usable):
         return "what is far off comes in spells, as where the noise changes"
     samples = np.flatnonzero(far)
     return Spikes(samples, worst[samples])
@@ -120,9 +127,9 @@ def _standardised(raw: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
     count = max(1, len(chosen) // _BLOCK)
     size = len(chosen) // count
     blocks = chosen[: count * size].reshape(count, size, -1)
-    scale = _NORMAL * np.median(blocks, axis=1)
-    thinned = chosen[:: max(1, len(chosen) // _MOST_NEIGHBOURS)]
-    scale = np.maximum(scale, _NORMAL * np.median(thinned, axis=0))
+    scale = noise_deviation(blocks, axis=1)
+    thinned = chosen[:: max(1, len(chosen) // MOST_NEIGHBOURS)]
+    scale = np.maximum(scale, noise_deviation(thinned, axis=0))
     index = np.zeros(len(deviation), dtype=np.intp)
     index[usable] = np.minimum(np.arange(len(chosen)) // size, count - 1)
     scale = np.where(scale > 0, scale, np.inf)
@@ -169,30 +176,16 @@ def _shared(misfit: Misfit, deviation: FloatArray, worst: NDArray[np.intp], far:
     around = others[np.clip(order + np.arange(-_AROUND, _AROUND), 0, len(others) - 1)]
     shared = np.median(deviation[around[:, _IN_TIME], rows], axis=1) / own > _SHARED
     usable = np.flatnonzero(misfit.channel_count > 0)
-    thinned = usable[:: max(1, len(usable) // _MOST_NEIGHBOURS)]
+    thinned = usable[:: max(1, len(usable) // MOST_NEIGHBOURS)]
     direction = misfit.situation.field_T / misfit.situation.intensity_T[:, None]
     near = thinned[cKDTree(direction[thinned]).query(direction[samples], _NEIGHBOURS)[1]]
     at_direction = np.where(np.abs(near - samples[:, None]) > LONGEST_BURST, deviation[near, rows], np.nan)
     several = np.sum(np.isfinite(at_direction), axis=1) >= _NEIGHBOURS // 2
     shared[several] |= np.nanmedian(at_direction[several], axis=1) / own[several] > _SHARED
-    sides = np.abs(deviation[around, rows]).reshape(len(samples), 2, _AROUND)
-    shared |= np.abs(own) < _STANDS_OUT * _NORMAL * np.median(sides, axis=2).max(axis=1)
+    sides = deviation[around, rows].reshape(len(samples), 2, _AROUND)
+    shared |= np.abs(own) < _STANDS_OUT * noise_deviation(sides, axis=2).max(axis=1)
     found: NDArray[np.intp] = samples[shared]
     return found
-
-
-def _is_clustered(far: NDArray[np.bool_], usable: NDArray[np.bool_]) -> bool:
-    """Return whether bursts crowd in parts of the record, by the index of dispersion of their numbers in blocks."""
-    from scipy.special import chdtrc
-
-    struck = np.flatnonzero(far[usable])
-    starts = struck[np.diff(struck, prepend=-LONGEST_BURST - 1) > LONGEST_BURST]
-    blocks = int(min(len(starts) // 2, 50))
-    if blocks < 3:
-        return False
-    counts = np.bincount(starts * blocks // int(usable.sum()), minlength=blocks)
-    dispersion = float(np.sum((counts - counts.mean()) ** 2) / counts.mean())
-    return bool(chdtrc(blocks - 1, dispersion) < _CLUSTERED)
 
 
 def _is_loud_around(
@@ -202,5 +195,5 @@ def _is_loud_around(
     others, samples = np.flatnonzero(~far & usable), np.flatnonzero(far)
     steps = np.concatenate([np.arange(-_BESIDE, 0), np.arange(_BESIDE)])
     beside = others[np.clip(np.searchsorted(others, samples)[:, None] + steps, 0, len(others) - 1)]
-    scale = _NORMAL * float(np.median(np.abs(deviation[beside, worst[samples][:, None]])))
+    scale = float(noise_deviation(deviation[beside, worst[samples][:, None]]))
     return scale > _LOUD + 4 / float(np.sqrt(2 * _EFFICIENCY * beside.size))

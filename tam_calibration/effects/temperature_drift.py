@@ -18,8 +18,16 @@ from tam_calibration.effects.effect import (
 from tam_calibration.effects.lag import lagged
 
 _LEAST_CHANGE_K = 0.2
-_SHORTEST, _LONGEST, _COUNT = 1 / 200, 1 / 3, 5
-"""Time constants as parts of the record's span."""
+"""Kelvin by which the temperature must change: less is the noise of usual thermometers."""
+
+_SHORTEST = 1 / 200
+"""Part of the recording's span; a lag that is shorter is none."""
+
+_LONGEST = 1 / 3
+"""Part of the recording's span; what lags longer is a drift in time."""
+
+_COUNT = 5
+"""Time constants that are tried; they are moved to where they explain most."""
 
 _INNER_SHARES = (0.0, 0.5)
 """Of the time constant; a half is the most, as the order of the two does not matter."""

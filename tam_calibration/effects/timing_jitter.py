@@ -26,7 +26,7 @@ from tam_calibration.effects.effect import (
     Misfit,
     Situation,
 )
-from tam_calibration.effects.excess_variance import Moments, best_excess
+from tam_calibration.effects.excess_variance import Moments, best_excess, most_likely, relative_error
 from tam_calibration.effects.motion import jumps, rates
 from tam_calibration.effects.other_sensors import LEAST_SENSORS, AgainstOthers
 from tam_calibration.effects.regularity import CERTAIN, alike
@@ -41,12 +41,6 @@ _HEAVIEST = 15.0
 
 _NUMBERS = 2
 """That jitter has: its size, and the sensor."""
-
-_LOG_RANGE = (-8.0, 16.0)
-"""Logarithms of the part ρ g of the noise that jitter adds at the mean rate, between unseen and all there is."""
-
-_STEP = 0.2
-"""Of that logarithm, for the curvature of the likelihood."""
 
 
 class TimingJitter(FoundEffect):
@@ -169,18 +163,12 @@ class _Path:
     @cached_property
     def part(self) -> float:
         """The best ρ."""
-        from scipy.optimize import minimize_scalar
-
         unit = max(float(np.mean(self.square)), np.finfo(float).tiny)
-        done = minimize_scalar(
-            lambda log: self.profile(np.exp(log) / unit), bounds=_LOG_RANGE, method="bounded", options={"xatol": 1e-2}
-        )
-        return float(np.exp(done.x) / unit)
+        return most_likely(lambda part: self.profile(part / unit)) / unit
 
     def relative_error(self) -> float:
         """Return the relative standard error of ρ, from the curvature of the likelihood."""
-        low, middle, high = (self.profile(self.part * np.exp(step)) for step in (-_STEP, 0.0, _STEP))
-        return float(np.sqrt(2 * _STEP**2 / max(low - 2 * middle + high, np.finfo(float).tiny)))
+        return relative_error(lambda factor: self.profile(factor * self.part))
 
     def objection(self) -> str | None:
         """Return what speaks against jitter, in one clause."""

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from tam_calibration.array import Array
+from tam_calibration.effects.robust import noise_deviation
 from tam_calibration.recording import SKETCH, SampleSource
 from tam_calibration.units import FloatArray
 
-_MEDIAN_ABSOLUTE_OF_NORMAL = 0.6744897501960817
 _THIRD_DIFFERENCE_NORM = np.sqrt(20.0)
 _SMALLEST_T = 1e-12
 _LARGEST_PART_OF_SPREAD = 0.02
@@ -47,6 +47,6 @@ def _stretches(source: SampleSource) -> tuple[FloatArray, FloatArray]:
 def fast_noise(values: FloatArray) -> FloatArray:
     """Return the robust standard deviation of the white noise along the first axis."""
     difference = np.diff(values, n=min(3, len(values) - 1), axis=0)
-    spread = np.median(np.abs(difference), axis=0) / (_MEDIAN_ABSOLUTE_OF_NORMAL * _THIRD_DIFFERENCE_NORM)
+    spread = noise_deviation(difference, axis=0) / _THIRD_DIFFERENCE_NORM
     noise: FloatArray = np.maximum(spread, _SMALLEST_T)
     return noise

@@ -12,6 +12,7 @@ import numpy as np
 from tam_calibration.effects.bias_jump import BiasJump
 from tam_calibration.effects.change_points import Path, without
 from tam_calibration.effects.fitted import Contribution, FittedEffect
+from tam_calibration.effects.moved_sphere import LEAST_FALL
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.noise import fast_noise
 from tam_calibration.gap.channels import Channels
@@ -19,9 +20,6 @@ from tam_calibration.gap.regression import Base
 from tam_calibration.gap.world import World, turns
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
-
-_LEAST_FALL = 4.0
-"""How many times smaller the squares must be with a jump than without, for it to be gross."""
 
 _OPEN = 1e-6
 """Combinations of the products of so little relative size are not told by the turns of the recording."""
@@ -86,7 +84,7 @@ def _gross_jump(time_s: FloatArray, readings: FloatArray, products: FloatArray) 
     left = float(np.sum((readings - products @ values) ** 2))
     path = Path.of(*without(readings, products), np.ones((len(readings), 1)))
     best = max(path.best(), key=lambda jump: jump.gain)
-    if left < _LEAST_FALL * (left - best.gain):
+    if left < LEAST_FALL * (left - best.gain):
         return None
     middle = (time_s[1:] + time_s[:-1]) / 2
     return {name: float(middle[cut]) for name, cut in zip(BiasJump.shape_units, best.cuts, strict=False)}

@@ -13,13 +13,26 @@ from tam_calibration.units import FloatArray
 SAMPLES = 600
 """Of a simulated recording; what they tell is told of as many samples as the real one would have."""
 
-_FAST_S, _SLOWER = 5.0, 8.0
-"""Duration of a fast turn, and how much longer a slow one takes."""
+_FAST_S = 5.0
+"""Seconds of a fast turn, and for which a pose is held: what hands do."""
+
+_SLOWER = 8.0
+"""How many times longer a slow turn takes, so that what follows the rate is small."""
 
 _LEAST_SAMPLES_PER_TURN = 16
-_HOLD_S = 5.0
-_RAMPS, _LEAST_RISE_K = 2, 5.0
-_SWITCHINGS, _LEAST_CURRENT_A = 12, 1.0
+"""With fewer a motion is no longer told from its samples."""
+
+_RAMPS = 2
+"""Times that the temperature goes down and up, so that it is no drift in time."""
+
+_LEAST_RISE_K = 5.0
+"""Kelvin; what a box in the sun or a refrigerator makes at least."""
+
+_SWITCHINGS = 12
+"""Times that the current is switched, each at other attitudes."""
+
+_LEAST_CURRENT_A = 1.0
+"""Amperes; where the recording tells of no larger change."""
 
 Path = Literal["onwards", "back and forth", "swings", "poses"]
 
@@ -124,7 +137,7 @@ def candidates(now: Situation, channels: Collection[str]) -> list[Candidate]:
             fast,
             20 * fast / 60,
         ),
-        Candidate(f"hold it still in 72 poses on all sides, {_HOLD_S:.0f} s each", "poses", _HOLD_S, 72 * _HOLD_S / 60),
+        Candidate(f"hold it still in 72 poses on all sides, {_FAST_S:.0f} s each", "poses", _FAST_S, 72 * _FAST_S / 60),
     ]
 
 

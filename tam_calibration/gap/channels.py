@@ -29,6 +29,7 @@ from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 _PIECE = 8192
+"""Samples that are worked on at once, and up to which what a design shows is kept: tens of megabytes."""
 
 _LAST_MISFIT: "WeakKeyDictionary[Channels, Misfit]" = WeakKeyDictionary()
 

@@ -17,7 +17,7 @@ from tam_calibration.effects.harmonics import harmonics
 from tam_calibration.units import FloatArray
 
 CHANCE = 0.05
-"""Part of the recordings with noise alone in which any statistic of any row leaves its range."""
+"""Part of the recordings with noise alone in which any statistic leaves its range; also of intervals that miss."""
 
 LAGS = 20
 """Samples up to which the autocorrelation is drawn."""

@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from tam_calibration.gap.channels import Channels
+from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.design import Design
 from tam_calibration.gap.regression import Base
 from tam_calibration.units import FloatArray
@@ -24,10 +25,6 @@ _COSINES = 8
 
 _BLOCKS = 4 * _COSINES
 """Blocks of time in which samples are summed; the fastest cosine has eight a period."""
-
-_TWO_SIDED = 0.975
-_NORMAL_QUANTILE = 1.959963984540054
-"""Of the standard normal distribution: so many standard errors are to cover 95 %."""
 
 
 def sandwich(base: Base, effects: Sequence[Design]) -> FloatArray:
@@ -89,7 +86,7 @@ def _scale(information: FloatArray, solve: FloatArray, influence: FloatArray, co
 
     The sums' covariance is wᵀ P w, with w the influence times the cosines and P what the fit leaves.
     """
-    from scipy.stats import t
+    from scipy.special import ndtri, stdtrit
 
     answer = information @ influence
     energy = answer @ influence
@@ -99,5 +96,5 @@ def _scale(information: FloatArray, solve: FloatArray, influence: FloatArray, co
     if total <= 0:
         return 0.0
     freedom = total**2 / float(np.sum(covariance**2))
-    quantile = float(t.ppf(_TWO_SIDED, freedom)) / _NORMAL_QUANTILE
+    quantile = float(stdtrit(freedom, 1 - CHANCE / 2) / ndtri(1 - CHANCE / 2))
     return quantile * float(np.sqrt(energy.sum() * _COSINES / total))

@@ -7,6 +7,7 @@ import numpy as np
 
 from tam_calibration.effects.effect import Finding, FittedEffect, LinearEffect, Situation
 from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import sandwich
 from tam_calibration.gap.hypotheses import Evidence
@@ -19,15 +20,14 @@ from tam_calibration.gap.residue import residue_of
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
 from tam_calibration.gap.search import Hypothesis, Place, sensors_of
 from tam_calibration.gap.shares import shares_of
-from tam_calibration.gap.size import LARGEST_NOISE, measure, noise_variance
+from tam_calibration.gap.size import measure, noise_variance
 from tam_calibration.gap.steps import Search
 from tam_calibration.gap.support import LEAST_EVIDENCE, Step
 from tam_calibration.gap.verdict import noisier_rows, smallest_gap, statement, verdict_on
 from tam_calibration.gap.where import locate, sensors_and_axes
 
-_AS_GOOD = 10.0
 _NEARLY_ALL = 0.97
-"""Difference of BIC, and part of the evidence, within which two effects cannot be told apart."""
+"""Part of what a cause gains from which on what gains it in its place cannot be told from it, however much that is."""
 
 _SLIGHT = 0.1
 """Part of the signal in the strongest sensor: what errs there shifts the field that all share by part of its error."""
@@ -36,7 +36,7 @@ _FREE_WITHOUT = ("temperature_drift", "current_interference")
 """Effects that, while their channel is missing, may be any function of time."""
 
 _OF_FEW, _FEW = ("saturation", "outliers"), 3
-"""Effects that are alike in so few samples."""
+"""Effects that are alike in so few samples: a spike or three may as well be the end of a range."""
 
 
 def conclude(found: Search) -> Gap:
@@ -136,7 +136,7 @@ def _alike(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
         rival.effect
         for rival in step.weighed
         if rival.effect != effect.effect
-        and (rival.delta_bic > cause.delta_bic - _AS_GOOD or rival.gain > _NEARLY_ALL * cause.gain)
+        and (rival.delta_bic > cause.delta_bic - LEAST_EVIDENCE or rival.gain > _NEARLY_ALL * cause.gain)
     ]
     if isinstance(cause.form, Hypothesis) and cause.form.effect.is_free_in_time:
         names += [

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.array import Array
 from tam_calibration.effects.quantization import find_lattices
+from tam_calibration.effects.robust import noise_deviation
 from tam_calibration.gap.channels import Channels
 from tam_calibration.units import FloatArray, to_nanotesla
 
@@ -36,9 +37,10 @@ _CLIP = 4.0
 """Robust standard deviations at which differences are clipped."""
 
 _ROUNDS = 200
-_MEDIAN_OF_NORMAL = 0.6745
-_LEAST_SAMPLES = 20
-_LARGEST_COLOUR = 0.95
+"""Multiplicative steps, as the levels of rows that few channels tell settle slowly."""
+
+LEAST_SAMPLES = 20
+"""Fewer tell neither the level of a noise nor, without a fold of them, the nine numbers of an ellipsoid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +72,7 @@ class Floor:
     @property
     def total_T(self) -> FloatArray:
         """(3K + 1,) standard deviation with the colour: of an autoregressive process that has this level above."""
-        colour = np.clip(self.colour, 0, _LARGEST_COLOUR)
+        colour = np.clip(self.colour, 0, 1 - np.finfo(float).eps)
         # Its power at the middle of the upper half of the band, in that of white noise of the same variance.
         part = (1 - colour**2) / (1 + colour**2 - 2 * colour * np.cos(0.75 * np.pi))
         total: FloatArray = self.level_T / np.sqrt(part)
@@ -106,10 +108,10 @@ def floor_of(channels: Channels, stated: Array) -> Floor:
     level, colour = np.full(row_count + 1, np.nan), np.full(row_count + 1, np.nan)
     if channels.recording.scalar_T is not None:
         known = channels.recording.scalar_T[np.isfinite(channels.recording.scalar_T)]
-        if len(known) >= _LEAST_SAMPLES:
+        if len(known) >= LEAST_SAMPLES:
             level[-1], colour[-1] = np.sqrt(_white(known)), _colour_of(known)
     is_slow = _median_turn(channels) < _SLOW_RAD
-    if is_slow and channels.is_counted.sum() >= _LEAST_SAMPLES:
+    if is_slow and channels.is_counted.sum() >= LEAST_SAMPLES:
         level[:-1], colour[:-1] = _of_rows(channels, _stated_T(stated))
     floor = Floor(level, colour, _stated_T(stated))
     return Floor(level, colour, floor.stated_T, _remarks(floor, stated, int(channels.is_counted.sum())))
@@ -155,7 +157,7 @@ def _white(series: FloatArray) -> float:
 
 def _clipped(difference: FloatArray) -> FloatArray:
     """Return differences without the tails beyond those of noise; as they are where most of them are zero."""
-    size = float(np.median(np.abs(difference))) / _MEDIAN_OF_NORMAL
+    size = float(noise_deviation(difference))
     return np.clip(difference, -_CLIP * size, _CLIP * size) if size > 0 else difference
 
 
@@ -175,7 +177,7 @@ def _fresh(readings: FloatArray) -> NDArray[np.bool_]:
     off_line = np.abs(readings[1:-1] - (readings[2:] + readings[:-2]) / 2).sum(axis=1)
     tiny = 1e-6 * max(float(np.median(size)), float(size.mean()))
     fresh[1:-1] = (off_line > tiny) & (size[:-1] > tiny)
-    is_filled = (~fresh).mean() > 0.2 and fresh.sum() >= _LEAST_SAMPLES
+    is_filled = (~fresh).mean() > 0.2 and fresh.sum() >= LEAST_SAMPLES
     return fresh if is_filled else np.ones(len(readings), dtype=bool)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.array import Array
 from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, LinearEffect, Shape, Term
-from tam_calibration.effects.moved_sphere import moved_sphere
+from tam_calibration.effects.moved_sphere import GROSS, moved_sphere
 from tam_calibration.effects.removal import attitude_known, filled
 from tam_calibration.effects.term import Key, chosen
 from tam_calibration.errors import SensorErrors
@@ -20,7 +20,7 @@ from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.nominal import starts, stepped, wild_samples, without_jump
 from tam_calibration.gap.physical import objection_to, sensed_intensity
-from tam_calibration.gap.refusal import without_calibration
+from tam_calibration.gap.refusal import ENOUGH_SAMPLES, without_calibration
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.search import Hypothesis
 from tam_calibration.gap.selection import columns_of
@@ -29,29 +29,28 @@ from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
-_MOST_STEPS, _MOST_ROUNDS = 8, 4
+_MOST_STEPS = 8
+"""Gauss-Newton steps in a row; a fit that needs more is held back by its bounds or runs away."""
+
+_MOST_ROUNDS = 4
+"""Times that a fit is taken up again from where it stopped, as each changes where it is linearised."""
+
 _SPHERE_RANK = 9
 """Of the calibration of one sensor by the length of the field, where that tells all of it."""
 
-_GROSS = 0.01
-"""Of the field: a misfit above is no small disturbance."""
-
 _LEAST_JUMP = 0.01
 """Part of the largest jump of an axis below which another is the error of a sphere's centre."""
-
-_ENOUGH_SAMPLES = 8000
-"""Of a long recording a search takes no more; the fit that it ends with takes all."""
 
 _KNOWN: "WeakKeyDictionary[Model, Base]" = WeakKeyDictionary()
 
 _HELD_BACK = 0.01
 """Part of the energy that a further step would take, from which a fit has not settled."""
 
-_SAME_NOISE = 0.02
-"""Relative difference of noises that is not worth another fit."""
-
 _STEP_LENGTHS = (1.0, 0.5, 0.125, 0.03)
+"""Parts of a step that are tried, the whole first: where none of them goes downhill, nothing does."""
+
 _SETTLED = 1e-3
+"""Fall of the energy that a step promises, in that of one channel: far below any evidence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +135,7 @@ class Model:
 
         That is a few readings beyond all others, or a jump.
         """
-        stride = recording.sample_count // _ENOUGH_SAMPLES + 1
+        stride = recording.sample_count // ENOUGH_SAMPLES + 1
         is_oriented, wild = attitude_known(recording), wild_samples(recording)
         if wild.any():
             tame = cls.nominal(recording.take(~wild), array)
@@ -215,7 +214,7 @@ class Model:
         else:
             base = self.base()
             noise_T = noise_T * np.sqrt(base.energy / max(base.channels.count - base.rank, 1.0))
-        if np.allclose(noise_T, before_T, rtol=_SAME_NOISE, atol=0):
+        if np.array_equal(noise_T, before_T):
             return self
         model = replace(self, array=replace(self.array, vector_noise_T=noise_T))
         return model.settled() if settled else model
@@ -251,7 +250,7 @@ class Model:
         """Whether the misfit is no small disturbance of the field."""
         misfit = self.channels().misfit
         size = np.sqrt(np.mean(misfit.row_shift_T**2 * (misfit.row_information > 0)))
-        return bool(size > _GROSS * np.median(self.channels().situation.intensity_T))
+        return bool(size > GROSS * np.median(self.channels().situation.intensity_T))
 
     @property
     def is_counted(self) -> NDArray[np.bool_]:
@@ -347,7 +346,7 @@ class Model:
         if self in _KNOWN:
             return _KNOWN[self]
         base = self._base()
-        if self.recording.sample_count <= _ENOUGH_SAMPLES:
+        if self.recording.sample_count <= ENOUGH_SAMPLES:
             _KNOWN[self] = base
         return base
 

@@ -21,9 +21,11 @@ from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import EARTH_FIELD_T, Recording
 from tam_calibration.units import FloatArray
 
-_SURE_HAND = 1e-3
-_WILD, _MOST_WILD = 4.0, 0.02
-"""Times the median length from which a reading is wild, and the part of the samples up to which these are few."""
+_WILD = 4.0
+"""Times the median length from which a reading is wild: bias and soft iron hardly double it."""
+
+_MOST_WILD = 0.02
+"""Part of the samples up to which wild ones are few, and are left out of the fit."""
 
 _USUAL_INTENSITY_T = float(np.sqrt(EARTH_FIELD_T[0] * EARTH_FIELD_T[1]))
 """Where neither readings nor a scalar tell the intensity: the middle of what the Earth has."""
@@ -83,7 +85,7 @@ def _check_hands(recording: Recording) -> None:
     least = canonical_correlations(recording.readings_T)[:, -1]
     is_seen = least > sure_correlation(recording.sample_count)
     for sensor, value in enumerate(determinant):
-        if value < -_SURE_HAND and is_seen[sensor]:
+        if value < 0 and is_seen[sensor]:
             raise InputError(f"sensor {sensor + 1} has left-handed or dependent axes: check their order and signs")
 
 

@@ -12,8 +12,14 @@ from tam_calibration.gap.search import Hypothesis
 from tam_calibration.units import FloatArray
 
 _REFINEMENTS = 14
+"""Values of one parameter that are tried, by parabolas: to some per cent of the way between its neighbours."""
+
 _MOVES = 40
+"""Sets of several parameters that are tried."""
+
 _FIRST_TURN_RAD = 0.4
+"""Radians of a first turn: half of what lies between the directions that are tried."""
+
 _FIRST_STEP = 0.5
 """Of the way to a neighbour."""
 

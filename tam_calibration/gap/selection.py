@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.ridge import ridged
 from tam_calibration.effects.term import Term
 from tam_calibration.gap.regression import Numbers, Projected, twice_log_likelihood_ratio
 from tam_calibration.units import FloatArray
-
-_RIDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +157,7 @@ def _lost(covariance: FloatArray, values: FloatArray, widths: np.ndarray) -> Flo
         own = starts[terms][:, None] + np.arange(width)
         blocks = covariance[own[:, :, None], own[:, None, :]]
         size = np.sqrt(np.maximum(np.einsum("tii->ti", blocks), np.finfo(float).tiny))
-        scaled = blocks / (size[:, :, None] * size[:, None, :]) + _RIDGE * np.eye(width)
+        scaled = ridged(blocks / (size[:, :, None] * size[:, None, :]))
         unit = values[own] / size
         lost[terms] = np.sum(unit * np.linalg.solve(scaled, unit[:, :, None])[:, :, 0], axis=1)
     return lost

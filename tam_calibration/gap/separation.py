@@ -18,8 +18,8 @@ from tam_calibration.gap.support import LEAST_EVIDENCE
 DECIDES = 20.0
 """Evidence, twice the logarithm of a likelihood ratio, that settles a question."""
 
-_ENOUGH = 2 * DECIDES
 _LONGEST_MIN = 60.0
+"""Minutes for which people may be asked to record."""
 
 _NESTED = {("time_skew", "eddy_current"), ("nonlinearity", "hysteresis")}
 """Pairs of which the second holds the first: data can show that it is more than that, never that it is not."""
@@ -156,10 +156,10 @@ def words_of(effect: str) -> str:
 
 
 def long_enough(gained: float, minutes: float) -> float:
-    """Return how many minutes it takes to be sure, where some bring so much evidence; an hour at most."""
+    """Return how many minutes bring twice the evidence that decides, where some bring so much; an hour at most."""
     if gained <= 0:
         return minutes
-    return min(minutes * max(ceil(_ENOUGH / gained), 1), max(_LONGEST_MIN, minutes))
+    return min(minutes * max(ceil(2 * DECIDES / gained), 1), max(_LONGEST_MIN, minutes))
 
 
 def duration(minutes: float) -> str:

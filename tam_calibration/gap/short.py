@@ -3,6 +3,7 @@
 import numpy as np
 
 from tam_calibration.effects.library import installed_effects
+from tam_calibration.gap.floor import LEAST_SAMPLES
 from tam_calibration.gap.result import Considered, Gap, Residue, Size, Where
 from tam_calibration.gap.shared_motion import canonical_correlations, sure_correlation
 from tam_calibration.recording import Recording
@@ -13,14 +14,11 @@ _LEAST_REDUNDANCY = 60
 _LEAST_SPREAD_T = 0.3e-6
 """Standard deviation of the readings across their main direction; a turn of one degree makes more."""
 
-_LEAST_SAMPLES = 20
-"""Without a fold of them still well above nine, which determine an ellipsoid."""
-
 
 def needed_samples(sensor_count: int) -> int:
     """Return how many samples any verdict takes."""
     channels = _LEAST_REDUNDANCY + 12 * sensor_count - 3
-    return max(_LEAST_SAMPLES, -(-channels // (3 * sensor_count - 2)))
+    return max(LEAST_SAMPLES, -(-channels // (3 * sensor_count - 2)))
 
 
 def is_at_rest(recording: Recording) -> bool:

@@ -7,6 +7,8 @@ import numpy as np
 
 from tam_calibration.array import TENSOR_OUTPUTS
 from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.noise_excess import LARGEST_NOISE as LARGEST_NOISE
+from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.model import Model
@@ -14,17 +16,11 @@ from tam_calibration.gap.result import Size
 from tam_calibration.gap.validation import FOLDS, held_out_energy
 from tam_calibration.units import FloatArray
 
-LARGEST_NOISE = 1.2
-"""White noise of so many times the data sheet's, common to all sensors, is not yet a gap."""
-
 LEAST_NOISE = 0.5
 """White noise is no less than this part of the data sheet's where nothing tells it."""
 
 _SURE_PART = 0.8
 """Of the variance that differences show, which is sure: their own error is some per cent."""
-
-_T_OF_FOLDS = 2.776
-"""97.5 % quantile of Student's t with as many degrees of freedom as there are folds less one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +83,8 @@ def measure(nominal: Model, model: Model, variance: float) -> Size:
 
 
 def _closed(first: FloatArray, last: FloatArray) -> tuple[float, tuple[float, float]]:
+    from scipy.special import stdtrit
+
     def part(kept: np.ndarray) -> float:
         total = first[kept].mean()
         return float(np.clip(1 - max(last[kept].mean(), 0) / total, 0, 1)) if total > 0 else 0.0
@@ -95,7 +93,8 @@ def _closed(first: FloatArray, last: FloatArray) -> tuple[float, tuple[float, fl
     value = part(everything)
     left_out = np.array([part(np.arange(len(first)) != fold) for fold in range(len(first))])
     error = np.sqrt((len(first) - 1) / len(first) * np.sum((left_out - left_out.mean()) ** 2))
-    half = _T_OF_FOLDS * float(error)
+    # Student's t has as many degrees of freedom as there are folds less one.
+    half = float(stdtrit(len(first) - 1, 1 - CHANCE / 2) * error)
     return value, (max(value - half, 0.0), min(value + half, 1.0))
 
 

@@ -11,7 +11,6 @@ from tam_calibration.effects.effect import ALL, Contribution, Finding, FittedEff
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.abrupt import MOST_STEPS, standing_of_change
 from tam_calibration.gap.hypotheses import Evidence, examine, rivals
-from tam_calibration.gap.noise_gain import noise_gain
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.search import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.selection import columns_of
@@ -46,8 +45,6 @@ _NEARLY_ALL = 0.97
 _OF_DIRECTION = 0.97
 """Part of what functions of the direction gain in its sensors that an effect of the field alone must gain."""
 
-_OF_NOISE = 0.5
-"""Part of what a cause gains that it may gain by averaging noise."""
 
 _MOST_STRUCK = 0.04
 """Part of the samples that are outliers at most."""
@@ -147,8 +144,7 @@ def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tupl
     follows_field_alone = not (form.effect.is_free_in_time or form.effect.channels)
     if follows_field_alone and _is_of_direction(base, candidate, unknown):
         return False, None
-    own = noise_gain(base, form)
-    if candidate.delta_bic - own < LEAST_EVIDENCE or own > _OF_NOISE * candidate.gain:
+    if candidate.delta_bic < LEAST_EVIDENCE:
         return False, None
     if form.effect.oversize(base.channels.situation, fitted_at(base, form)) is not None:
         return False, None

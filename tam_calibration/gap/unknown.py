@@ -9,17 +9,14 @@ from collections.abc import Iterable
 import numpy as np
 
 from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.geomagnetic_drift import ORDERS, SAMPLES_PER_ORDER
 from tam_calibration.effects.harmonics import harmonics
 from tam_calibration.effects.neighbours import sum_around
 from tam_calibration.effects.orientation import upwards
 from tam_calibration.units import FloatArray
 
-_BANDS = ((1, 2), (3, 4), (5, 8), (9, 16), (17, 32))
-"""Orders of the cosines in time that stand or fall together."""
-
-_SAMPLES_PER_COSINE = 8
-
 _HIGHEST_TILT = 3
+"""Degree of the harmonics of the direction upwards: of a bend or a loose part under its weight one or two matter."""
 
 
 class FunctionOfTime(LinearEffect):
@@ -36,8 +33,8 @@ class FunctionOfTime(LinearEffect):
         """Return cosines in bands of growing order, for each sensor's axes."""
         phase = np.pi * (situation.time_s - situation.time_s[0]) / max(np.ptp(situation.time_s), 1e-300)
         terms = []
-        for first, last in _BANDS:
-            if last * _SAMPLES_PER_COSINE > situation.sample_count:
+        for first, last in ORDERS:
+            if last * SAMPLES_PER_ORDER > situation.sample_count:
                 break
             orders = np.arange(first, last + 1)
             features = np.cos(phase[:, None] * orders)

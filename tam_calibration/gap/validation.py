@@ -12,7 +12,10 @@ from tam_calibration.gap.regression import VISIBLE, pseudo_inverse
 from tam_calibration.units import FloatArray
 
 FOLDS = 5
+"""Parts of a recording of which each is left out once: four fifths tell nearly as much as all."""
+
 _BLOCKS_PER_FOLD = 12
+"""Blocks of time over which a fold is spread, so that none leaves out all of an attitude."""
 
 
 def folds_of(sample_count: int, interleaved: bool) -> list[list[slice]]:

@@ -3,11 +3,11 @@
 import numpy as np
 
 from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
+from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.looking import CLEAN, LARGEST_REST
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Cause, Size, Verdict, Where
-from tam_calibration.gap.size import LARGEST_NOISE
 from tam_calibration.gap.steps import Search
 from tam_calibration.gap.support import LEAST_EVIDENCE, open_part
 

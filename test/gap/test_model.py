@@ -133,7 +133,7 @@ def test_a_long_recording_is_searched_thinned_and_fitted_whole(monkeypatch, run)
     """With a stride the energy is that of every third sample; the fit to all samples is the one without stride."""
     made = run(900)
     whole = Model.nominal(made.recording, made.array)
-    monkeypatch.setattr(module, "_ENOUGH_SAMPLES", 400)
+    monkeypatch.setattr(module, "ENOUGH_SAMPLES", 400)
     thinned = Model.nominal(made.recording, made.array)
     assert (whole.stride, thinned.stride) == (1, 3)
     assert thinned.channels().count == 300 * 10
