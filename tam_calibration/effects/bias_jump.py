@@ -16,13 +16,11 @@ from tam_calibration.effects.effect import (
     SurrogateKind,
     Term,
 )
-from tam_calibration.effects.moved_sphere import moved_sphere
+from tam_calibration.effects.moved_sphere import GROSS, moved_sphere
 from tam_calibration.effects.saturation import inside_range
 
 _MOST_OF_ROWS = 3
-
-_GROSS = 0.01
-"""Of the field: misfits above are no small disturbances, which the sums here take the lengths of fields for."""
+"""Rows, those in which a jump explains most, whose times are tried for all."""
 
 
 class BiasJump(LinearEffect):
@@ -70,7 +68,7 @@ class BiasJump(LinearEffect):
         shapes: list[Shape] = [
             dict(zip(self.shape_units, (float(middle[cut]) for cut in found), strict=False)) for found in cuts
         ]
-        is_small = situation.follows_attitude or np.sqrt(np.mean(misfit.row_shift_T**2)) < _GROSS * intensity
+        is_small = situation.follows_attitude or np.sqrt(np.mean(misfit.row_shift_T**2)) < GROSS * intensity
         gross = None if is_small else moved_sphere(misfit.recording)
         return shapes if gross is None else [gross.shape, *shapes]
 

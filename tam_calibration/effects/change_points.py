@@ -19,6 +19,7 @@ LEAST_SAMPLES = 24
 """Below which a before and an after are not told."""
 
 _ROUNDS = 3
+"""Turns in which two times of a pair are sought, each beside the other."""
 
 _PRECISE = 1e-6
 """Part of the information that rounding may leave of it."""

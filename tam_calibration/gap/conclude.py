@@ -22,12 +22,9 @@ from tam_calibration.gap.search import Hypothesis, Place, sensors_of
 from tam_calibration.gap.shares import shares_of
 from tam_calibration.gap.size import measure, noise_variance
 from tam_calibration.gap.steps import Search
-from tam_calibration.gap.support import LEAST_EVIDENCE, Step
+from tam_calibration.gap.support import LEAST_EVIDENCE, NEARLY_ALL, Step
 from tam_calibration.gap.verdict import noisier_rows, smallest_gap, statement, verdict_on
 from tam_calibration.gap.where import locate, sensors_and_axes
-
-_NEARLY_ALL = 0.97
-"""Part of what a cause gains from which on what gains it in its place cannot be told from it, however much that is."""
 
 _SLIGHT = 0.1
 """Part of the signal in the strongest sensor: what errs there shifts the field that all share by part of its error."""
@@ -136,7 +133,7 @@ def _alike(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
         rival.effect
         for rival in step.weighed
         if rival.effect != effect.effect
-        and (rival.delta_bic > cause.delta_bic - LEAST_EVIDENCE or rival.gain > _NEARLY_ALL * cause.gain)
+        and (rival.delta_bic > cause.delta_bic - LEAST_EVIDENCE or rival.gain > NEARLY_ALL * cause.gain)
     ]
     if isinstance(cause.form, Hypothesis) and cause.form.effect.is_free_in_time:
         names += [

@@ -6,12 +6,12 @@ from math import log
 
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import installed_effects
+from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.hypotheses import Evidence, evidence_of, examine, rivals, sharpened, usable
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
 from tam_calibration.gap.search import Hypothesis, given_form, places_of, restricted, sensors_of
-from tam_calibration.gap.size import LARGEST_NOISE
 from tam_calibration.gap.support import (
     LEAST_EVIDENCE,
     LEAST_SHARE,
@@ -35,6 +35,7 @@ LARGEST_REST = 1.0
 """Noise floors that causes may leave: what is larger than the noise is a gap of its own."""
 
 _MOST_CAUSES = 4
+"""Of one gap; more are no longer told apart."""
 
 _STARTS = 2
 """Effects from which a search starts, at most."""

@@ -39,11 +39,8 @@ LEAST_SHARE = 0.08
 _WHOLE = 0.05
 """Part of all that can be explained that a form may leave, of which its best surrogate explains nearly as much."""
 
-_NEARLY_ALL = 0.97
-"""Part of what a hypothesis gains from which on its special case is the cause."""
-
-_OF_DIRECTION = 0.97
-"""Part of what functions of the direction gain in its sensors that an effect of the field alone must gain."""
+NEARLY_ALL = 0.97
+"""Part of what another gains from which on one hypothesis gains as much: a special case, or a function of direction."""
 
 
 _MOST_STRUCK = 0.04
@@ -122,7 +119,7 @@ def special(best: Evidence, others: Sequence[Evidence]) -> Evidence:
         for one in others
         if isinstance(one.form, Hypothesis)
         and best.effect in one.form.effect.within
-        and one.gain > _NEARLY_ALL * best.gain
+        and one.gain > NEARLY_ALL * best.gain
     ]
     return max(nearly, key=lambda one: one.delta_bic, default=best)
 
@@ -260,7 +257,7 @@ def _is_best(base: Base, candidate: Evidence, unknown: Collection[Evidence]) -> 
 def _is_of_direction(base: Base, cause: Evidence, unknown: Collection[Evidence]) -> bool:
     """Whether a function of the direction explains more in the sensors of a cause: then no axis and no time matter."""
     others = [one for one in unknown if one.effect == FunctionOfDirection.name]
-    return any(cause.gain < _OF_DIRECTION * _gain_there(base, cause, one) for one in others)
+    return any(cause.gain < NEARLY_ALL * _gain_there(base, cause, one) for one in others)
 
 
 def _gain_there(base: Base, cause: Evidence, other: Evidence) -> float:

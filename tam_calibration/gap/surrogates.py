@@ -34,6 +34,7 @@ _ENOUGH = 3
 """Surrogates that explain as much, after which no others are made."""
 
 _FREQUENCIES = 60
+"""At which a tone is set instead, evenly up to half the sampling rate."""
 
 _NEAREST = 0.05
 """Part of the record by which anything is moved at least."""
