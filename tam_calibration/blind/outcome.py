@@ -180,7 +180,10 @@ class Outcome:
     def _true_names(self) -> set[str]:
         if self.kind == "outside":
             return self.other_names & {self.first} or {NONE}
-        return {NO_GAP} if self.kind == "clean" else {*self.truth, *self.other_names}
+        if not self.truth:
+            return {NO_GAP}
+        # Without the channel that decides for it, none of what can be told apart is as right.
+        return {*self.truth, *self.other_names, *([NONE] if self.kind == "withheld" else [])}
 
     @property
     def first_told(self) -> tuple[float, bool] | None:
@@ -198,7 +201,9 @@ class Outcome:
     @property
     def set_holds(self) -> bool:
         """Whether that set holds the truth: the cause, "unknown" for one outside the library, or "no_gap"."""
-        true = {"clean": {NO_GAP}, "outside": {"unknown", *self.other_names}}.get(self.kind, set(self.truth[:1]))
+        true = {NO_GAP} if not self.truth else {*self.truth[:1], *self.other_names}
+        if self.kind in ("outside", "withheld"):
+            true.add("unknown")
         return bool(true & set(self.set_95 or []))
 
     def coefficients_held(self) -> list[bool]:
