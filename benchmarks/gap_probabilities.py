@@ -1,23 +1,35 @@
 """The coefficients of the diagnosis' probabilities, from answers to recordings with known causes.
 
-Run ``python benchmarks/gap_probabilities.py FOLDER …`` on folders that ``tam blind make`` and ``tam blind answer``
-wrote. Of every cause that was named it takes what the probability is made of, and whether the cause was right; it fits
-the logistic regression of ``tam_calibration.gap.probability``, leaves each folder out once, and prints the coefficients
-with the log score on what was left out beside that of the plain rate. Nothing is written.
+Run ``python benchmarks/gap_probabilities.py FOLDER …`` on folders that ``tam blind make`` wrote, or a world of others
+with its truths in ``key.json``, and that ``tam blind answer`` answered. Of every cause that was named it takes what the
+probability is made of, and whether the cause was right; it fits the logistic regression of
+``tam_calibration.gap.probability``, leaves each folder out once, and prints the coefficients with the log score on what
+was left out beside that of the plain rate. Nothing is written.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
 from scipy.optimize import minimize
 
-from tam_calibration.blind.folder import read_keys, read_outcomes
+from tam_calibration.blind.folder import read_json, read_keys, read_outcomes
 from tam_calibration.blind.outcome import NO_GAP, UNEXPLAINED, Outcome
+from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap.probability import features_of
-from tam_calibration.gap.standing import Standing
 from tam_calibration.units import FloatArray
+
+OTHER_NAMES = {
+    "late_windows": "stale_samples",
+    "interp_windows": "interpolated_samples",
+    "gain_bursts": "gain_switching",
+    "agc_gain": "gain_switching",
+    "mux_crosstalk": "crosstalk",
+    "filter_ringdown": "ringing",
+}
+"""What the library calls causes of other worlds."""
 
 RIDGE = 1.0
 """Of the squared coefficients: as much as one case tells."""
@@ -27,7 +39,7 @@ RIDGE = 1.0
 @click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 def main(folders: tuple[Path, ...]) -> None:
     """Fit and print."""
-    answered = [read_outcomes(folder, read_keys(folder, None), "answer.json") for folder in folders]
+    answered = [outcomes_of(folder) for folder in folders]
     tables = [causes_of(outcomes) for outcomes in answered]
     click.echo(f"coefficients: {np.round(fitted(tables), 2).tolist()}, of {sum(len(one) for one in tables)} causes")
     for number, (folder, own) in enumerate(zip(folders, tables, strict=True)):
@@ -40,37 +52,56 @@ def main(folders: tuple[Path, ...]) -> None:
         click.echo(f"{verdict}: right {sum(told_so)} of {len(told_so)}")
 
 
+def outcomes_of(folder: Path) -> list[Outcome]:
+    """Return keys and answers, of this check or of a world of others, whose keys say less."""
+    if not (folder / "key.json").exists():
+        return read_outcomes(folder, read_keys(folder, None), "answer.json")
+    return read_outcomes(
+        folder, {name: key_of(own) for name, own in read_json(folder / "key.json").items()}, "answer.json"
+    )
+
+
+def key_of(own: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the key of a case of another world as this check writes it."""
+    names = [own["effect"]] if isinstance(own["effect"], str) else own["effect"] or []
+    kinds = ("mixed", "withheld", "outside")
+    kind = next((kind for kind in kinds if own.get(kind)), ("clean", "single", "pair")[len(names)])
+    known = [OTHER_NAMES.get(name, name) for name in names]
+    is_known = kind == "outside" and known[0] in installed_effects()
+    effects = [{"effect": name, "visible_gap": own["gap"]} for name in known]
+    return {
+        "kind": "single" if is_known else kind,
+        "effects": effects,
+        "withheld_channel": str(own.get("withheld") or ""),
+    }
+
+
 def is_right(outcome: Outcome) -> bool:
     """Whether no gap, or an unknown cause, is the truth."""
-    if outcome.verdict == NO_GAP:
-        return not outcome.truth
-    return outcome.kind in ("outside", "withheld")
+    told = outcome.first_told
+    return told is not None and told[1]
 
 
 def causes_of(outcomes: Sequence[Outcome]) -> FloatArray:
     """Return of every named cause its features and whether it is right, (M, 5)."""
     rows = []
     for one in outcomes:
-        for cause in one.answer.get("causes", ()):
-            told = cause["evidence"]
-            standing = None
-            if "gain" in told:
-                standing = Standing(told["gain"], told["best_surrogate_gain"], told["rank_among_surrogates"])
-            own = features_of(standing, one.answer["gap"]["closed"], cause["share"])
+        for cause in one.causes:
+            gap = one.answer["gap"]
+            own = features_of(gap["before"], gap["after"], one.answer["smallest_gap"], cause["share"])
             rows.append((*own, cause["effect"] in {*one.truth, *one.other_names}))
     return np.array(rows, dtype=float).reshape(-1, 5)
 
 
 def fitted(tables: Sequence[FloatArray]) -> FloatArray:
-    """Return the coefficients (4,) of the logistic regression with a ridge; nothing that is told speaks against."""
+    """Return the coefficients (4,) of the logistic regression with a ridge."""
     joined = np.concatenate(tables)
 
     def cost(weights: FloatArray) -> float:
         logit = joined[:, :-1] @ weights
         return float(np.sum(np.logaddexp(0, logit) - joined[:, -1] * logit) + RIDGE * weights @ weights / 2)
 
-    bounds = [(None, None), *[(0.0, None)] * (joined.shape[1] - 2)]
-    return np.asarray(minimize(cost, np.zeros(len(bounds)), bounds=bounds).x)
+    return np.asarray(minimize(cost, np.zeros(joined.shape[1] - 1)).x)
 
 
 def chance(weights: FloatArray, table: FloatArray) -> FloatArray:

@@ -92,7 +92,9 @@ class Explained:
     contribution: Contribution
 
 
-def finding_of(effect: str, misfit: Misfit, found: Mapping[int, Explained], nats: float) -> Finding:
+def finding_of(
+    effect: str, misfit: Misfit, found: Mapping[int, Explained], nats: float, is_certain: bool = False
+) -> Finding:
     """Return what displacements of some sensors explain together; the samples are given up.
 
     Parameters
@@ -103,6 +105,8 @@ def finding_of(effect: str, misfit: Misfit, found: Mapping[int, Explained], nats
         By sensor.
     nats : float
         What it costs to say which samples they are, where nothing but the residual says so.
+    is_certain : bool
+        See ``Finding``.
     """
     flagged = np.any([one.samples for one in found.values()], axis=0)
     shift = np.zeros((len(flagged), len(misfit.directions)))
@@ -115,4 +119,5 @@ def finding_of(effect: str, misfit: Misfit, found: Mapping[int, Explained], nats
         gain=count * float(np.log(misfit.energy[used].sum() / misfit.energy_without(shift)[used].sum())),
         parameter_count=len(found) + int(np.ceil(2 * nats / np.log(count))),
         flagged=flagged,
+        is_certain=is_certain,
     )

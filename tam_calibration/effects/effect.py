@@ -102,6 +102,8 @@ class Finding:
         What it adds to the variance of each row, T².
     spread_T : (N, 3K + 1) array, optional
         The standard deviation of what it adds to the rows of each sample along one direction of its own, tesla.
+    is_certain : bool
+        Whether it is a fact of the readings that no chance makes, and so comes before what explains as much.
     """
 
     fitted: FittedEffect
@@ -110,6 +112,7 @@ class Finding:
     flagged: NDArray[np.bool_] | None = None
     variance: FloatArray | None = None
     spread_T: FloatArray | None = None
+    is_certain: bool = False
 
 
 class Effect(ABC):
@@ -267,15 +270,7 @@ def _term_of(contribution: Contribution, terms: Mapping[Key, Term], effect: str)
 
 
 class FoundEffect(Effect):
-    """An effect that is found in the readings or the residual by another test than regression.
-
-    Attributes
-    ----------
-    is_certain : bool
-        Whether it is a fact of the readings that no chance makes, and so comes before what explains as much.
-    """
-
-    is_certain: ClassVar[bool] = False
+    """An effect that is found in the readings or the residual by another test than regression."""
 
     @abstractmethod
     def find(self, misfit: Misfit) -> Finding | str:

@@ -57,15 +57,17 @@ class InterpolatedSamples(FoundEffect):
 
     def find(self, misfit: Misfit) -> Finding | str:
         """Return the samples that were filled, flagged, or why there are none."""
-        found = {}
+        found, is_certain = {}, False
         for sensor in range(misfit.situation.sensor_count):
             against = AgainstOthers.of(misfit, sensor).recalibrated()
-            windows = _exact(misfit.recording.readings_T[:, sensor], misfit.situation) or _curved(against)
+            exact = _exact(misfit.recording.readings_T[:, sensor], misfit.situation)
+            is_certain |= bool(exact)
+            windows = exact or _curved(against)
             if windows:
                 found[sensor] = _explained(against, windows)
         if not found:
             return "no sensor reads along straight lines where the others see the field turn"
-        return finding_of(self.name, misfit, found, nats=0.0)
+        return finding_of(self.name, misfit, found, 0.0, is_certain)
 
     def add(
         self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator

@@ -89,7 +89,6 @@ class Quantization(FoundEffect):
         "(Bennett 1948)."
     )
     excitation = "a field that moves through many steps"
-    is_certain: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {"step": "T", "offset": "T"}
     limits: ClassVar[Mapping[str, Limit]] = {
         "step": Limit(
@@ -120,6 +119,7 @@ class Quantization(FoundEffect):
             gain=count * float(np.log(energy / (energy - rounding))),
             parameter_count=len(_by_step(lattices)),
             variance=variance,
+            is_certain=True,
         )
 
     def add(

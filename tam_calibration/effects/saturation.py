@@ -66,7 +66,6 @@ class Saturation(FoundEffect):
         "(IEEE Std 1241-2010)."
     )
     excitation = "turns that bring the axis to the end of its range, for several readings"
-    is_certain: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {
         "upper limit": "T",
         "lower limit": "T",
@@ -98,6 +97,7 @@ class Saturation(FoundEffect):
             gain=count * float(np.log(before / left)),
             parameter_count=2 * len(limits),
             flagged=flagged,
+            is_certain=True,
         )
 
     def _of_cores(self, misfit: Misfit, cores: list[ClippedCore]) -> Finding:
@@ -115,6 +115,7 @@ class Saturation(FoundEffect):
             gain=count * float(np.log(misfit.energy[used].sum() / misfit.energy_without(shift)[used].sum())),
             parameter_count=sum(len(core.limits_T) + 4 for core in cores),
             flagged=flagged,
+            is_certain=True,
         )
 
     def add(

@@ -1,7 +1,6 @@
 """From a search to the verdict."""
 
-from collections.abc import Mapping, Sequence
-from math import expm1
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from tam_calibration.gap.remainder import describe
 from tam_calibration.gap.residue import residue_of
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
 from tam_calibration.gap.search import Hypothesis, Place, sensors_of
-from tam_calibration.gap.shares import shares_of
+from tam_calibration.gap.shares import energies_of, shares_of
 from tam_calibration.gap.size import measure, noise_variance
 from tam_calibration.gap.steps import Search
 from tam_calibration.gap.support import LEAST_EVIDENCE, NEARLY_ALL, Step
@@ -46,7 +45,8 @@ def conclude(found: Search) -> Gap:
     size = measure(whole_nominal, whole, variance)
     base = found.nominal.base()
     verdict = verdict_on(found, size, variance, noisier is not None)
-    chances = probabilities(found, verdict, size)
+    smallest = smallest_gap(whole_nominal.channels().count)
+    chances = probabilities(found, verdict, size, smallest)
     causes = _causes(found, whole, size, chances, variance)
     if verdict in ("no_gap", "unexplained"):
         causes, whole = (), whole_nominal
@@ -71,7 +71,7 @@ def conclude(found: Search) -> Gap:
         residue,
         channel_count=whole_nominal.channels().count,
         set_95=set_of(chances, verdict, causes),
-        smallest_gap=smallest_gap(whole_nominal.channels().count),
+        smallest_gap=smallest,
         checks=checks_of(residue.time_s, residue.direction, residue.after, residue.floor_T),
         remainder=describe(found, verdict, size, residue, variance),
     )
@@ -88,7 +88,7 @@ def _causes(
     others = [steps[0] for steps in by_finding.values()]
     shares = shares_of(model) if model.parts else np.empty(0)
     fitted = _fitted(model)
-    energy = _energies(found.steps, found.nominal.base().channels.count)
+    energy = energies_of(found.steps, found.nominal.base().channels.count)
     total = sum(energy.values())
     linear_energy = sum(energy[step] for step in linear)
     weights = [
@@ -115,15 +115,6 @@ def _causes(
             )
         )
     return tuple(sorted(causes, key=lambda cause: -cause.share))
-
-
-def _energies(steps: Sequence[Step], count: float) -> dict[Step, float]:
-    """Return the part of the energy that each cause explains of what those accepted before it leave."""
-    left, energies = 1.0, {}
-    for step in steps:
-        energies[step] = left * -expm1(-step.accepted.gain / count)
-        left -= energies[step]
-    return energies
 
 
 def _alike(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:

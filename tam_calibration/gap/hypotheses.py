@@ -47,7 +47,7 @@ class Evidence:
     gain : float
         Twice the logarithm of the likelihood ratio.
     is_certain : bool
-        See ``FoundEffect``.
+        See ``Finding``.
     """
 
     effect: str
@@ -95,7 +95,7 @@ def examine(base: Base, effect: Effect) -> Evidence | str:
     if isinstance(finding, str):
         return finding
     delta_bic = finding.gain - finding.parameter_count * log(base.channels.count)
-    return Evidence(effect.name, finding, delta_bic, finding.gain, effect.is_certain)
+    return Evidence(effect.name, finding, delta_bic, finding.gain, finding.is_certain)
 
 
 def evidence_of(base: Base, form: Hypothesis) -> Evidence:

@@ -37,6 +37,9 @@ LARGEST_REST = 1.0
 _MOST_CAUSES = 4
 """Of one gap; more are no longer told apart."""
 
+_MODELLED = 1e-3
+"""Part of a gap's energy that a cause beside others must explain: effects are modelled to some per cent in size."""
+
 _STARTS = 2
 """Effects from which a search starts, at most."""
 
@@ -139,7 +142,7 @@ class Looking:
             base = self._beside(steps)[1]
             if steps:
                 weighed, unknown = self._weigh(base, len(steps)), tuple(rivals(base))
-                least = min(least, LARGEST_REST**2 * base.channels.count)
+                least = max(min(least, LARGEST_REST**2 * base.channels.count), _MODELLED * self._visible())
             given = (first, stands(base, first, unknown)[1]) if first is not None and not steps else None
             found = given or supported(base, weighed, unknown, steps, least)
             if found is None:

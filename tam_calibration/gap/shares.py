@@ -1,14 +1,25 @@
-"""The part of each effect in what all explain, whatever the order: the Shapley value of the explained energy."""
+"""The part of each cause in what all explain: in the order of the search, and whatever the order (Shapley value)."""
 
+from collections.abc import Sequence
 from itertools import combinations
-from math import factorial
+from math import expm1, factorial
 
 import numpy as np
 
 from tam_calibration.gap.design import Design
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
+from tam_calibration.gap.support import Step
 from tam_calibration.units import FloatArray
+
+
+def energies_of(steps: Sequence[Step], count: float) -> dict[Step, float]:
+    """Return the part of the energy that each cause explains of what those accepted before it leave."""
+    left, energies = 1.0, {}
+    for step in steps:
+        energies[step] = left * -expm1(-step.accepted.gain / count)
+        left -= energies[step]
+    return energies
 
 
 def shares_of(model: Model) -> FloatArray:

@@ -72,7 +72,6 @@ class Stain(FoundEffect):
     """A finding that is given."""
 
     name = "stain"
-    is_certain = True
 
     def __init__(self, answer):
         """Keep what is found."""
@@ -89,7 +88,7 @@ class Stain(FoundEffect):
 
 def test_evidence_for_a_finding_is_bic(base):
     """Its gain less the logarithm of the channels for each number that was spent, or why there is none."""
-    finding = Finding(FittedEffect("stain", {}, ()), 50.0, 3)
+    finding = Finding(FittedEffect("stain", {}, ()), 50.0, 3, is_certain=True)
     found = examine(base, Stain(finding))
     assert found.delta_bic == pytest.approx(50 - 3 * log(base.channels.count))
     assert found.form is finding and found.is_certain

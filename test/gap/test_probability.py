@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import pytest
 
 from tam_calibration.gap.probability import features_of, right, set_of
-from tam_calibration.gap.standing import Standing
 
 
 def cause(name):
@@ -14,18 +13,17 @@ def cause(name):
     return SimpleNamespace(fitted=SimpleNamespace(effect=name))
 
 
-def test_what_closes_more_of_a_gap_is_more_likely():
-    """So is what makes more of what closes."""
-    standing = Standing(300.0, 100.0, 0.01)
-    assert right(standing, 0.3, 0.5) < right(standing, 0.9, 0.5) < right(standing, 0.9, 1.0) < 1
+def test_what_is_seen_better_is_more_likely():
+    """So is what leaves less that is seen, and what makes more of what closes."""
+    whole = right(features_of(3.0, 0.1, 0.1, 1.0))
+    assert right(features_of(0.3, 0.1, 0.1, 1.0)) < whole < 1
+    assert right(features_of(3.0, 1.0, 0.1, 1.0)) < whole
+    assert right(features_of(3.0, 0.1, 0.1, 0.3)) < whole
 
 
-def test_a_ratio_counts_up_to_ten():
-    """A fact of the readings, which has no surrogates, counts as much; what is below one counts as one."""
-    assert features_of(Standing(300.0, 100.0, 0.01), 0.9, 0.5) == (1.0, pytest.approx(log(3)), 0.9, 0.5)
-    assert features_of(Standing(9000.0, 100.0, 0.01), 0.9, 0.5) == features_of(None, 0.9, 0.5)
-    assert features_of(Standing(50.0, 100.0, 0.01), 0.9, 0.5)[1] == 0
-    assert features_of(None, 0.9, 0.5)[1] == pytest.approx(log(10))
+def test_what_is_smaller_than_the_smallest_gap_is_not_seen():
+    """It counts as the smallest."""
+    assert features_of(1.0, 0.02, 0.1, 0.5) == (1.0, pytest.approx(log(10)), 0.0, 0.5)
 
 
 @pytest.mark.parametrize(
