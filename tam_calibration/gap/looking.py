@@ -213,8 +213,10 @@ class Looking:
             ranked = sorted(fitting, key=lambda offer: -offer.delta_bic)
             unknown = rivals(base)
             own = step.accepted.effect
-            held = [offer for offer in ranked if offer.effect == own or stands(base, offer, unknown)[0]]
-            best = special(held[0], held)
+            best = next(offer for offer in ranked if offer.effect == own or stands(base, offer, unknown)[0])
+            nested = special(best, ranked)
+            if nested is not best and (nested.effect == own or stands(base, nested, unknown)[0]):
+                best = nested
             kept[index] = Step(best, step.weighed, step.rivals, step.standing)
         return kept
 

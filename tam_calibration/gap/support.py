@@ -24,7 +24,7 @@ LEAST_EVIDENCE = 12.0
 _LEAST_RATIO: Mapping[SurrogateKind, float] = {
     "moved": 2.0,
     "of_channel": 1.0,
-    "of_attitude": 1.3,
+    "of_attitude": 1.6,
     "elsewhere": 1.0,
     "at_other_frequencies": 2.0,
 }
@@ -37,7 +37,7 @@ LEAST_SHARE = 0.08
 """Part of all that can be explained that a cause must explain."""
 
 _WHOLE = 0.05
-"""Part of all that can be explained that a form may leave, of which its best surrogate explains nearly as much."""
+"""Part of what can be explained in its sensors that a form may leave, of which a surrogate explains nearly as much."""
 
 NEARLY_ALL = 0.97
 """Part of what another gains from which on one hypothesis gains as much: a special case, or a function of direction."""
@@ -152,13 +152,18 @@ def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tupl
     standing = _standing(base, form)
     is_first = standing.gain > standing.largest + LEAST_EVIDENCE
     is_alone = standing.ratio > _LEAST_RATIO[form.effect.surrogates]
-    return is_first and (is_alone or _is_whole(base, form)), standing
+    return is_first and (is_alone or _is_whole(base, candidate, form)), standing
 
 
-def _is_whole(base: Base, form: Hypothesis) -> bool:
-    """Whether beside a form functions without physics say next to nothing: what only resembles it leaves something."""
+def _is_whole(base: Base, cause: Evidence, form: Hypothesis) -> bool:
+    """Whether beside a form functions without physics say next to nothing in its sensors.
+
+    What only resembles the cause leaves something there.
+    """
     beside = Base(base.channels, [*base.designs, base.channels.design(form.terms)])
-    return open_part(base, beside, rivals(beside)) < _WHOLE
+    left = max((_gain_there(beside, cause, one) for one in rivals(beside)), default=0.0)
+    left = beside.energy * -expm1(-left / base.channels.count)
+    return left < _WHOLE * (left + base.energy - beside.energy)
 
 
 def fitted_at(base: Base, form: Hypothesis) -> FittedEffect:
