@@ -192,6 +192,8 @@ class Looking:
     def _swapped(self, steps: Sequence[Step]) -> list[Step]:
         """Return the causes, each replaced by the effect, and the form of it, that explains most beside the others."""
         kept = list(steps)
+        if len(kept) < 2 and self._nominal.gross is not None:
+            return kept
         for index, step in enumerate(kept):
             if not isinstance(step.accepted.form, Hypothesis):
                 continue
