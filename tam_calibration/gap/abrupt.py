@@ -43,13 +43,15 @@ def standing_of_change(base: Base, form: Hypothesis, delta_bic: float) -> Standi
     That is where the evidence for smooth courses exceeds that for the form, and the changes do not stand out beside
     the best of them.
     """
-    always = chosen(base.channels.terms(form.effect, form.effect.always(form.shape) or {}), form.keys)
-    course = _best_course(base, form, always, delta_bic)
-    standing = _among_times(base, form, always, course)
+    whole = form.effect.always(form.shape) or {}
+    always = chosen(base.channels.terms(form.effect, whole), form.keys)
+    changes = np.array([value for name, value in form.shape.items() if whole.get(name) != value])
+    course = _best_course(base, form, always, changes, delta_bic)
+    standing = _among_times(base, form, always, changes, course)
     return None if course and standing.ratio < SHARPEST else standing
 
 
-def _best_course(base: Base, form: Hypothesis, always: Sequence[Term], least: float) -> list[Term]:
+def _best_course(base: Base, form: Hypothesis, always: Sequence[Term], changes: FloatArray, least: float) -> list[Term]:
     """Return the smooth course with the most evidence; nothing where a form, or levels of their own, have more.
 
     Parameters
@@ -59,6 +61,8 @@ def _best_course(base: Base, form: Hypothesis, always: Sequence[Term], least: fl
         Between its changes, if they are few, it may have any levels: that would be more of the same effect.
     always : sequence of Term
         Of the form, as if it were always there.
+    changes : (C,) array
+        Times of its changes.
     least : float
         The evidence for the form.
     """
@@ -71,9 +75,9 @@ def _best_course(base: Base, form: Hypothesis, always: Sequence[Term], least: fl
     def evidence(gain: float, rank: int) -> float:
         return float(twice_log_likelihood_ratio(base.energy, gain, count) - rank * log(count))
 
-    if len(form.shape) <= MOST_STEPS:
-        levels = _times(always, (time_s[:, None] >= np.array(list(form.shape.values()))).astype(float))
-        least = max(least, evidence(*base.project(channels.design(levels)).gain()) - len(form.shape) * log(count))
+    if len(changes) <= MOST_STEPS:
+        levels = _times(always, (time_s[:, None] >= changes).astype(float))
+        least = max(least, evidence(*base.project(channels.design(levels)).gain()) - len(changes) * log(count))
     projected, best = base.project(channels.design(courses)), 0
     for order in _ORDERS:
         if order * width > len(projected.score):
@@ -84,14 +88,16 @@ def _best_course(base: Base, form: Hypothesis, always: Sequence[Term], least: fl
     return courses[: best * len(always)]
 
 
-def _among_times(base: Base, form: Hypothesis, always: Sequence[Term], course: Sequence[Term]) -> Standing:
+def _among_times(
+    base: Base, form: Hypothesis, always: Sequence[Term], changes: FloatArray, course: Sequence[Term]
+) -> Standing:
     """Return how each change of a form stands beside a smooth course among steps at all other times beside both.
 
     With few changes, the next strongest are no such steps but more of them.
     """
     channels = base.channels
     time_s = channels.situation.time_s[:: channels.stride]
-    changes = np.array(list(form.shape.values()))
+    count = len(changes)
     smooth = Base(channels, [*base.designs, channels.design(course)]) if course else base
     own = channels.design(form.terms)
     designs = [*smooth.designs, own]
@@ -112,7 +118,7 @@ def _among_times(base: Base, form: Hypothesis, always: Sequence[Term], course: S
         changes = np.append(changes, times[best])
     return Standing.among(
         twice_log_likelihood_ratio(smooth.energy, gain, channels.count),
-        twice_log_likelihood_ratio(smooth.energy, len(form.shape) * others, channels.count),
+        twice_log_likelihood_ratio(smooth.energy, count * others, channels.count),
     )
 
 
