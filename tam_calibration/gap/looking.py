@@ -195,32 +195,36 @@ class Looking:
         if len(kept) < 2 and self._nominal.gross is not None:
             return kept
         for index, step in enumerate(kept):
-            if not isinstance(step.accepted.form, Hypothesis):
-                continue
-            base = self._beside(kept, step)[1]
-            others = {one.accepted.effect for one in kept if one is not step}
-            names = [
-                one.effect
-                for one in (*step.weighed, step.accepted)
-                if isinstance(one.form, Hypothesis)
-                and one.delta_bic > max(LEAST_EVIDENCE, _SWAP_PART * step.accepted.delta_bic)
-                and (one.effect not in others or one.effect == step.accepted.effect)
-            ]
-            offers = [examine(base, self._effects[name]) for name in dict.fromkeys(names)]
-            sharp = sharpened(base, [offer for offer in offers if isinstance(offer, Evidence)])
-            rest = [one for one in kept if one is not step]
-            fitting = [offer for offer in sharp if is_new(offer, rest, base)]
-            if step.accepted.effect not in {offer.effect for offer in fitting}:
-                continue
-            ranked = sorted(fitting, key=lambda offer: -offer.delta_bic)
-            unknown = rivals(base)
-            own = step.accepted.effect
-            best = next(offer for offer in ranked if offer.effect == own or stands(base, offer, unknown)[0])
-            nested = special(best, ranked)
-            if nested is not best and (nested.effect == own or stands(base, nested, unknown)[0]):
-                best = nested
-            kept[index] = Step(best, step.weighed, step.rivals, step.standing)
+            if isinstance(step.accepted.form, Hypothesis):
+                kept[index] = self._chosen_again(step, [one for one in kept if one is not step])
         return kept
+
+    def _chosen_again(self, step: Step, rest: Sequence[Step]) -> Step:
+        """Return the cause that explains most beside the rest, of those that had much evidence, or the same."""
+        base, own = self._beside(rest)[1], step.accepted.effect
+        unknown, others = rivals(base), {one.accepted.effect for one in rest}
+        names = [
+            one.effect
+            for one in (*step.weighed, step.accepted)
+            if isinstance(one.form, Hypothesis)
+            and one.delta_bic > max(LEAST_EVIDENCE, _SWAP_PART * step.accepted.delta_bic)
+            and (one.effect not in others or one.effect == own)
+        ]
+        offers = [examine(base, self._effects[name]) for name in dict.fromkeys(names)]
+        sharp = sharpened(base, [offer for offer in offers if isinstance(offer, Evidence)])
+        fitting = [offer for offer in sharp if is_new(offer, rest, base)]
+        if own not in {offer.effect for offer in fitting}:
+            return step
+
+        def is_held(offer: Evidence) -> bool:
+            return offer.effect == own or stands(base, offer, unknown)[0]
+
+        ranked = sorted(fitting, key=lambda offer: -offer.delta_bic)
+        best = next(offer for offer in ranked if is_held(offer))
+        nested = special(best, ranked)
+        best = nested if is_held(nested) else best
+        standing = step.standing if best.effect == own else stands(base, best, unknown)[1]
+        return Step(best, step.weighed, step.rivals, standing)
 
     def _alone(self, one: Evidence) -> Evidence | None:
         """Return the evidence at the strongest sensor alone of what is spread over several."""
