@@ -29,7 +29,12 @@ PACKAGE = Path(tam_calibration.__file__).parent
 ROOMS = ("gap", "effects")
 KINDS = ("decision", "tolerance", "size", "factor", "basis", "limit", "label")
 
-_ROUNDING, _WORK = 1e-4, 200
+_ROUNDING = 1e-4
+"""A number nearer to 0 or to 1 is a tolerance of numerics, and decides nothing."""
+
+_WORK = 200
+"""A whole number as large says how much is worked through at a time, and decides nothing."""
+
 _UNITS = ("_T", "_A", "_K", "_S", "_MIN", "_RAD", "_HZ")
 
 

@@ -47,9 +47,18 @@ from tam_calibration.recording import Recording
 
 RESULTS = Path(__file__).parent / "results" / "gap_constants.csv"
 PAGE = Path(__file__).parents[1] / "docs" / "gap_constants.md"
-SEED, SAMPLES = 1207, 300
+SEED = 1207
+"""Of recordings that nothing is tuned on or judged by."""
+
+SAMPLES = 300
+"""Of a recording: few enough for hundreds of diagnoses, enough to see one noise floor."""
+
 FACTORS = {"halved": 0.5, "doubled": 2.0}
+"""A factor of two is what a constant without a measured value is uncertain by."""
+
 OTHERS = 3
+"""Recordings without the constant's own effect that are diagnosed too, spread over those that read it."""
+
 PLANS = (
     *(
         Plan("single", (effect,), (gap,), SAMPLES)

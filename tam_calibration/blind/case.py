@@ -19,6 +19,8 @@ from tam_calibration.problems import Refused
 from tam_calibration.units import FloatArray, to_nanotesla
 
 WELL_CONDITIONED = 1e-3
+"""Least singular value of the nominal parameters' design over the largest: below, no calibration tells the errors."""
+
 HIDDEN = 0.03
 """A recording in which the nominal fit takes up all but this share of a signal is no recording to see it in."""
 
@@ -29,6 +31,7 @@ LEAST_SPIKE = 4.0
 """Spikes smaller than this many noise floors are noise, not outliers."""
 
 TRIES = 1000
+"""Draws of a recording in which the causes can be seen, before that is given up; they take some twenty seconds."""
 
 ALIKE = 0.6
 """Two causes whose visible signals have a larger cosine than this are one cause to any diagnosis."""

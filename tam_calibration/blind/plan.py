@@ -10,6 +10,8 @@ from tam_calibration.blind.outside import OUTSIDE
 from tam_calibration.blind.outside_sealed import SEALED
 
 GAPS = (0.3, 1.0, 3.0)
+"""In noise floors: hidden in the noise, as large, and plain to see; figures are asked for at each."""
+
 MIXED = (2.0, 1.0)
 """Gaps of the known cause and of the unknown one beside it."""
 
@@ -23,6 +25,8 @@ SHARES = {
     "mixed": 0.08,
     "large": 0.08,
 }
+"""Of the kinds in a set: of 600 cases three or four are of each effect and gap, and 36 to 72 of each other kind."""
+
 EVERYWHERE = ("ambient_gradient",)
 """What disturbs all sensors leaves none to an unknown cause."""
 

@@ -8,7 +8,11 @@ from statistics import NormalDist
 import numpy as np
 
 WITHIN_95 = NormalDist().inv_cdf(0.975)
+"""Standard deviations to both sides that hold 95 % of a normal law."""
+
 _BINS = 10
+"""Of the reliability curve, each a tenth of the probability."""
+
 _LEAST = 1e-3
 """A probability below counts as this: one that is wrong though certain is no worse than a thousandth."""
 

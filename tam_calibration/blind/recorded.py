@@ -30,6 +30,7 @@ SMOOTHED_S = 0.25
 """Within this time, a tenth of the quickest turn of a hand, a reading without attitude is taken to be a cubic."""
 
 ONE_NANOTESLA = 1e-9
+"""Noise of the scene's sensors, so that its noise floors are nanoteslas: a real recording's own noise is not known."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
 """Robust nominal fits of real recordings: an ellipsoid for each sensor, or a constant field that attitudes turn."""
 
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from numpy.linalg import LinAlgError, cholesky, det, inv, lstsq, norm, svd
@@ -9,10 +10,14 @@ from tam_calibration.problems import Refused
 from tam_calibration.units import FloatArray, from_nanotesla
 
 ROUNDS = 30
+"""Turns of fit and weights."""
+
 CUT = 4.685
 """Robust standard deviations beyond which Tukey's weights are none: 95 % efficient for normal noise."""
 
-NORMAL_MAD = 1.4826
+NORMAL_MAD = 1 / NormalDist().inv_cdf(0.75)
+"""Standard deviation of a normal law over the median of its absolute values."""
+
 EARTH_T = tuple(from_nanotesla(bound) for bound in (15_000.0, 100_000.0))
 """Bounds of the geomagnetic field: a fit beyond ran away."""
 

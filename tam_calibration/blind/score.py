@@ -7,7 +7,7 @@ from functools import cached_property
 from statistics import median
 
 from tam_calibration.blind.catalogue import CATALOGUE
-from tam_calibration.blind.figures import Row, amplitude_rows, rate_row
+from tam_calibration.blind.figures import Row, amplitude_rows, interval_rows, probability_rows, rate_row, set_rows
 from tam_calibration.blind.judgement import (
     is_admitted,
     is_known_named,
@@ -23,7 +23,6 @@ from tam_calibration.blind.judgement import (
 )
 from tam_calibration.blind.outcome import EXPLAINED, NO_GAP, PARTLY_EXPLAINED, UNEXPLAINED, Outcome
 from tam_calibration.blind.rates import Bin, Rate, calibration_error, reliability_curve
-from tam_calibration.blind.statements import interval_rows, probability_rows, set_rows
 
 LEAST_PROBABILITY = 0.01
 """What is given less is no statement; the many that are given nothing would make any curve look good."""

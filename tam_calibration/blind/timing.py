@@ -12,8 +12,10 @@ from tam_calibration.blind.scene import Scene
 Index = NDArray[np.integer[Any]]
 
 MOST_STALE = 0.4
+"""Part of the samples at which something stale may begin: with more of it the recording is another one."""
+
 MOST_LOST = 0.6
-"""A larger share of the samples is no recording."""
+"""Part of the samples that may be lost: a recording with more of them is none."""
 
 
 def stale_samples(rng: Generator, scene: Scene) -> Disturbance:

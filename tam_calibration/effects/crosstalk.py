@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from tam_calibration.effects.change_points import LEAST_SAMPLES
 from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.motion import jumps
 from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
@@ -48,6 +49,12 @@ class Crosstalk(LinearEffect):
         "bleed": Limit(1.0, "an input that nothing drives keeps the whole charge of the one before it; Kester 2005")
     }
 
+    def obstacle(self, situation: Situation) -> str | None:
+        """Return that the recording is too short, where it is."""
+        if situation.sample_count < LEAST_SAMPLES:
+            return f"{situation.sample_count} samples are too few to tell a motion or windows"
+        return None
+
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
         """Return how late it is, where there is continuous motion, and the windows in which an axis bleeds most."""
         is_continuous = jumps(situation) is None
@@ -66,8 +73,9 @@ class Crosstalk(LinearEffect):
 
         All the time, a parallel axis gets none, for that is a delay of its own.
         """
-        ((source, late_s),) = ((axis, shape[name]) for name, axis in _SHAPES.items() if name in shape)
-        bled = _change(situation, source, late_s)
+        name = next((name for name in _SHAPES if name in shape), " or ".join(_SHAPES))
+        source = _SHAPES.get(name, 0)
+        bled = _change(situation, source, shape[name])
         along = np.zeros(situation.scalar_row)
         if "on_1_s" in shape:
             bled = np.where(in_windows(situation, shape), situation.field_T[:, source] + bled, 0.0)

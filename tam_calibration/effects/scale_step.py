@@ -28,6 +28,8 @@ _COARSE = 400
 """Places at which a step is sought first."""
 
 _SLIP = Limit(0.5, "a screw that comes loose lets a board turn by degrees, not out of its mount; Isermann 2006", "rad")
+"""Of tilts and turns alike: both are how an axis stands after it."""
+
 _ENOUGH = 16_000
 """Samples among which the times are sought, evenly spread over a longer recording."""
 

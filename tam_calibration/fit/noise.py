@@ -10,8 +10,13 @@ from tam_calibration.recording import SKETCH, SampleSource
 from tam_calibration.units import FloatArray
 
 _THIRD_DIFFERENCE_NORM = np.sqrt(20.0)
+"""Of the weights 1, 3, 3, 1: by so much white noise grows in third differences."""
+
 _SMALLEST_T = 1e-12
+"""A picotesla, where readings do not change at all: no noise is zero."""
+
 _LARGEST_PART_OF_SPREAD = 0.02
+"""Of the readings' spread, which attitudes that jump would pass for noise; 1000 nT in the Earth's field."""
 
 
 def complete_noise(array: Array, source: SampleSource) -> tuple[Array, bool]:

@@ -11,18 +11,13 @@ from math import log
 
 import numpy as np
 
-from tam_calibration.effects.effect import Term
+from tam_calibration.effects.effect import Shape, Term
 from tam_calibration.effects.term import chosen
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.search import Hypothesis
 from tam_calibration.gap.standing import Standing
+from tam_calibration.gap.unknown import ORDERS, SAMPLES_PER_ORDER, cosines
 from tam_calibration.units import FloatArray
-
-_ORDERS = (2, 4, 8, 16, 32)
-"""Numbers of cosines: a course of as many half swings in the record."""
-
-_SAMPLES_PER_COSINE = 8
-"""Fewer are no longer a smooth course."""
 
 _TIMES = 64
 """At which other steps are set, evenly over the record."""
@@ -37,13 +32,22 @@ SHARPEST = 6.0
 """How many times what a step at another time gains each change must gain, beside a smooth course."""
 
 
-def standing_of_change(base: Base, form: Hypothesis, delta_bic: float) -> Standing | None:
+def standing_of_change(base: Base, form: Hypothesis, whole: Shape, delta_bic: float) -> Standing | None:
     """Return how the changes of a form stand among steps at other times; None where a smooth course says more.
 
     That is where the evidence for smooth courses exceeds that for the form, and the changes do not stand out beside
     the best of them.
+
+    Parameters
+    ----------
+    base : Base
+    form : Hypothesis
+        Which comes and goes at the times of its shape.
+    whole : Shape
+        The shape in which it is always there.
+    delta_bic : float
+        The evidence for the form.
     """
-    whole = form.effect.always(form.shape) or {}
     always = chosen(base.channels.terms(form.effect, whole), form.keys)
     changes = np.array([value for name, value in form.shape.items() if whole.get(name) != value])
     course = _best_course(base, form, always, changes, delta_bic)
@@ -68,9 +72,10 @@ def _best_course(base: Base, form: Hypothesis, always: Sequence[Term], changes: 
     """
     channels, count, width = base.channels, base.channels.count, form.width
     time_s = channels.situation.time_s[:: channels.stride]
-    courses = _times(always, _cosines(time_s))
-    if not courses:
+    orders = [last for _, last in ORDERS if last * SAMPLES_PER_ORDER <= len(time_s)]
+    if not orders:
         return []
+    courses = _times(always, cosines(time_s, np.arange(1, orders[-1] + 1)))
 
     def evidence(gain: float, rank: int) -> float:
         return float(twice_log_likelihood_ratio(base.energy, gain, count) - rank * log(count))
@@ -79,9 +84,7 @@ def _best_course(base: Base, form: Hypothesis, always: Sequence[Term], changes: 
         levels = _times(always, (time_s[:, None] >= changes).astype(float))
         least = max(least, evidence(*base.project(channels.design(levels)).gain()) - len(changes) * log(count))
     projected, best = base.project(channels.design(courses)), 0
-    for order in _ORDERS:
-        if order * width > len(projected.score):
-            break
+    for order in orders:
         smooth = evidence(*projected.take(np.arange(order * width)).gain())
         if smooth > least:
             best, least = order, smooth
@@ -98,9 +101,9 @@ def _among_times(
     channels = base.channels
     time_s = channels.situation.time_s[:: channels.stride]
     count = len(changes)
-    smooth = Base(channels, [*base.designs, channels.design(course)]) if course else base
+    smooth = base.beside(channels.design(course)) if course else base
     own = channels.design(form.terms)
-    designs = [*smooth.designs, own]
+    both = smooth.beside(own)
     gain = smooth.project(own).gain()[0]
     times: FloatArray = np.linspace(time_s[0], time_s[-1], _TIMES + 2)[1:-1]
     while True:
@@ -110,11 +113,11 @@ def _among_times(
             break
         steps = channels.design(_times(always, (time_s[:, None] >= times).astype(float)))
         groups = np.split(np.arange(len(times) * form.width), len(times))
-        others = Base(channels, designs).project(steps).gains(groups)[0]
+        others = both.project(steps).gains(groups)[0]
         if len(changes) >= MOST_STEPS:
             break
         best = int(np.argmax(others))
-        designs.append(channels.design(_times(always, (time_s[:, None] >= times[[best]]).astype(float))))
+        both = both.beside(channels.design(_times(always, (time_s[:, None] >= times[[best]]).astype(float))))
         changes = np.append(changes, times[best])
     return Standing.among(
         twice_log_likelihood_ratio(smooth.energy, gain, channels.count),
@@ -125,11 +128,3 @@ def _among_times(
 def _times(terms: Sequence[Term], courses: FloatArray) -> list[Term]:
     """Return terms times each of some courses (N, C), course by course."""
     return [replace(term, features=term.features * course[:, None]) for course in courses.T for term in terms]
-
-
-def _cosines(time_s: FloatArray) -> FloatArray:
-    """Return the cosines (N, C) of whole numbers of half periods of the record, slowest first."""
-    phase = np.pi * (time_s - time_s[0]) / max(float(np.ptp(time_s)), np.finfo(float).tiny)
-    orders = np.arange(1, min(_ORDERS[-1], len(time_s) // _SAMPLES_PER_COSINE) + 1)
-    cosines: FloatArray = np.cos(phase[:, None] * orders)
-    return cosines

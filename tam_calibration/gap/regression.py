@@ -183,6 +183,10 @@ class Base:
         """Return the energy of the channels and that of the prior of so much weight: what a fit makes small."""
         return self.channels.energy + prior_weight * self.prior_energy
 
+    def beside(self, *designs: Design) -> "Base":
+        """Return the base with more that is fitted in any case."""
+        return Base(self.channels, [*self.designs, *designs])
+
     def project(self, design: Design) -> Projected:
         """Return the normal equations of a design with the base eliminated."""
         own = self.channels.cross(design, design)

@@ -145,8 +145,9 @@ def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tupl
         return False, None
     if form.effect.oversize(base.channels.situation, fitted_at(base, form)) is not None:
         return False, None
-    if form.effect.always(form.shape) is not None:
-        among_times = standing_of_change(base, form, candidate.delta_bic)
+    whole = form.effect.always(form.shape)
+    if whole is not None:
+        among_times = standing_of_change(base, form, whole, candidate.delta_bic)
         if among_times is None or form.effect.surrogates == "at_other_times":
             return among_times is not None, among_times
     standing = _standing(base, form)
@@ -160,7 +161,7 @@ def _is_whole(base: Base, cause: Evidence, form: Hypothesis) -> bool:
 
     What only resembles the cause leaves something there.
     """
-    beside = Base(base.channels, [*base.designs, base.channels.design(form.terms)])
+    beside = base.beside(base.channels.design(form.terms))
     left = max((_gain_there(beside, cause, one) for one in rivals(beside)), default=0.0)
     left = beside.energy * -expm1(-left / base.channels.count)
     return left < _WHOLE * (left + base.energy - beside.energy)
@@ -247,9 +248,10 @@ def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
     sensors = sensors_of(places_of(accepted.form))
     for step in steps:
         before = step.accepted
-        if not isinstance(before.form, Finding) or before.effect in (NOISE, OUTLIERS):
+        if not isinstance(before.form, Finding) or before.effect == OUTLIERS:
             continue
-        if sensors <= sensors_of(places_of(before.form)):
+        is_of_samples = before.is_certain or before.form.flagged is not None
+        if is_of_samples and sensors <= sensors_of(places_of(before.form)):
             return replace(accepted, effect=before.effect, form=replace(accepted.form, fitted=before.form.fitted))
     return accepted
 

@@ -5,8 +5,10 @@ it stands say where to look.
 """
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
 from tam_calibration.effects.geomagnetic_drift import ORDERS, SAMPLES_PER_ORDER
@@ -31,13 +33,12 @@ class FunctionOfTime(LinearEffect):
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
         """Return cosines in bands of growing order, for each sensor's axes."""
-        phase = np.pi * (situation.time_s - situation.time_s[0]) / max(np.ptp(situation.time_s), 1e-300)
         terms = []
         for first, last in ORDERS:
             if last * SAMPLES_PER_ORDER > situation.sample_count:
                 break
             orders = np.arange(first, last + 1)
-            features = np.cos(phase[:, None] * orders)
+            features = cosines(situation.time_s, orders)
             coefficients = [Coefficient(f"cosine {order}", "T") for order in orders]
             terms += [
                 Term.of_row(situation, row, f"order {first} to {last}", coefficients, features)
@@ -145,6 +146,13 @@ class FunctionOfNeighbours(LinearEffect):
             # What the calibration took off a row turns its neighbours against it: that is no shift they share.
             if mean[:, row] @ self._shift[:, row] > 0
         ]
+
+
+def cosines(time_s: FloatArray, orders: NDArray[np.integer[Any]]) -> FloatArray:
+    """Return the cosines (N, C) of whole numbers (C,) of half periods of a record."""
+    phase = np.pi * (time_s - time_s[0]) / max(float(np.ptp(time_s)), np.finfo(float).tiny)
+    values: FloatArray = np.cos(phase[:, None] * orders)
+    return values
 
 
 def _numbered(count: int) -> list[Coefficient]:

@@ -6,9 +6,8 @@ from matplotlib.figure import Figure
 
 from tam_calibration.gap.result import Gap
 from tam_calibration.report.gap_rows import percent
-from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, QUIET_COLOR, STYLE
+from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
 
-_WIDTH_INCH = 7.4
 _SHOWN = 8
 _TOLD = 1e-3
 
@@ -21,7 +20,7 @@ def plot_evidence(gap: Gap) -> Figure:
     shown = [each for each in ranked[:_SHOWN] if each[1] >= _TOLD or each[0] in supported] or ranked[:1]
     names, values = [name.replace("_", " ") for name, _ in shown], [value for _, value in shown]
     colors = [AFTER_COLOR if name in supported else QUIET_COLOR for name, _ in shown]
-    figure = Figure(figsize=(_WIDTH_INCH, 0.9 + 0.28 * len(shown)), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 0.9 + 0.28 * len(shown)), layout="constrained")
     axes = figure.subplots()
     axes.barh(names, values, color=colors, height=0.65)
     for place, value in enumerate(values):
@@ -36,7 +35,7 @@ def plot_shares(gap: Gap) -> Figure:
     """Draw how the energy of the gap falls from the whole to what is left, one step a cause."""
     closed = gap.size.closed if np.isfinite(gap.size.closed) else 0.0
     steps = [(cause.fitted.effect.replace("_", " "), closed * cause.share) for cause in gap.causes]
-    figure = Figure(figsize=(_WIDTH_INCH, 2.8), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.8), layout="constrained")
     axes = figure.subplots()
     axes.bar(0, 1.0, color=BEFORE_COLOR, width=0.6)
     top = 1.0

@@ -8,7 +8,7 @@ from tam_calibration.gap.checks import LAGS, Check, Checks, row_name
 from tam_calibration.report.formatting import fixed, number
 from tam_calibration.report.gap_view import GapView
 from tam_calibration.report.page import Block, Points, Section, Table, Text, figure_blocks
-from tam_calibration.report.style import AFTER_COLOR, MISSING_COLOR, STYLE
+from tam_calibration.report.style import AFTER_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, STYLE
 
 _HEADER = {
     "chi_square": "χ²/n",
@@ -17,7 +17,6 @@ _HEADER = {
     "part_of_direction": "part that goes with the direction",
     "excess_kurtosis": "excess kurtosis",
 }
-_SIZE_INCH = (7.4, 2.8)
 
 
 def checks_section(view: GapView) -> list[Section]:
@@ -69,7 +68,7 @@ def _range(check: Check, row: int) -> str:
 @matplotlib.rc_context(STYLE)
 def plot_autocorrelation(checks: Checks, row: int) -> Figure:
     """Draw the autocorrelation of one row, and the band of noise."""
-    figure = Figure(figsize=_SIZE_INCH, layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.8), layout="constrained")
     axes = figure.subplots()
     check = checks.lag_1_correlation
     axes.axhspan(check.low[row], check.high[row], color=MISSING_COLOR, alpha=0.3, linewidth=0)

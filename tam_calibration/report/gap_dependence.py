@@ -7,11 +7,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tam_calibration.report.gap_view import GapView
-from tam_calibration.report.style import FLOOR_COLOR, STYLE
+from tam_calibration.report.style import FLOOR_COLOR, PAGE_WIDTH_INCH, STYLE
 from tam_calibration.units import FloatArray, to_degrees
 
-_WIDTH_INCH = 7.4
 _BINS = 12
+"""Of equally many samples each: enough to show a bend, few enough that each mean is sure."""
 
 
 @matplotlib.rc_context(STYLE)
@@ -24,7 +24,7 @@ def plot_dependence(view: GapView, row: int) -> Figure:
     for label, channel in (("temperature (°C)", residue.temperature_C), ("current (A)", residue.current_A)):
         if channel is not None:
             panels.append((label, channel, _mean, "mean"))
-    figure = Figure(figsize=(_WIDTH_INCH, 2.8), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.8), layout="constrained")
     for axes, (label, channel, measure, what) in zip(
         figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
     ):

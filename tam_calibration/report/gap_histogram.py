@@ -5,9 +5,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tam_calibration.report.gap_view import GapView
-from tam_calibration.report.style import FLOOR_COLOR, STYLE
+from tam_calibration.report.style import FLOOR_COLOR, PAGE_WIDTH_INCH, STYLE
 
-_SIZE_INCH = (7.4, 3.0)
 _FEWEST_BINS, _MOST_BINS = 21, 81
 _WIDEST_BIN = 0.5
 _LOWEST, _HIGHEST = 4.5, 30.0
@@ -16,7 +15,7 @@ _LOWEST, _HIGHEST = 4.5, 30.0
 @matplotlib.rc_context(STYLE)
 def plot_histogram(view: GapView, row: int) -> Figure:
     """Draw the distributions of one row, all states together, on a logarithmic scale that shows the tails."""
-    figure = Figure(figsize=_SIZE_INCH, layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 3.0), layout="constrained")
     axes = figure.subplots()
     floor = float(view.gap.residue.floor_T[row])
     samples = [state.rows_T[:, row] / floor for state in view.states]

@@ -8,18 +8,17 @@ from matplotlib.figure import Figure
 
 from tam_calibration.report.formatting import ratio
 from tam_calibration.report.gap_view import GapView, State
-from tam_calibration.report.style import BEFORE_COLOR, FLOOR_COLOR, STYLE
+from tam_calibration.report.style import BEFORE_COLOR, FLOOR_COLOR, PAGE_WIDTH_INCH, STYLE
 from tam_calibration.units import FloatArray
 
 _SHADES = LinearSegmentedColormap.from_list("gap", ["#f4f6f8", BEFORE_COLOR, "#5a2f06"])
-_WIDTH_INCH = 7.4
 
 
 @matplotlib.rc_context(STYLE)
 def plot_map(view: GapView) -> Figure:
     """Draw root mean squares over the floor, sensors downwards and axes across, one map a state on one scale."""
     states = view.states
-    figure = Figure(figsize=(_WIDTH_INCH, 1.3 + 0.3 * (view.sensor_count + 1)), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 1.3 + 0.3 * (view.sensor_count + 1)), layout="constrained")
     largest = np.nanmax([*(np.nanmax(state.ratio, initial=1.0) for state in states), 2.0])
     scale = LogNorm(1.0, largest, clip=True)
     for index, (axes, state) in enumerate(zip(figure.subplots(1, len(states), squeeze=False)[0], states, strict=True)):

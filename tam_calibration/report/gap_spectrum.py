@@ -6,10 +6,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from tam_calibration.report.gap_view import GapView
-from tam_calibration.report.style import FLOOR_COLOR, MISSING_COLOR, STYLE
+from tam_calibration.report.style import FLOOR_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, STYLE
 from tam_calibration.units import FloatArray
 
-_SIZE_INCH = (7.4, 3.0)
 _BANDS = 250
 _LONGEST = 1 << 21
 
@@ -18,7 +17,7 @@ _LONGEST = 1 << 21
 def plot_spectrum(view: GapView, row: int) -> Figure:
     """Draw the amplitude spectrum of one row, all states together; the band of the gap is shaded."""
     residue, where = view.gap.residue, view.gap.where
-    figure = Figure(figsize=_SIZE_INCH, layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 3.0), layout="constrained")
     axes = figure.subplots()
     floor = float(residue.floor_T[row])
     for state in view.states:

@@ -8,11 +8,10 @@ from matplotlib.figure import Figure
 from tam_calibration.fit.coverage import CELLS, IntArray, cell_of
 from tam_calibration.report.coverage_map import cells_on_map, draw_borders
 from tam_calibration.report.gap_view import GapView
-from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, STYLE
+from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, PAGE_WIDTH_INCH, STYLE
 from tam_calibration.units import FloatArray, to_nanotesla
 
 _SHADES = LinearSegmentedColormap.from_list("signed", [AFTER_COLOR, "#f4f6f8", BEFORE_COLOR])
-_WIDTH_INCH = 7.4
 
 
 @matplotlib.rc_context(STYLE)
@@ -22,7 +21,7 @@ def plot_sphere(view: GapView, row: int) -> Figure:
     means = [cell_means(to_nanotesla(state.rows_T[:, row]), cell) for state in states]
     reach = float(np.nanmax(np.abs(means), initial=0.0)) or 1.0
     longitude, latitude, map_cell = cells_on_map()
-    figure = Figure(figsize=(_WIDTH_INCH, 2.2), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.2), layout="constrained")
     plots = figure.subplots(1, len(states), subplot_kw={"projection": "hammer"}, squeeze=False)[0]
     for axes, state, mean in zip(plots, states, means, strict=True):
         shades = np.ma.masked_invalid(mean[map_cell])

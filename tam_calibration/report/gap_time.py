@@ -7,17 +7,15 @@ from matplotlib.figure import Figure
 from tam_calibration.report.formatting import number
 from tam_calibration.report.gap_view import GapView
 from tam_calibration.report.residual_plots import draw_series, time_axis
-from tam_calibration.report.style import FLOOR_COLOR, MISSING_COLOR, STYLE
+from tam_calibration.report.style import FLOOR_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, STYLE
 from tam_calibration.units import to_nanotesla
-
-_SIZE_INCH = (7.4, 4.2)
 
 
 @matplotlib.rc_context(STYLE)
 def plot_time(view: GapView, row: int) -> Figure:
     """Draw the residual of one row over time, one panel a state on common axes; the span of the gap is shaded."""
     residue, where = view.gap.residue, view.gap.where
-    figure = Figure(figsize=_SIZE_INCH, layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 4.2), layout="constrained")
     panels = figure.subplots(len(view.states), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     elapsed = residue.time_s - residue.time_s[0]
     unit, seconds = time_axis(float(elapsed[-1]))

@@ -8,6 +8,10 @@ FLOOR_COLOR = "#3c4650"
 MISSING_COLOR = "#f0a35e"
 QUIET_COLOR = "#5b6773"
 WIDTH_INCH = 4.7
+"""Of a plain figure."""
+
+PAGE_WIDTH_INCH = 7.4
+"""Of a figure that takes the whole width of a page."""
 
 STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",

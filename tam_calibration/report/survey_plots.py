@@ -9,11 +9,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from tam_calibration.localization.spectrum import Spectrum
-from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, QUIET_COLOR, STYLE
+from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
 from tam_calibration.survey.result import ARRAY_FRAME, Survey
 from tam_calibration.units import FloatArray, to_degrees
 
-_WIDTH_INCH, _PANEL_INCH = 7.4, 2.5
+_PANEL_INCH = 2.5
 _VIEWS = (((0, 1), "plan"), ((0, 2), "profile"), ((1, 2), "profile"))
 _NAMES = {True: ("x, forward", "y, left", "z, up"), False: ("x", "y", "z")}
 _NINETY_FIVE = np.sqrt(5.991)
@@ -49,7 +49,7 @@ class _Window:
 def plot_survey_map(survey: Survey) -> Figure:
     """Draw sources and array from above and from two sides, with ellipses that hold 95 %; magnified below."""
     windows = _windows(survey)
-    figure = Figure(figsize=(_WIDTH_INCH, 0.6 + _PANEL_INCH * len(windows)), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 0.6 + _PANEL_INCH * len(windows)), layout="constrained")
     names = _NAMES[survey.frame == ARRAY_FRAME]
     panels = figure.subplots(len(windows), len(_VIEWS), squeeze=False)
     for row, window in zip(panels, windows, strict=True):
@@ -66,7 +66,7 @@ def plot_survey_map(survey: Survey) -> Figure:
 @matplotlib.rc_context(STYLE)
 def plot_source_spectrum(spectrum: Spectrum, frequency_hz: float) -> Figure:
     """Draw the power of all readings over that of their noise; the frequency that was demodulated is marked."""
-    figure = Figure(figsize=(_WIDTH_INCH, 2.6), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.6), layout="constrained")
     axes = figure.subplots()
     axes.plot(spectrum.frequency_hz, spectrum.power, color=AFTER_COLOR, linewidth=0.7, rasterized=True)
     axes.axhline(spectrum.threshold, color=FLOOR_COLOR, linestyle="--", linewidth=0.8, label="what chance reaches")

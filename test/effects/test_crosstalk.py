@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose
 from tam_calibration.effects.crosstalk import Crosstalk
 from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
+from tam_calibration.problems import InputError
 
 EFFECT = Crosstalk()
 LATE = {"late_y_s": 0.05}
@@ -60,6 +61,19 @@ def test_poses_show_no_delay(turning, left_by):
     """Without motion there is no reading before that differs."""
     poses = turning(samples=300, attitude=np.random.default_rng(1).normal(size=(300, 4)))
     assert not [one for one in EFFECT.shapes(poses, left_by(EFFECT, poses, LATE)) if "on_1_s" not in one]
+
+
+def test_a_shape_that_says_nothing_of_the_channel_is_refused(turning):
+    """As a file may hold one, with a sentence that names what is missing."""
+    part = Contribution(0, 2, "from y", {"bleed": 0.01})
+    with pytest.raises(InputError, match="crosstalk needs the value 'late_x_s or late_y_s or late_z_s'"):
+        EFFECT.signal(turning(), FittedEffect("crosstalk", {}, (part,)))
+
+
+def test_few_samples_are_told(turning):
+    """A dozen hold neither a motion nor windows."""
+    assert "12 samples are too few" in EFFECT.obstacle(turning(samples=12))
+    assert EFFECT.obstacle(turning()) is None
 
 
 def test_it_survives_a_file():

@@ -20,7 +20,7 @@ def standing(made, effect):
     """Return how the changes of an effect's best form stand."""
     base = made.model().base()
     form = best_form(base, effect_named(effect))
-    return form and standing_of_change(base, form, form.selection.delta_bic)
+    return form and standing_of_change(base, form, form.effect.always(form.shape), form.selection.delta_bic)
 
 
 @pytest.mark.parametrize("swings", [2, 5, 12])
