@@ -12,11 +12,12 @@ from math import log
 import numpy as np
 
 from tam_calibration.effects.effect import Shape, Term
+from tam_calibration.effects.geomagnetic_drift import ORDERS, SAMPLES_PER_ORDER
 from tam_calibration.effects.term import chosen
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.search import Hypothesis
 from tam_calibration.gap.standing import Standing
-from tam_calibration.gap.unknown import ORDERS, SAMPLES_PER_ORDER, cosines
+from tam_calibration.gap.unknown import cosines
 from tam_calibration.units import FloatArray
 
 _TIMES = 64
