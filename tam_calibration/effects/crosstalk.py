@@ -1,7 +1,7 @@
 """Readings of one channel that bleed into another."""
 
 from collections.abc import Iterable, Mapping
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -11,8 +11,8 @@ from tam_calibration.effects.motion import jumps
 from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
 from tam_calibration.units import FloatArray
 
-_PARALLEL = 0.9
-"""Cosine of the angle between two axes above which what one bleeds into the other is a delay or a gain of that."""
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 _LATE = (1.0, 2.0, 4.0, 7.0, 10.0)
 """Sampling steps by which what bleeds is late: from the channel before to a queue of usual length."""
@@ -29,9 +29,9 @@ _BLEED = Coefficient("bleed", "1")
 class Crosstalk(LinearEffect):
     """An axis reads a part of what another channel reads: of what one read before, or in windows of time.
 
-    What always bleeds, and at once, is inside the calibration; what a parallel axis bleeds is a delay or a gain of the
-    axis itself. All sensors read about the same field, so that a channel is told by the axis along which it reads. The
-    noise that comes along is not modelled.
+    What always bleeds, and at once, is inside the calibration. All sensors read about the same field, so that a channel
+    is told by the axis along which it reads. The noise that comes along is not modelled, and before the first sample
+    the array is taken to have turned as evenly as then.
     """
 
     name: ClassVar[str] = "crosstalk"
@@ -69,38 +69,40 @@ class Crosstalk(LinearEffect):
         return {**late, "on_1_s": -np.inf} if "on_1_s" in shape else None
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return what each axis gets of the late channel: its change, or all of it in windows.
-
-        All the time, a parallel axis gets none, for that is a delay of its own.
-        """
+        """Return what each axis gets of the late channel: its change, or all of it in windows."""
         name = next((name for name in _SHAPES if name in shape), " or ".join(_SHAPES))
         source = _SHAPES.get(name, 0)
         bled = _change(situation, source, shape[name])
-        along = np.zeros(situation.scalar_row)
         if "on_1_s" in shape:
             bled = np.where(in_windows(situation, shape), situation.field_T[:, source] + bled, 0.0)
-        else:
-            axes = situation.errors.matrix.reshape(-1, 3)
-            along = np.abs(axes[:, source]) / np.linalg.norm(axes, axis=1)
         return [
             Term.of_row(situation, row, f"from {'xyz'[source]}", [_BLEED], bled[:, None])
             for row in range(situation.scalar_row)
-            if along[row] < _PARALLEL
         ]
 
 
 def _change(situation: Situation, axis: int, late_s: float) -> FloatArray:
-    """Return the field (N,) along an axis so long before, less the present one; none behind a hole."""
+    """Return the field (N,) along an axis so long before, less the present one."""
     from scipy.interpolate import CubicSpline
 
-    field, time = situation.field_T[:, axis], situation.time_s
-    change = np.zeros(len(time))
+    time, change = situation.time_s, np.zeros(situation.sample_count)
     for stretch in situation.stretches:
-        begun = stretch.start + int(np.searchsorted(time[stretch], time[stretch.start] + late_s))
         if stretch.stop - stretch.start > 1:
-            before = CubicSpline(time[stretch], field[stretch])(time[begun : stretch.stop] - late_s)
-            change[begun : stretch.stop] = before - field[begun : stretch.stop]
+            field = situation.field_T[stretch]
+            course, before = CubicSpline(time[stretch], field), time[stretch] - late_s
+            past = np.where(before[:, None] < time[stretch.start], _turned(course, before), course(before))
+            change[stretch] = (past - field)[:, axis]
     return change
+
+
+def _turned(course: "CubicSpline", time_s: FloatArray) -> FloatArray:
+    """Return the field (N, 3) of an array that turned evenly until a record begins."""
+    begin = course.x[0]
+    field, rate = course(begin), course(begin, 1)
+    speed = max(float(np.linalg.norm(rate) / np.linalg.norm(field)), np.finfo(float).tiny)
+    phase = speed * (time_s - begin)[:, None]
+    turned: FloatArray = np.cos(phase) * field + np.sin(phase) * rate / speed
+    return turned
 
 
 def _windows(situation: Situation, misfit: Misfit) -> Switching | None:

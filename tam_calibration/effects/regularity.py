@@ -17,11 +17,14 @@ _LINE = 0.4
 _DIRECTED = 0.35
 """Correlation of the excess at neighbouring directions, far in time, from which on it follows the direction."""
 
-_SIZE_DIRECTED = 0.2
-"""Part of the variance of the squared excess that the field's direction tells, from which on it is no noise."""
+_SIZE_TOLD = 0.02
+"""Part of the variance of the squared excess that the field tells more than at other times, from which on it is no noise.
 
-_SIZE_OF_RATE = 0.08
-"""Part of the variance of the squared excess that the field's rate tells, from which on it is no noise."""
+Noise that comes and goes is told as well by the field at other times.
+"""
+
+_OTHER_TIMES = 16
+"""Parts of the record by which the excess is moved along the field, forwards and backwards."""
 
 _SHARED_SCALE = 0.15
 """Part of the excess that neighbours foretell as a scale factor, beyond an offset, from which on it is no noise."""
@@ -84,15 +87,16 @@ def objection_to(misfit: Misfit, excess: Excess) -> str | None:
 
 def _of_size(deviation: FloatArray, direction: FloatArray) -> str | None:
     """Return what the size of an excess follows, in one clause."""
+    size = deviation**2
     squares = np.column_stack([direction**2, direction * np.roll(direction, 1, axis=1)])
-    if _told(deviation**2, squares) > _SIZE_DIRECTED:
+    if _told_beyond(size, squares) > _SIZE_TOLD:
         return "the size of the excess follows the direction of the field"
     changes = [
         np.gradient(direction, axis=0),
         np.diff(direction, 2, axis=0, prepend=direction[:1], append=direction[-1:]),
     ]
     rates = np.column_stack([np.ones(len(direction)), *(np.sum(change**2, axis=1) for change in changes)])
-    if _told(deviation**2, rates) > _SIZE_OF_RATE:
+    if _told_beyond(size, rates) > _SIZE_TOLD:
         return "the size of the excess follows the rate of the field"
     return None
 
@@ -126,11 +130,14 @@ def _directed(deviation: FloatArray, direction: FloatArray) -> float:
     return float(np.mean(products)) if len(products) > LEAST_SAMPLES else 0.0
 
 
-def _told(values: FloatArray, functions: FloatArray) -> float:
-    """Return the part of the variance of values (N,) that functions (N, P) tell, adjusted for their number."""
-    left = values - functions @ np.linalg.lstsq(functions, values)[0]
-    free = len(values) - functions.shape[1]
-    return float(1 - np.var(left) * len(values) / (free * max(np.var(values), np.finfo(float).tiny)))
+def _told_beyond(values: FloatArray, functions: FloatArray) -> float:
+    """Return the part of the variance of values (N,) that functions (N, P) tell, beyond the most at other times."""
+    shifts = np.linspace(0, len(values), _OTHER_TIMES, endpoint=False).astype(int)
+    moved = np.column_stack([np.roll(course, shift) for course in (values, values[::-1]) for shift in shifts])
+    moved -= moved.mean(axis=0)
+    basis = np.linalg.svd(functions - functions.mean(axis=0), full_matrices=False)[0]
+    told = np.sum((basis.T @ moved) ** 2, axis=0) / np.maximum(np.sum(moved**2, axis=0), np.finfo(float).tiny)
+    return float(told[0] - told[1:].max())
 
 
 def _foretold(deviation: FloatArray, direction: FloatArray) -> float:

@@ -29,15 +29,18 @@ _OTHER_TIME = 0.05
 MOST_STEPS = 3
 """Times at which one sensor's bias or scale changes; what does more often is a loose part or contact, and no step."""
 
-SHARPEST = 6.0
-"""How many times what a step at another time gains each change must gain, beside a smooth course."""
+SHARPEST = 24.0
+"""How many times what a step at another time gains each change must gain where the changes do not leave all else noise.
+
+A magnet put at a sensor gains hundreds of times as much, an offset or a tail that comes and goes a few times.
+"""
 
 
-def standing_of_change(base: Base, form: Hypothesis, whole: Shape, delta_bic: float) -> Standing | None:
-    """Return how the changes of a form stand among steps at other times; None where a smooth course says more.
+def standing_of_change(base: Base, form: Hypothesis, whole: Shape, delta_bic: float) -> tuple[Standing, bool]:
+    """Return how the changes of a form stand among steps at other times, and whether a smooth course says more.
 
-    That is where the evidence for smooth courses exceeds that for the form, and the changes do not stand out beside
-    the best of them.
+    That is where the evidence for smooth courses exceeds that for the form; the changes are then held beside the best
+    of them.
 
     Parameters
     ----------
@@ -52,8 +55,7 @@ def standing_of_change(base: Base, form: Hypothesis, whole: Shape, delta_bic: fl
     always = chosen(base.channels.terms(form.effect, whole), form.keys)
     changes = np.array([value for name, value in form.shape.items() if whole.get(name) != value])
     course = _best_course(base, form, always, changes, delta_bic)
-    standing = _among_times(base, form, always, changes, course)
-    return None if course and standing.ratio < SHARPEST else standing
+    return _among_times(base, form, always, changes, course), bool(course)
 
 
 def _best_course(base: Base, form: Hypothesis, always: Sequence[Term], changes: FloatArray, least: float) -> list[Term]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from tam_calibration.effects.effect import ALL, Contribution, Finding, FittedEffect, SurrogateKind
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.abrupt import MOST_STEPS, standing_of_change
+from tam_calibration.gap.abrupt import MOST_STEPS, SHARPEST, standing_of_change
 from tam_calibration.gap.hypotheses import Evidence, examine, rivals
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.search import Hypothesis, places_of, sensors_of
@@ -33,10 +33,13 @@ _LEAST_RATIO: Mapping[SurrogateKind, float] = {
 What follows the motion in another way gains up to 1.9 times what the moved residual does.
 """
 
+_PART_OF_FIRST = 0.25
+"""Part of ``SHARPEST`` that is enough beside a smooth course while other changes of the same may still be found."""
+
 LEAST_SHARE = 0.08
 """Part of all that can be explained that a cause must explain."""
 
-_WHOLE = 0.05
+_WHOLE = 0.1
 """Part of what can be explained in its sensors that a form may leave, of which a surrogate explains nearly as much."""
 
 NEARLY_ALL = 0.97
@@ -100,7 +103,7 @@ def supported(
         is_held, standing = stands(base, candidate, unknown)
         if not is_held:
             continue
-        own = _worth(candidate) - (standing.largest if standing else 0.0)
+        own = candidate.gain - standing.largest if standing else _worth(candidate)
         if candidate.is_certain:
             return candidate, standing
         held.append((candidate, standing))
@@ -147,9 +150,10 @@ def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tupl
         return False, None
     whole = form.effect.always(form.shape)
     if whole is not None:
-        among_times = standing_of_change(base, form, whole, candidate.delta_bic)
-        if among_times is None or form.effect.surrogates == "at_other_times":
-            return among_times is not None, among_times
+        among_times, wanders = standing_of_change(base, form, whole, candidate.delta_bic)
+        is_sharp = not wanders or among_times.ratio > SHARPEST * _PART_OF_FIRST
+        if not is_sharp or form.effect.surrogates == "at_other_times":
+            return is_sharp, among_times
     standing = _standing(base, form)
     is_first = standing.gain > standing.largest + LEAST_EVIDENCE
     is_alone = standing.ratio > _LEAST_RATIO[form.effect.surrogates]
@@ -188,7 +192,10 @@ def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     gain, rank = base.project(base.channels.design(moved.terms)).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
     alone = Evidence(cause.effect, moved, gain - rank * log(base.channels.count), gain)
-    return alone.delta_bic > LEAST_EVIDENCE and stands(base, alone, unknown)[0]
+    is_held, standing = stands(base, alone, unknown)
+    if not is_held or moved.effect.always(moved.shape) is None:
+        return is_held
+    return (standing is not None and standing.ratio > SHARPEST) or _is_whole(base, alone, moved)
 
 
 _KNOWN: WeakKeyDictionary[Hypothesis, tuple[Base, Standing]] = WeakKeyDictionary()

@@ -2,12 +2,14 @@
 
 import numpy as np
 
+from tam_calibration.effects.effect import ALL
 from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.looking import CLEAN, LARGEST_REST
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Cause, Size, Verdict, Where
+from tam_calibration.gap.search import places_of, sensors_of
 from tam_calibration.gap.steps import Search
 from tam_calibration.gap.support import LEAST_EVIDENCE, open_part
 
@@ -21,9 +23,9 @@ _MOSTLY = 0.6
 """Part of a gap that closes, from which on causes explain it where nothing is visible beside them."""
 
 
-def noisier_rows(nominal: Model) -> Excess | None:
+def noisier_rows(model: Model) -> Excess | None:
     """Return the excess of variance of some rows over the others, whatever makes it."""
-    channels = nominal.channels()
+    channels = model.channels(model.signal() if model.parts else None)
     excess = best_excess(Moments.of(channels.misfit), channels.situation)
     if excess is None or excess.gain - excess.parameter_count * np.log(channels.count) < LEAST_EVIDENCE:
         return None
@@ -41,7 +43,14 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
         return "unexplained"
     left = open_part(found.nominal.base(), found.model.base(), found.remaining)
     is_whole = left < CLEAN and size.closed > _MOSTLY and size.after < LARGEST_REST
-    return "explained" if is_whole else "partly_explained"
+    return "explained" if is_whole and not _is_open_elsewhere(found) else "partly_explained"
+
+
+def _is_open_elsewhere(found: Search) -> bool:
+    """Whether rows of a sensor without a cause are noisier than the others: that is no error of a cause's model."""
+    own = {sensor for step in found.steps for sensor in sensors_of(places_of(step.accepted.form))}
+    excess = None if ALL in own else noisier_rows(found.model)
+    return excess is not None and excess.place.sensor not in own
 
 
 def smallest_gap(count: float) -> float:
