@@ -21,6 +21,7 @@ from tam_calibration.blind.disturbance import (
     where_strong,
 )
 from tam_calibration.blind.entry import MOVING, sealed
+from tam_calibration.blind.outside_sealed_causes import SEALED as SECOND
 from tam_calibration.blind.outside_sealed_motion import (
     centrifugal_bias,
     coil_self_heating,
@@ -175,5 +176,6 @@ SEALED = {
     "gyroscopic_shift": sealed(gyroscopic_shift, motions=MOVING, scalar_needed=True),
     "coil_self_heating": sealed(coil_self_heating, motions=MOVING),
     "sunlit_side": sealed(sunlit_side),
+    **SECOND,
 }
 """The causes by their names."""
