@@ -54,11 +54,21 @@ class Entry:
     sealed: bool = False
 
 
-def outside(draw: Draw, named: str = "") -> Entry:
-    """Return the entry of a cause outside the library, in one of several sensors."""
-    return Entry(draw, "outside", sensor_counts=SEVERAL, named=named)
+def outside(
+    draw: Draw, named: str = "", motions: tuple[str, ...] = MOTIONS, scalar_needed: bool = False, sealed: bool = False
+) -> Entry:
+    """Return the entry of a cause outside the library, in one of several sensors or the scalar."""
+    return Entry(
+        draw,
+        "outside",
+        motions=motions,
+        sensor_counts=SEVERAL,
+        scalar_needed=scalar_needed,
+        named=named,
+        sealed=sealed,
+    )
 
 
 def sealed(draw: Draw, motions: tuple[str, ...] = MOTIONS, scalar_needed: bool = False) -> Entry:
-    """Return the entry of a cause of the sealed half."""
-    return Entry(draw, "outside", motions=motions, sensor_counts=SEVERAL, scalar_needed=scalar_needed, sealed=True)
+    """Return the entry of a cause of the sealed half, which has no name in the library."""
+    return outside(draw, motions=motions, scalar_needed=scalar_needed, sealed=True)

@@ -1,4 +1,4 @@
-"""Causes outside the library, the open half: each in one sensor. Rules of a diagnosis may be tuned on these.
+"""Causes outside the library, the open half: in one sensor or the scalar. Rules of a diagnosis may be tuned on these.
 
 Some have had a name in the library since; that name is then as right an answer as none.
 """
@@ -14,8 +14,26 @@ from tam_calibration.blind.disturbance import (
     in_one_sensor,
     numbers,
 )
-from tam_calibration.blind.entry import outside
+from tam_calibration.blind.entry import MOVING, outside
 from tam_calibration.blind.motion import about
+from tam_calibration.blind.outside_courses import (
+    ageing_bias,
+    burst_noise,
+    creeping_bias,
+    cycling_bias,
+    passing_iron,
+    relaxing_tail,
+    spinning_part,
+    supply_sag,
+)
+from tam_calibration.blind.outside_motion import (
+    centrifugal_bias,
+    coil_self_heating,
+    gyroscopic_shift,
+    orientation_noise,
+    sunlit_side,
+    swinging_magnet,
+)
 from tam_calibration.blind.processes import draw_wander
 from tam_calibration.blind.scene import Scene
 from tam_calibration.units import FloatArray
@@ -123,5 +141,19 @@ OUTSIDE = {
     "multiplexer_bleed": outside(multiplexer_bleed, named="crosstalk"),
     "two_state_gain": outside(two_state_gain, named="gain_switching"),
     "stiction": outside(stiction),
+    "ageing_bias": outside(ageing_bias),
+    "creeping_bias": outside(creeping_bias),
+    "cycling_bias": outside(cycling_bias),
+    "supply_sag": outside(supply_sag),
+    "relaxing_tail": outside(relaxing_tail),
+    "spinning_part": outside(spinning_part),
+    "burst_noise": outside(burst_noise),
+    "passing_iron": outside(passing_iron),
+    "swinging_magnet": outside(swinging_magnet),
+    "orientation_noise": outside(orientation_noise),
+    "centrifugal_bias": outside(centrifugal_bias, motions=MOVING),
+    "gyroscopic_shift": outside(gyroscopic_shift, motions=MOVING, scalar_needed=True),
+    "coil_self_heating": outside(coil_self_heating, motions=MOVING),
+    "sunlit_side": outside(sunlit_side),
 }
 """The causes by their names."""

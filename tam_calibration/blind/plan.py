@@ -7,7 +7,7 @@ from numpy.random import Generator
 
 from tam_calibration.blind.catalogue import CATALOGUE, CAUSES
 from tam_calibration.blind.outside import OUTSIDE
-from tam_calibration.blind.outside_sealed import SEALED
+from tam_calibration.blind.outside_sealed_causes import SEALED
 
 GAPS = (0.3, 1.0, 3.0)
 """In noise floors: hidden in the noise, as large, and plain to see; figures are asked for at each."""
@@ -29,6 +29,9 @@ SHARES = {
 
 EVERYWHERE = ("ambient_gradient",)
 """What disturbs all sensors leaves none to an unknown cause."""
+
+OF_SCALAR = ("geomagnetic_drift", "scalar_heading_error")
+"""What disturbs the scalar leaves no place of its own to an unknown cause that needs one."""
 
 OUTSIDES = {"open": tuple(OUTSIDE), "sealed": tuple(SEALED), "both": (*OUTSIDE, *SEALED)}
 """The causes outside the library, by the half that is asked for."""
@@ -76,8 +79,9 @@ def _plan_kind(rng: Generator, kind: str, count: int, others: list[str]) -> list
         return [Plan(kind, (), ()) if number % 4 == 3 else plan for number, plan in enumerate(drawn)]
     if kind == "mixed":
         known = [str(name) for name in rng.permutation([name for name in names if name not in EVERYWHERE])]
-        beside = [(known[i % len(known)], others[i % len(others)]) for i in range(2 * count)]
-        return [Plan(kind, both, MIXED) for both in beside if _can_meet(*both)][:count]
+        # Each time around, the known ones meet others, also where there are as many of either.
+        beside = [(known[i % len(known)], others[(i + i // len(known)) % len(others)]) for i in range(2 * count)]
+        return [Plan(kind, both, MIXED) for both in beside if _can_meet(*both) and not _are_of_scalar(*both)][:count]
     cycles = {
         "single": [(name, gap) for gap in GAPS for name in names],
         "outside": [(name, gap) for gap in GAPS for name in others],
@@ -102,3 +106,8 @@ def _pair(rng: Generator, names: list[str]) -> tuple[tuple[str, str], tuple[floa
 def _can_meet(first: str, second: str) -> bool:
     """Say whether there is a motion that shows both causes."""
     return bool(set(CAUSES[first].motions) & set(CAUSES[second].motions))
+
+
+def _are_of_scalar(known: str, unknown: str) -> bool:
+    """Say whether both causes disturb the scalar."""
+    return known in OF_SCALAR and CAUSES[unknown].scalar_needed

@@ -4,7 +4,7 @@ import pytest
 
 from tam_calibration.blind import KINDS
 from tam_calibration.blind.catalogue import CATALOGUE, CAUSES
-from tam_calibration.blind.plan import plan_cases
+from tam_calibration.blind.plan import OF_SCALAR, plan_cases
 
 
 def test_a_set_holds_every_kind_and_effect():
@@ -43,6 +43,14 @@ def test_a_mixture_is_two_floors_known_beside_one_unknown():
     for plan in mixed + plan_cases(("pair",), 60, 3):
         assert set(CAUSES[plan.effects[0]].motions) & set(CAUSES[plan.effects[1]].motions)
     assert all(plan.effects[0] in CATALOGUE and plan.effects[1] not in CATALOGUE for plan in mixed)
+
+
+def test_mixtures_of_a_small_set_are_all_unlike():
+    """A known cause meets another unknown one each time, and none of the scalar when it is of the scalar itself."""
+    for half in ("open", "sealed"):
+        mixed = [plan.effects for plan in plan_cases(("mixed",), 200, 3, half)]
+        assert len(set(mixed)) > 150
+        assert not any(known in OF_SCALAR and CAUSES[unknown].scalar_needed for known, unknown in mixed)
 
 
 def test_large_gaps_are_those_that_nature_has():

@@ -1,4 +1,4 @@
-"""Causes outside the library, the sealed half: those that follow the motion. See ``outside_sealed.py``: do not open."""
+"""Causes outside the library, the open half: those that follow the motion."""
 
 import numpy as np
 from numpy.linalg import norm

@@ -1,8 +1,4 @@
-"""Causes outside the library, the sealed half. Who writes rules of the diagnosis does not open this file.
-
-Nor the files whose names begin like this one's, their test, or the keys of cases that hold such a cause: these are read
-as counts only. A judgement on causes that somebody tuned for says nothing about those that nobody thought of.
-"""
+"""Causes outside the library, the open half: those that have a course in time of their own."""
 
 import numpy as np
 from numpy.linalg import norm
@@ -19,15 +15,6 @@ from tam_calibration.blind.disturbance import (
     of_scalar,
     proportional,
     where_strong,
-)
-from tam_calibration.blind.entry import MOVING, sealed
-from tam_calibration.blind.outside_sealed_motion import (
-    centrifugal_bias,
-    coil_self_heating,
-    gyroscopic_shift,
-    orientation_noise,
-    sunlit_side,
-    swinging_magnet,
 )
 from tam_calibration.blind.processes import draw_wander
 from tam_calibration.blind.scene import Scene
@@ -158,22 +145,3 @@ def _pass(rng: Generator, scene: Scene, place_m: FloatArray, near_m: float) -> F
     distance = norm(away, axis=2, keepdims=True)
     unit, moment = away / distance, draw_direction(rng)
     return np.asarray((3 * unit * (unit @ moment)[..., None] - moment) / distance**3)
-
-
-SEALED = {
-    "ageing_bias": sealed(ageing_bias),
-    "creeping_bias": sealed(creeping_bias),
-    "cycling_bias": sealed(cycling_bias),
-    "supply_sag": sealed(supply_sag),
-    "relaxing_tail": sealed(relaxing_tail),
-    "spinning_part": sealed(spinning_part),
-    "burst_noise": sealed(burst_noise),
-    "passing_iron": sealed(passing_iron),
-    "swinging_magnet": sealed(swinging_magnet),
-    "orientation_noise": sealed(orientation_noise),
-    "centrifugal_bias": sealed(centrifugal_bias, motions=MOVING),
-    "gyroscopic_shift": sealed(gyroscopic_shift, motions=MOVING, scalar_needed=True),
-    "coil_self_heating": sealed(coil_self_heating, motions=MOVING),
-    "sunlit_side": sealed(sunlit_side),
-}
-"""The causes by their names."""
