@@ -4,7 +4,7 @@ import numpy as np
 
 from tam_calibration.effects.excess_variance import Excess
 from tam_calibration.effects.misfit import Misfit
-from tam_calibration.effects.neighbours import MOST_NEIGHBOURS, sum_around
+from tam_calibration.effects.neighbours import MOST_NEIGHBOURS
 from tam_calibration.effects.places import row_deviations
 from tam_calibration.units import FloatArray
 
@@ -18,22 +18,13 @@ _DIRECTED = 0.35
 """Correlation of the excess at neighbouring directions, far in time, from which on it follows the direction."""
 
 _SIZE_TOLD = 0.02
-"""Part of the variance of the squared excess that the field tells more than at other times, from which on it is no noise.
+"""Part of the variance of a squared excess that the field tells beyond what it does at other times, if it is no noise.
 
 Noise that comes and goes is told as well by the field at other times.
 """
 
 _OTHER_TIMES = 16
 """Parts of the record by which the excess is moved along the field, forwards and backwards."""
-
-_SHARED_SCALE = 0.15
-"""Part of the excess that neighbours foretell as a scale factor, beyond an offset, from which on it is no noise."""
-
-_SPAN = 8
-"""Neighbouring samples on either side, of which a regression foretells one."""
-
-_RIDGE = 0.3
-"""Samples' worth of information that is added to such a regression, so that it does not follow noise."""
 
 CERTAIN = 3.0
 """Standard errors by which a statistic of a residual must differ from that of white noise."""
@@ -60,7 +51,8 @@ _BANDS = 40
 def objection_to(misfit: Misfit, excess: Excess) -> str | None:
     """Return what speaks against noise as the cause of an excess, in one clause."""
     counted = misfit.is_counted
-    row = excess.place.rows[int(np.argmax(excess.part))]
+    largest = int(np.argmax(excess.part))
+    row = excess.place.rows[largest]
     deviation = row_deviations(misfit)[counted, row]
     variance = float(np.mean(deviation**2))
     surplus = max(variance - excess.floor, 1e-3 * variance)
@@ -72,11 +64,11 @@ def objection_to(misfit: Misfit, excess: Excess) -> str | None:
     direction = (misfit.situation.field_T / misfit.situation.intensity_T[:, None])[counted]
     if _directed(deviation, direction) > max(_DIRECTED * surplus, chance):
         return "the excess follows the direction of the field"
-    follows = _of_size(deviation, direction)
+    # A row is known the better the less of it lies along the field, and so is its excess.
+    expected = 1 + excess.part[largest] * misfit.row_information[counted, row]
+    follows = _of_size(deviation / np.sqrt(expected), direction)
     if follows is not None:
         return follows
-    if _foretold(deviation, direction) - _foretold(deviation, direction[:, :0]) > _SHARED_SCALE:
-        return "neighbouring samples share a scale factor"
     kurtosis = _kurtosis(deviation)
     if kurtosis > HEAVY:
         return "the excess comes as spikes"
@@ -86,7 +78,7 @@ def objection_to(misfit: Misfit, excess: Excess) -> str | None:
 
 
 def _of_size(deviation: FloatArray, direction: FloatArray) -> str | None:
-    """Return what the size of an excess follows, in one clause."""
+    """Return what the size of an excess, whose variance is even if it follows nothing, does follow, in one clause."""
     size = deviation**2
     squares = np.column_stack([direction**2, direction * np.roll(direction, 1, axis=1)])
     if _told_beyond(size, squares) > _SIZE_TOLD:
@@ -138,17 +130,6 @@ def _told_beyond(values: FloatArray, functions: FloatArray) -> float:
     basis = np.linalg.svd(functions - functions.mean(axis=0), full_matrices=False)[0]
     told = np.sum((basis.T @ moved) ** 2, axis=0) / np.maximum(np.sum(moved**2, axis=0), np.finfo(float).tiny)
     return float(told[0] - told[1:].max())
-
-
-def _foretold(deviation: FloatArray, direction: FloatArray) -> float:
-    """Return the part of the variance that regressions of the samples around each one on the direction foretell."""
-    functions = np.column_stack([np.ones(len(direction)), direction])
-    products = functions[:, :, None] * np.column_stack([functions, deviation])[:, None, :]
-    around = sum_around(products, _SPAN)
-    squares = around[:, :, :-1] + _RIDGE * np.eye(functions.shape[1])
-    foretold = np.einsum("nj,nj->n", functions, np.linalg.solve(squares, around[:, :, -1:])[:, :, 0])
-    covariance = np.cov(foretold, deviation)
-    return float(max(covariance[0, 1], 0) ** 2 / max(covariance[0, 0] * covariance[1, 1], np.finfo(float).tiny))
 
 
 def _kurtosis(deviation: FloatArray) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.design import Design
-from tam_calibration.gap.regression import Base
+from tam_calibration.gap.regression import VISIBLE, Base
 from tam_calibration.units import FloatArray
 
 _COSINES = 8
@@ -54,6 +54,31 @@ def sandwich(base: Base, effects: Sequence[Design]) -> FloatArray:
     sums = cosines.T @ (left @ influence)
     scale = np.array([_scale(information, solve, one, cosines) for one in influence.T])
     covariance: FloatArray = scale[:, None] * (sums.T @ sums / _COSINES) * scale
+    return covariance
+
+
+def unseen(base: Base, effects: Sequence[Design], left_out: Design) -> FloatArray:
+    """Return the covariance (P, P) of the coefficients of effects by others that were left out as too small to be seen.
+
+    What a common cause does at one sensor is passed on to the others by the field that all share. Each coefficient left
+    out is taken to lie evenly within what the Bayesian information criterion does not see.
+
+    Parameters
+    ----------
+    base : Base
+        As of ``sandwich``.
+    effects : sequence of Design
+        P columns in all.
+    left_out : Design
+    """
+    both = base.project(Design.joined([*effects, left_out]))
+    width = sum(design.width for design in effects)
+    fitted, others = slice(width), slice(width, None)
+    carried = both.take(np.arange(width)).inverse()[0] @ both.information[fitted, others]
+    alone = np.diag(both.information[others, others] - both.information[others, fitted] @ carried)
+    count, is_visible = base.channels.count, alone > VISIBLE * both.before[others]
+    limit = np.divide(np.log(count) * base.energy / count, alone, out=np.zeros_like(alone), where=is_visible)
+    covariance: FloatArray = carried * (limit / 3) @ carried.T
     return covariance
 
 

@@ -8,7 +8,7 @@ from tam_calibration.effects.effect import Finding, FittedEffect, LinearEffect, 
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.checks import checks_of
-from tam_calibration.gap.coloured import sandwich
+from tam_calibration.gap.coloured import sandwich, unseen
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import next_recording
@@ -143,7 +143,9 @@ def _fitted(model: Model) -> list[FittedEffect]:
     channels = model.channels(model.signal())
     terms = [part.terms(channels) for part in model.parts]
     designs = [channels.design(own) for own in terms]
-    covariance = sandwich(Base(channels, [channels.calibration]), designs)
+    base = Base(channels, [channels.calibration])
+    left_out = channels.design([term for part in model.parts for term in part.left_out(channels)])
+    covariance = sandwich(base, designs) + unseen(base, designs, left_out)
     ends = np.cumsum([design.width for design in designs])
     return [
         part.fitted(own, covariance[end - design.width : end, end - design.width : end])

@@ -96,7 +96,8 @@ class Looking:
     def found(self, first: Evidence | None) -> Outcome:
         """Return the causes that hold of those found from a start, or from the strongest."""
         steps = self._forward(first)
-        kept = self._holding(self._swapped(self._holding(steps)))
+        held = self._holding(steps)
+        kept = self._holding(self._swapped(held)) or held
         model, base = self._beside(kept)
         unknown = tuple(rivals(base)) if kept else self.weigh_first()[1]
         count = base.channels.count

@@ -71,6 +71,12 @@ class Part:
         """Return the terms in the situation of the channels, at all samples."""
         return chosen(self.effect.terms(channels.situation, self.shape), self.keys)
 
+    def left_out(self, channels: Channels) -> list[Term]:
+        """Return what the effect may do at other places too, unseen."""
+        names = {term.name for term in self.terms(channels)}
+        everywhere = () if self.effect.is_of_one_sensor else self.effect.terms(channels.situation, self.shape)
+        return [term for term in everywhere if term.name in names and term.key not in self.keys]
+
     def signal(self, terms: Sequence[Term], row_count: int) -> FloatArray:
         """Return what the effect adds to the rows, (N, row_count), tesla."""
         total = np.zeros((len(terms[0].features), row_count))

@@ -23,7 +23,7 @@ LEAST_EVIDENCE = 12.0
 
 _LEAST_RATIO: Mapping[SurrogateKind, float] = {
     "moved": 2.0,
-    "of_channel": 1.0,
+    "of_channel": 1.2,
     "of_attitude": 1.6,
     "elsewhere": 1.0,
     "at_other_frequencies": 2.0,
@@ -33,14 +33,17 @@ _LEAST_RATIO: Mapping[SurrogateKind, float] = {
 What follows the motion in another way gains up to 1.9 times what the moved residual does.
 """
 
-_PART_OF_FIRST = 0.25
+PART_OF_FIRST = 0.25
 """Part of ``SHARPEST`` that is enough beside a smooth course while other changes of the same may still be found."""
 
 LEAST_SHARE = 0.08
 """Part of all that can be explained that a cause must explain."""
 
-_WHOLE = 0.1
+_WHOLE = 0.05
 """Part of what can be explained in its sensors that a form may leave, of which a surrogate explains nearly as much."""
+
+_LEFT_BY_COURSE = 0.1
+"""The same of a form whose course is recorded, or comes and goes at times that do not stand out among others."""
 
 NEARLY_ALL = 0.97
 """Part of what another gains from which on one hypothesis gains as much: a special case, or a function of direction."""
@@ -151,24 +154,25 @@ def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tupl
     whole = form.effect.always(form.shape)
     if whole is not None:
         among_times, wanders = standing_of_change(base, form, whole, candidate.delta_bic)
-        is_sharp = not wanders or among_times.ratio > SHARPEST * _PART_OF_FIRST
+        is_sharp = not wanders or among_times.ratio > SHARPEST * PART_OF_FIRST
         if not is_sharp or form.effect.surrogates == "at_other_times":
             return is_sharp, among_times
     standing = _standing(base, form)
     is_first = standing.gain > standing.largest + LEAST_EVIDENCE
     is_alone = standing.ratio > _LEAST_RATIO[form.effect.surrogates]
-    return is_first and (is_alone or _is_whole(base, candidate, form)), standing
+    most_left = _LEFT_BY_COURSE if form.effect.surrogates == "of_channel" else _WHOLE
+    return is_first and (is_alone or _left_there(base, candidate, form) < most_left), standing
 
 
-def _is_whole(base: Base, cause: Evidence, form: Hypothesis) -> bool:
-    """Whether beside a form functions without physics say next to nothing in its sensors.
+def _left_there(base: Base, cause: Evidence, form: Hypothesis) -> float:
+    """Return the part of what can be explained in the sensors of a form that it leaves to functions without physics.
 
     What only resembles the cause leaves something there.
     """
     beside = base.beside(base.channels.design(form.terms))
     left = max((_gain_there(beside, cause, one) for one in rivals(beside)), default=0.0)
     left = beside.energy * -expm1(-left / base.channels.count)
-    return left < _WHOLE * (left + base.energy - beside.energy)
+    return left / (left + base.energy - beside.energy)
 
 
 def fitted_at(base: Base, form: Hypothesis) -> FittedEffect:
@@ -195,7 +199,7 @@ def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     is_held, standing = stands(base, alone, unknown)
     if not is_held or moved.effect.always(moved.shape) is None:
         return is_held
-    return (standing is not None and standing.ratio > SHARPEST) or _is_whole(base, alone, moved)
+    return (standing is not None and standing.ratio > SHARPEST) or _left_there(base, alone, moved) < _LEFT_BY_COURSE
 
 
 _KNOWN: WeakKeyDictionary[Hypothesis, tuple[Base, Standing]] = WeakKeyDictionary()

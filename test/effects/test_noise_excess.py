@@ -109,7 +109,10 @@ def test_noise_for_a_while_counts(bench):
         (lambda time, direction: 4e-9 * np.sin(2 * np.pi * 3.217 * time), "a line of the spectrum"),
         (lambda time, direction: 9e-9 * np.sin(5 * direction), "follows the direction of the field"),
         (lambda time, direction: 9e-9 * direction * to_and_fro(time), "the size of the excess follows the direction"),
-        (lambda time, direction: 9e-9 * (direction + 0.7) * np.sign(np.sin(0.9 * time)), "share a scale factor"),
+        (
+            lambda time, direction: 9e-9 * (direction + 0.7) * np.sign(np.sin(0.9 * time)),
+            "the size of the excess follows the direction",
+        ),
         (lambda time, direction: 4e-7 * np.gradient(direction) * to_and_fro(time), "follows the rate of the field"),
         (lambda time, direction: 6e-9 * to_and_fro(time), "goes between few values"),
     ],
