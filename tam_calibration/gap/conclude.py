@@ -144,8 +144,10 @@ def _fitted(model: Model) -> list[FittedEffect]:
     terms = [part.terms(channels) for part in model.parts]
     designs = [channels.design(own) for own in terms]
     base = Base(channels, [channels.calibration])
-    left_out = channels.design([term for part in model.parts for term in part.left_out(channels)])
-    covariance = sandwich(base, designs) + unseen(base, designs, left_out)
+    covariance = sandwich(base, designs)
+    left_out = [term for part in model.parts for term in part.left_out(channels)]
+    if left_out:
+        covariance = covariance + unseen(base, designs, channels.design(left_out))
     ends = np.cumsum([design.width for design in designs])
     return [
         part.fitted(own, covariance[end - design.width : end, end - design.width : end])
