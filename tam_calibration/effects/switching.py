@@ -1,7 +1,7 @@
 """Something that is on in some windows of time and off in between, found from what it would add while it is on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -129,8 +129,11 @@ class Level:
         return best
 
     def is_switching(self, states: Switching) -> bool:
-        """Whether states go to and fro, and explain more than follows from the samples around each."""
-        return _LEAST_WINDOWS <= len(states.windows) <= _MOST_WINDOWS and states.gain > self.foretold()
+        """Whether states go to and fro, and explain more than an offset that does, or than the samples around tell."""
+        if not _LEAST_WINDOWS <= len(states.windows) <= _MOST_WINDOWS or states.gain < self.foretold():
+            return False
+        offset = replace(self, function=np.ones_like(self.function))
+        return states.gain > offset.settled(offset.start()).gain
 
     def of(self, is_on: NDArray[np.bool_]) -> Switching:
         """Return what two states explain."""

@@ -17,6 +17,7 @@ from tam_calibration.gap.support import (
     LEAST_SHARE,
     Step,
     absorbed,
+    beyond_surrogates,
     energy_explained,
     holds,
     is_new,
@@ -217,14 +218,11 @@ class Looking:
         if own not in {offer.effect for offer in fitting}:
             return step
 
-        def is_held(offer: Evidence) -> bool:
-            return offer.effect == own or stands(base, offer, unknown)[0]
-
-        ranked = sorted(fitting, key=lambda offer: -offer.delta_bic)
-        best = next(offer for offer in ranked if is_held(offer))
-        nested = special(best, ranked)
-        best = nested if is_held(nested) else best
-        standing = step.standing if best.effect == own else stands(base, best, unknown)[1]
+        standings = {offer.effect: stands(base, offer, unknown) for offer in fitting}
+        held = [offer for offer in fitting if offer.effect == own or standings[offer.effect][0]]
+        best = max(held, key=lambda offer: beyond_surrogates(offer, standings[offer.effect][1]))
+        best = special(best, held)
+        standing = step.standing if best.effect == own else standings[best.effect][1]
         return Step(best, step.weighed, step.rivals, standing)
 
     def _alone(self, one: Evidence) -> Evidence | None:

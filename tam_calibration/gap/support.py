@@ -39,11 +39,18 @@ PART_OF_FIRST = 0.25
 LEAST_SHARE = 0.08
 """Part of all that can be explained that a cause must explain."""
 
-_WHOLE = 0.05
-"""Part of what can be explained in its sensors that a form may leave, of which a surrogate explains nearly as much."""
+_MOST_LEFT: Mapping[SurrogateKind, float] = {
+    "moved": 0.05,
+    "of_channel": 0.25,
+    "of_attitude": 0.05,
+    "elsewhere": 0.05,
+    "at_other_frequencies": 0.05,
+    "at_other_times": 0.1,
+}
+"""Part of what can be explained in its sensors that a form may leave which does not stand far above its surrogates.
 
-_LEFT_BY_COURSE = 0.1
-"""The same of a form whose course is recorded, or comes and goes at times that do not stand out among others."""
+What a recorded channel does is told from its surrogates by their course, and may have others beside it.
+"""
 
 NEARLY_ALL = 0.97
 """Part of what another gains from which on one hypothesis gains as much: a special case, or a function of direction."""
@@ -106,7 +113,7 @@ def supported(
         is_held, standing = stands(base, candidate, unknown)
         if not is_held:
             continue
-        own = candidate.gain - standing.largest if standing else _worth(candidate)
+        own = beyond_surrogates(candidate, standing)
         if candidate.is_certain:
             return candidate, standing
         held.append((candidate, standing))
@@ -128,6 +135,11 @@ def special(best: Evidence, others: Sequence[Evidence]) -> Evidence:
         and one.gain > NEARLY_ALL * best.gain
     ]
     return max(nearly, key=lambda one: one.delta_bic, default=best)
+
+
+def beyond_surrogates(one: Evidence, standing: Standing | None) -> float:
+    """Return by how much the evidence for a hypothesis exceeds that for the best of its surrogates, or for nothing."""
+    return one.gain - standing.largest if standing else _worth(one)
 
 
 def _worth(one: Evidence) -> float:
@@ -158,10 +170,10 @@ def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tupl
         if not is_sharp or form.effect.surrogates == "at_other_times":
             return is_sharp, among_times
     standing = _standing(base, form)
-    is_first = standing.gain > standing.largest + LEAST_EVIDENCE
+    if standing.gain <= standing.largest + LEAST_EVIDENCE:
+        return False, standing
     is_alone = standing.ratio > _LEAST_RATIO[form.effect.surrogates]
-    most_left = _LEFT_BY_COURSE if form.effect.surrogates == "of_channel" else _WHOLE
-    return is_first and (is_alone or _left_there(base, candidate, form) < most_left), standing
+    return is_alone or _left_there(base, candidate, form) < _MOST_LEFT[form.effect.surrogates], standing
 
 
 def _left_there(base: Base, cause: Evidence, form: Hypothesis) -> float:
@@ -199,7 +211,8 @@ def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     is_held, standing = stands(base, alone, unknown)
     if not is_held or moved.effect.always(moved.shape) is None:
         return is_held
-    return (standing is not None and standing.ratio > SHARPEST) or _left_there(base, alone, moved) < _LEFT_BY_COURSE
+    is_sharp = standing is not None and standing.ratio > SHARPEST
+    return is_sharp or _left_there(base, alone, moved) < _MOST_LEFT["at_other_times"]
 
 
 _KNOWN: WeakKeyDictionary[Hypothesis, tuple[Base, Standing]] = WeakKeyDictionary()
