@@ -141,8 +141,10 @@ class Looking:
         while len(steps) < _MOST_CAUSES:
             base = self._beside(steps)[1]
             if steps:
-                weighed, unknown = self._weigh(base, len(steps)), tuple(rivals(base))
                 least = max(min(least, LARGEST_REST**2 * base.channels.count), _MODELLED * self._visible())
+                if base.energy < least:  # Nothing explains more than there is.
+                    return steps
+                weighed, unknown = self._weigh(base, len(steps)), tuple(rivals(base))
             given = (first, stands(base, first, unknown)[1]) if first is not None and not steps else None
             found = given or supported(base, weighed, unknown, steps, least)
             if found is None:
@@ -202,7 +204,7 @@ class Looking:
     def _chosen_again(self, step: Step, rest: Sequence[Step]) -> Step:
         """Return the cause that explains most beside the rest, of those that had much evidence, or the same."""
         base, own = self._beside(rest)[1], step.accepted.effect
-        unknown, others = rivals(base), {one.accepted.effect for one in rest}
+        others = {one.accepted.effect for one in rest}
         names = [
             one.effect
             for one in (*step.weighed, step.accepted)
@@ -217,13 +219,13 @@ class Looking:
             return step
 
         def is_held(offer: Evidence) -> bool:
-            return offer.effect == own or stands(base, offer, unknown)[0]
+            return offer.effect == own or stands(base, offer, rivals(base))[0]
 
         ranked = sorted(fitting, key=lambda offer: -offer.delta_bic)
         best = next(offer for offer in ranked if is_held(offer))
         nested = special(best, ranked)
         best = nested if is_held(nested) else best
-        standing = step.standing if best.effect == own else stands(base, best, unknown)[1]
+        standing = step.standing if best.effect == own else stands(base, best, rivals(base))[1]
         return Step(best, step.weighed, step.rivals, standing)
 
     def _alone(self, one: Evidence) -> Evidence | None:
