@@ -109,18 +109,15 @@ def _among_times(
     both = smooth.beside(own)
     gain = smooth.project(own).gain()[0]
     times: FloatArray = np.linspace(time_s[0], time_s[-1], _TIMES + 2)[1:-1]
+    steps = channels.design(_times(always, (time_s[:, None] >= times).astype(float)))
+    each = steps.split(len(times))
     while True:
-        times = times[np.abs(times[:, None] - changes).min(axis=1) > _OTHER_TIME * np.ptp(time_s)]
-        if not len(times):
-            others: FloatArray = np.zeros(0)
+        is_other = np.abs(times[:, None] - changes).min(axis=1) > _OTHER_TIME * np.ptp(time_s)
+        others: FloatArray = both.gains_apart(each, steps)[is_other]
+        if not len(others) or len(changes) >= MOST_STEPS:
             break
-        steps = channels.design(_times(always, (time_s[:, None] >= times).astype(float)))
-        groups = np.split(np.arange(len(times) * form.width), len(times))
-        others = both.project(steps).gains(groups)[0]
-        if len(changes) >= MOST_STEPS:
-            break
-        best = int(np.argmax(others))
-        both = both.beside(channels.design(_times(always, (time_s[:, None] >= times[[best]]).astype(float))))
+        best = int(np.flatnonzero(is_other)[np.argmax(others)])
+        both = both.beside(each[best])
         changes = np.append(changes, times[best])
     return Standing.among(
         twice_log_likelihood_ratio(smooth.energy, gain, channels.count),

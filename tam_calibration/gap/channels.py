@@ -306,8 +306,17 @@ class Channels:
     def cross(self, left: Design, right: Design, part: slice | None = None) -> FloatArray:
         """Return the information (P, Q) between the columns of two designs, from all samples or a slice of them.
 
-        The designs are those of ``design`` and ``calibration``; the slice counts their samples.
+        The designs are those of ``design`` and ``calibration``; the slice counts their samples. What all samples tell
+        is kept as long as both designs.
         """
+        if part is not None:
+            return self._cross(left, right, part)
+        of_left = self._crossed.setdefault(left, WeakKeyDictionary())
+        if right not in of_left:
+            of_left[right] = self._cross(left, right, None)
+        return of_left[right]
+
+    def _cross(self, left: Design, right: Design, part: slice | None) -> FloatArray:
         between = np.zeros((left.features.shape[1], right.features.shape[1]))
         common = np.zeros((left.common_width, right.common_width))
         for piece in self._pieces(part):
@@ -358,6 +367,10 @@ class Channels:
         return WeakKeyDictionary()
 
     @cached_property
+    def _crossed(self) -> "WeakKeyDictionary[Design, WeakKeyDictionary[Design, FloatArray]]":
+        return WeakKeyDictionary()
+
+    @cached_property
     def _taken(self) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:
         """Of the samples that the normal equations take: whether they count, the whitened direction and slope.
 
@@ -401,7 +414,9 @@ class Channels:
         misfit_T[every] = np.divide(common, root, out=np.zeros_like(common), where=root > 0)
         other = replace(self, differential=between, misfit_T=misfit_T)
         # What does not depend on the residual is kept.
-        other.__dict__.update(_taken=self._taken, _known=self._known, calibration=self.calibration)
+        other.__dict__.update(
+            _taken=self._taken, _known=self._known, _crossed=self._crossed, calibration=self.calibration
+        )
         return other
 
     def score(self, design: Design, part: slice | None = None) -> FloatArray:

@@ -7,6 +7,7 @@ from weakref import WeakKeyDictionary
 
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect, Situation
 from tam_calibration.gap.channels import Channels
+from tam_calibration.gap.kept import kept
 from tam_calibration.gap.refinement import refined
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.result import Considered
@@ -83,6 +84,7 @@ def usable(
     return tried, considered
 
 
+@kept
 def examine(base: Base, effect: Effect) -> Evidence | str:
     """Return the evidence for an effect, or why there is none."""
     if isinstance(effect, LinearEffect):
@@ -108,11 +110,15 @@ def sharpened(base: Base, weighed: Sequence[Evidence]) -> tuple[Evidence, ...]:
     """Return the evidence with the shapes of the strongest effects refined."""
     least = _PROMISING * max((one.delta_bic for one in weighed), default=0.0)
     return tuple(
-        evidence_of(base, refined(base, one.form))
-        if isinstance(one.form, Hypothesis) and one.delta_bic > max(least, 0.0)
-        else one
+        _refined(base, one) if isinstance(one.form, Hypothesis) and one.delta_bic > max(least, 0.0) else one
         for one in weighed
     )
+
+
+@kept
+def _refined(base: Base, one: Evidence) -> Evidence:
+    assert isinstance(one.form, Hypothesis)
+    return evidence_of(base, refined(base, one.form))
 
 
 _KNOWN: WeakKeyDictionary[Base, list[Evidence]] = WeakKeyDictionary()

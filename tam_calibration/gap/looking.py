@@ -12,6 +12,7 @@ from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
 from tam_calibration.gap.search import Hypothesis, given_form, places_of, restricted, sensors_of
+from tam_calibration.gap.standing import Standing
 from tam_calibration.gap.support import (
     LEAST_EVIDENCE,
     LEAST_SHARE,
@@ -143,8 +144,10 @@ class Looking:
         while len(steps) < _MOST_CAUSES:
             base = self._beside(steps)[1]
             if steps:
-                weighed, unknown = self._weigh(base, len(steps)), tuple(rivals(base))
                 least = max(min(least, LARGEST_REST**2 * base.channels.count), _MODELLED * self._visible())
+                if base.energy < least:  # Nothing explains more than there is.
+                    return steps
+                weighed, unknown = self._weigh(base, len(steps)), tuple(rivals(base))
             given = (first, stands(base, first, unknown)[1]) if first is not None and not steps else None
             found = given or supported(base, weighed, unknown, steps, least)
             if found is None:
@@ -204,7 +207,7 @@ class Looking:
     def _chosen_again(self, step: Step, rest: Sequence[Step]) -> Step:
         """Return the cause that explains most beside the rest, of those that had much evidence, or the same."""
         base, own = self._beside(rest)[1], step.accepted.effect
-        unknown, others = rivals(base), {one.accepted.effect for one in rest}
+        others = {one.accepted.effect for one in rest}
         names = [
             one.effect
             for one in (*step.weighed, step.accepted)
@@ -218,12 +221,19 @@ class Looking:
         if own not in {offer.effect for offer in fitting}:
             return step
 
-        standings = {offer.effect: stands(base, offer, unknown) for offer in fitting}
-        held = [offer for offer in fitting if offer.effect == own or standings[offer.effect][0]]
-        best = max(held, key=lambda offer: beyond_surrogates(offer, standings[offer.effect][1]))
-        best = special(best, held)
-        standing = step.standing if best.effect == own else standings[best.effect][1]
-        return Step(best, step.weighed, step.rivals, standing)
+        def standing_of(offer: Evidence) -> tuple[bool, Standing | None]:
+            is_held, standing = stands(base, offer, rivals(base))
+            return is_held or offer.effect == own, standing
+
+        best, most = step.accepted, float("-inf")
+        for offer in sorted(fitting, key=lambda offer: -offer.gain):
+            is_held, standing = standing_of(offer) if offer.gain > most else (False, None)
+            beyond = beyond_surrogates(offer, standing)
+            if is_held and beyond > most:
+                best, most = offer, beyond
+        nested = special(best, fitting)
+        best = nested if standing_of(nested)[0] else best
+        return Step(best, step.weighed, step.rivals, step.standing if best.effect == own else standing_of(best)[1])
 
     def _alone(self, one: Evidence) -> Evidence | None:
         """Return the evidence at the strongest sensor alone of what is spread over several."""

@@ -70,9 +70,8 @@ class Projected:
 
     def inverse(self) -> tuple[FloatArray, int]:
         """Return the inverse information within the visible directions, and how many these are."""
-        sure, inverse = _sure_inverses(self._scaled[None])
-        if sure[0]:
-            return inverse[0] / np.outer(self._size, self._size), len(self._size)
+        if _has_factor(self._scaled - VISIBLE * np.eye(len(self._size))):
+            return np.linalg.inv(self._scaled) / np.outer(self._size, self._size), len(self._size)
         values, vectors = np.linalg.eigh(self._scaled)
         kept = values > VISIBLE
         within: FloatArray = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(self._size, self._size)
@@ -109,30 +108,35 @@ class Projected:
 def _explained(information: FloatArray, score: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return what each of G normal equations, (G, P, P) and (G, P), explains, and the number of visible directions."""
     gains, ranks = np.empty(len(score)), np.full(len(score), score.shape[1])
-    sure, inverse = _sure_inverses(information)
-    gains[sure] = np.einsum("gi,gij,gj->g", score[sure], inverse, score[sure])
-    if not sure.all():
-        values, vectors = np.linalg.eigh(information[~sure])
+    whole = _are_visible(information)
+    gains[whole] = np.sum(score[whole] * np.linalg.solve(information[whole], score[whole][:, :, None])[:, :, 0], axis=1)
+    if not whole.all():
+        values, vectors = np.linalg.eigh(information[~whole])
         kept = values > VISIBLE
-        along = np.einsum("gij,gi->gj", vectors, score[~sure])
-        gains[~sure] = np.sum(np.divide(along**2, values, out=np.zeros_like(values), where=kept), axis=1)
-        ranks[~sure] = kept.sum(axis=1)
+        along = np.einsum("gij,gi->gj", vectors, score[~whole])
+        gains[~whole] = np.sum(np.divide(along**2, values, out=np.zeros_like(values), where=kept), axis=1)
+        ranks[~whole] = kept.sum(axis=1)
     return gains, ranks
 
 
-def _sure_inverses(information: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Return which of G matrices have visible directions only, for sure, and the inverses of these.
+def _are_visible(information: FloatArray) -> NDArray[np.bool_]:
+    """Return which of G matrices have visible directions only.
 
-    No eigenvalue is smaller than one over the norm of the inverse, which costs a tenth of the eigenvalues.
+    A matrix has a Cholesky factor if all eigenvalues are positive, and that costs a tenth of the eigenvalues.
     """
-    sure = np.einsum("gii->gi", information).min(axis=1) > VISIBLE
+    beyond = information - VISIBLE * np.eye(information.shape[1])
+    if _has_factor(beyond):
+        return np.ones(len(beyond), dtype=bool)
+    return np.array([_has_factor(one) for one in beyond], dtype=bool)
+
+
+def _has_factor(matrices: FloatArray) -> bool:
+    """Whether one or all of several matrices have a Cholesky factor."""
     try:
-        inverse = np.linalg.inv(information[sure])
+        np.linalg.cholesky(matrices)
     except np.linalg.LinAlgError:
-        return np.zeros(len(information), dtype=bool), information[:0]
-    small = np.einsum("gij,gij->g", inverse, inverse) < 1 / VISIBLE**2
-    sure[sure] = small
-    return sure, inverse[small]
+        return False
+    return True
 
 
 class Base:
@@ -196,6 +200,25 @@ class Base:
             self.channels.score(design) - eliminated @ self._score,
             np.diag(own).copy(),
         )
+
+    def gains_apart(self, designs: Sequence[Design], joined: Design) -> FloatArray:
+        """Return the energy (D,) that each of some designs explains alone.
+
+        Parameters
+        ----------
+        designs : sequence of D Design
+            Alike but for their features.
+        joined : Design
+            The same side by side.
+        """
+        count = len(designs)
+        crossed, eliminated = self.eliminated(joined)
+        own = np.stack([self.channels.cross(design, design) for design in designs])
+        size = np.sqrt(np.maximum(np.einsum("dpp->dp", own), np.finfo(float).tiny))
+        score = (self.channels.score(joined) - eliminated @ self._score).reshape(count, -1)
+        by_design = crossed.reshape(len(crossed), count, -1).transpose(1, 0, 2)
+        left = own - eliminated.reshape(count, -1, len(crossed)) @ by_design
+        return _explained(left / (size[:, :, None] * size[:, None, :]), score / size)[0]
 
     def eliminated(self, design: Design) -> tuple[FloatArray, FloatArray]:
         """Return the information (B, P) of the base on a design, and what it becomes (P, B) with the base solved."""

@@ -3,7 +3,6 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import expm1, log
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from tam_calibration.effects.effect import ALL, Contribution, Finding, FittedEff
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.abrupt import MOST_STEPS, SHARPEST, standing_of_change
 from tam_calibration.gap.hypotheses import Evidence, examine, rivals
+from tam_calibration.gap.kept import kept
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.search import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.selection import columns_of
@@ -151,6 +151,7 @@ _NOISE_WORTH = 0.3
 """Part of the evidence for noise that counts against what says how the excess comes."""
 
 
+@kept
 def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tuple[bool, Standing | None]:
     """Return whether a residual supports a hypothesis, and how it stands among its surrogates, where it has any."""
     form = candidate.form
@@ -199,6 +200,7 @@ def fitted_at(base: Base, form: Hypothesis) -> FittedEffect:
     return FittedEffect(form.effect.name, form.shape, tuple(contributions))
 
 
+@kept
 def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     """Whether a cause still is supported at the base of all other causes."""
     form = cause.form
@@ -215,14 +217,9 @@ def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     return is_sharp or _left_there(base, alone, moved) < _MOST_LEFT["at_other_times"]
 
 
-_KNOWN: WeakKeyDictionary[Hypothesis, tuple[Base, Standing]] = WeakKeyDictionary()
-
-
+@kept
 def _standing(base: Base, form: Hypothesis) -> Standing:
-    known = _KNOWN.get(form)
-    if known is None or known[0] is not base:
-        known = _KNOWN[form] = base, standing_of(base, form)
-    return known[1]
+    return standing_of(base, form)
 
 
 def open_part(first: Base, last: Base, unknown: Sequence[Evidence]) -> float:

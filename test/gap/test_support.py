@@ -73,7 +73,7 @@ def test_a_size_that_nature_does_not_know_is_no_cause(run, monkeypatch):
     assert stands(base, cause, rivals(base))[0]
     small = {name: replace(limit, largest=5e-5) for name, limit in effect.limits.items()}
     monkeypatch.setattr(type(effect), "limits", small)
-    assert stands(base, cause, rivals(base)) == (False, None)
+    assert stands(base, replace(cause), rivals(base)) == (False, None)
 
 
 def test_an_effect_comes_once_unless_it_may_repeat(base):
