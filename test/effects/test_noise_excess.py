@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.testing import assert_allclose
 
+from tam_calibration.effects.excess_variance import Moments, best_excess
 from tam_calibration.effects.fitted import ALL, SCALAR, Contribution
 from tam_calibration.effects.noise_excess import NoiseExcess
 
@@ -145,3 +147,36 @@ def test_added_noise_has_the_stated_size(bench):
     assert_allclose(change[:, 6:9].std(axis=0), 3e-9, rtol=0.02)
     assert np.abs(np.corrcoef(change[:, 6:9].T) - np.eye(3)).max() < 0.03
     assert not change[:, [0, 1, 2, 3, 4, 5, 9, 10, 11, 12]].any()
+
+
+def excess(made, row, variance_T2):
+    """Return the excess that is told of so much in one row."""
+    rows = made.rows_T.copy()
+    rows[:, row] += np.random.default_rng(3).normal(0, np.sqrt(variance_T2), len(rows))
+    misfit = made.with_rows(rows).misfit()
+    return best_excess(Moments.of(misfit), misfit.situation)
+
+
+@pytest.mark.parametrize(("part", "is_told"), [(0.08, False), (0.13, True)])
+def test_axes_of_a_kind_differ_by_a_tenth(bench, part, is_told):
+    """An axis with eight per cent more variance than stated is none that is noisier, one with thirteen is."""
+    assert (excess(bench(20_000), 4, part * 1e-18) is not None) == is_told
+
+
+@pytest.mark.parametrize(("part", "is_told"), [(0.5, False), (1.0, True)])
+def test_a_scalar_may_have_a_third_more(bench, part, is_told):
+    """Half as much variance again is within what its data sheet may err by, twice the variance is not."""
+    assert (excess(bench(4000, noise_T=1e-10), 12, part * 1e-20) is not None) == is_told
+
+
+@pytest.mark.parametrize(("part", "is_noise"), [(0.14, True), (0.28, False)])
+def test_noise_of_all_sensors_is_hardly_shared_by_neighbouring_samples(bench, part, is_noise):
+    """Means of eight samples have three quarters of their variance in common with the next three samples."""
+    made, generator = bench(4000), np.random.default_rng(3)
+    slow = sliding_window_view(generator.normal(size=(4007, 12)), 8, axis=0).sum(axis=2) / np.sqrt(8)
+    rows = made.rows_T.copy()
+    rows[:, :12] += 1.5e-9 * np.sqrt(part / 0.75) * slow
+    rows[:, :12] += 1.5e-9 * np.sqrt(1 - part / 0.75) * generator.normal(size=slow.shape)
+    found = EXCESS.find(made.with_rows(rows).misfit())
+    assert (found == "the excess follows a course in time") == (not is_noise)
+    assert isinstance(found, str) or found.fitted.contributions[0].sensor == ALL

@@ -143,3 +143,14 @@ def test_spikes_that_come_with_the_motion_are_none(bench):
     rows = made.rows_T.copy()
     rows[anywhere, 4] += 80e-9
     assert not isinstance(OUTLIERS.find(made.with_rows(rows).misfit()), str)
+
+
+@pytest.mark.parametrize(("lowest", "comes_with_motion"), [(0.32, False), (0.64, True)])
+def test_spikes_come_with_the_motion_from_some_rank_on(bench, lowest, comes_with_motion):
+    """Twenty among the upper two thirds of the changes lie two and a half deviations high, in the upper third five."""
+    made = bench(moves=False)
+    rows, field = made.rows_T.copy(), made.situation.field_T
+    order = np.argsort(np.linalg.norm(field[2:] - field[:-2], axis=1))
+    rows[1 + order[np.linspace(lowest * len(order), len(order) - 1, 20).astype(int)], 4] += 80e-9
+    found = OUTLIERS.find(made.with_rows(rows).misfit())
+    assert (found == "the spikes come where the field changes most") == comes_with_motion
