@@ -182,7 +182,7 @@ def test_what_is_hot_beside_a_spike_is_of_its_burst(bench, beside, stands_alone)
 
 
 @pytest.mark.parametrize(("part", "are_spikes"), [(0.105, True), (0.21, False)])
-def test_an_eighth_of_the_samples_may_be_spikes(bench, part, are_spikes):
+def test_a_tenth_of_the_samples_may_be_spikes(bench, part, are_spikes):
     """A fifth of them may not."""
     struck = np.random.default_rng(1).random(2000) < part
     deviations = {int(sample): 30 * (-1) ** int(sample) for sample in np.flatnonzero(struck)}
