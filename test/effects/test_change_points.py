@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.effects.bias_jump import BiasJump
 from tam_calibration.effects.change_points import Path, without
+from tam_calibration.effects.crosstalk import Crosstalk
 
 COUNT = 600
 
@@ -58,3 +60,21 @@ def test_what_counts_for_nothing_changes_nothing():
     """Without information there is no gain, and nothing that is not finite."""
     path = Path.of(np.zeros((COUNT, 2)), np.zeros((COUNT, 1)), np.zeros((COUNT, 1)))
     assert [change.gain for change in path.best()] == [0, 0]
+
+
+@pytest.mark.parametrize(("length", "is_change"), [(6, False), (13, True)])
+def test_what_lasts_as_long_as_a_burst_is_no_change(length, is_change):
+    """Six samples that are off at the end of the record are outliers, thirteen are a change; so are they within it."""
+    for start in (COUNT - length, 300):
+        residual = np.random.default_rng(1).normal(size=(COUNT, 1))
+        residual[start : start + length] += 30
+        single, pair = Path.of(*without(residual, np.ones((COUNT, 1))), np.ones((COUNT, 1))).best()
+        found = single.cuts == (start - 1,) if start > 300 else pair.cuts == (start - 1, start + length - 1)
+        assert found == is_change
+
+
+@pytest.mark.parametrize("effect", [BiasJump(), Crosstalk()], ids=lambda effect: effect.name)
+def test_twenty_samples_have_no_before_and_after(turning, effect):
+    """Thirty have."""
+    assert "too few" in effect.obstacle(turning(samples=20))
+    assert effect.obstacle(turning(samples=30)) is None

@@ -1,5 +1,7 @@
 """Cores that are cut off in front of a factory correction."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -98,3 +100,20 @@ def test_saturation_tells_it(bench):
 def test_one_sensor_alone_has_none(bench):
     """Nothing tells what it should read."""
     assert find_clipped_cores(bench(500, 1).misfit()) == []
+
+
+@pytest.mark.parametrize(("depth", "ends"), [(2.4, {"upper limit", "lower limit"}), (4.5, {"upper limit"})])
+def test_a_limit_is_sought_at_the_ends_of_the_range(bench, depth, ends):
+    """What falls short twice as far in as the largest shortfall is one, what does so four times as far in is none."""
+    made = roaming(bench)
+    core = made.situation.sensed_T[:, 6:9] @ np.linalg.inv(MIXING).T
+    most = core[:, 1].max()
+    largest = most - np.sort(core[:, 1])[-31]
+    lowest = -most + (depth - 0.6) * largest
+    made = replace(made, situation=made.situation.take(core[:, 1] > lowest), rows_T=made.rows_T[core[:, 1] > lowest])
+    core = core[core[:, 1] > lowest, 1]
+    short = np.maximum(core - most + largest, 0) + np.minimum(core + most - depth * largest, 0)
+    rows = made.rows_T.copy()
+    rows[:, 6:9] -= short[:, None] * MIXING[:, 1]
+    (found,) = find_clipped_cores(made.with_rows(rows).misfit())
+    assert set(found.limits_T) == ends

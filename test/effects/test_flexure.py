@@ -1,6 +1,7 @@
 """Arms that bend under their weight."""
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
@@ -35,3 +36,11 @@ def test_where_no_bending_can_be_seen(turning):
     assert "tilted by 0.00 rad only" in EFFECT.obstacle(turning(attitude=level))
     assert "single sensor" in EFFECT.obstacle(turning(sensors=1))
     assert EFFECT.obstacle(turning()) is None
+
+
+@pytest.mark.parametrize(("tilt", "is_enough"), [(0.07, False), (0.14, True)])
+def test_a_tilt_by_six_degrees_bends_an_arm(turning, tilt, is_enough):
+    """Less is what attitudes err by."""
+    angle = np.sqrt(2) * tilt * np.sin(np.linspace(0, 20 * np.pi, 1200))
+    situation = turning(attitude=Rotation.from_rotvec(np.outer(angle, [1, 0, 0])).as_quat())
+    assert (EFFECT.obstacle(situation) is None) == is_enough

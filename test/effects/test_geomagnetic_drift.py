@@ -37,3 +37,8 @@ def test_few_samples_show_nothing(turning):
     """Every record is too short for something."""
     assert "too few" in EFFECT.obstacle(turning(samples=12))
     assert EFFECT.obstacle(turning(samples=300)) is None
+
+
+def test_eight_samples_in_a_half_period_are_enough(turning):
+    """The lowest orders are two half periods: twenty samples hold them, with some to spare."""
+    assert EFFECT.obstacle(turning(samples=20)) is None

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.array import Array
 from tam_calibration.effects.fitted import Contribution
-from tam_calibration.effects.interpolated_samples import InterpolatedSamples
+from tam_calibration.effects.interpolated_samples import InterpolatedSamples, _digit, _exact
+from tam_calibration.effects.situation import Situation
 from tam_calibration.effects.stale_samples import StaleSamples
+from tam_calibration.errors import SensorErrors
 
 FILLED = InterpolatedSamples()
 
@@ -110,3 +113,26 @@ def test_the_twin_shows_what_was_found(bench):
     assert not (twin.rows_T - made.rows_T)[:, np.r_[0:3, 6:13]].any()
     (part,) = FILLED.find(twin.misfit()).fitted.contributions
     assert_allclose([part.values["rate"], part.values["burst"]], [0.05, 20], rtol=0.35)
+
+
+@pytest.mark.parametrize(("straight", "is_found"), [(2, True), (4, False)])
+def test_what_goes_straight_once_in_a_hundred_records_is_a_line(straight, is_found):
+    """Of 400 samples two of the one axis go straight elsewhere: all axes do by chance in 0.0075 of the records.
+
+    Where four do it is 0.0125.
+    """
+    index, generator = np.arange(400), np.random.default_rng(2)
+    bend = np.where(index % 2 == 0, 1, -1)[:, None] * generator.integers(20, 60, (400, 2))
+    bend[200] = 0
+    bend[50 * np.arange(1, straight + 1) + 20, 1] = 0
+    readings = np.column_stack([np.cumsum(np.cumsum(bend, axis=0), axis=0), 13 * index])
+    readings[:, 2] -= 2 * np.maximum(index - 201, 0) + 3 * np.maximum(index - 390, 0)
+    situation = Situation(0.1 * index, np.ones((400, 3)), SensorErrors.none(1), Array(np.zeros((1, 3))))
+    rows = _exact(1e-9 * readings, situation)
+    assert [row.tolist() for row in rows] == ([[199]] if is_found else [])
+
+
+@pytest.mark.parametrize(("step", "digit"), [(0.7e-13, 0.25), (1.4e-13, 1.4e-13)])
+def test_what_the_computer_rounds_is_no_digit(step, digit):
+    """Values closer than a ten-trillionth of the largest are one."""
+    assert _digit(np.array([0.0, 0.25, 0.5, 1 - step, 1.0])) == pytest.approx(digit, rel=0.01)

@@ -62,3 +62,19 @@ def test_a_tumble_is_motion_in_spite_of_noise(turning, noise_T):
 def test_few_samples_are_no_motion(turning):
     """A handful of samples tells nothing."""
     assert "too few" in jumps(turning(samples=8))
+
+
+@pytest.mark.parametrize(("part", "is_told"), [(0.0145, True), (0.0085, False)])
+def test_samples_that_nearly_coincide_tell_no_rate(turning, part, is_told):
+    """A seventieth of a step apart their noise counts forty times, and less than a hundredth apart they are left."""
+    situation = turning(samples=60)
+    time_s = situation.time_s.copy()
+    time_s[30] = time_s[29] + part * situation.step_s
+    is_zero = (rates(replace(situation, time_s=time_s)) == 0).all(axis=1)
+    assert is_zero.any() == (not is_told)
+
+
+@pytest.mark.parametrize(("step_s", "is_motion"), [(1.0, True), (1.25, False)])
+def test_turns_that_a_polynomial_follows_are_motion(turning, step_s, is_motion):
+    """Sampled once a second it misses a quarter of a step, more rarely half of one."""
+    assert (jumps(turning(samples=400, step_s=step_s)) is None) == is_motion

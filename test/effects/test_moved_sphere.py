@@ -1,21 +1,24 @@
 """Jumps of a bias as large as the field."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.bias_jump import BiasJump
+from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.recording import Recording
 
 OFFSETS = 1e-6 * np.array([[-6.0, 1.0, 58.0], [3.0, 20.0, -5.0]])
 
 
-def jumped(situation, start, stop):
+def jumped(situation, start, stop, size=1.0, noise_T=2e-9):
     """Return readings whose biases jump between two samples."""
     readings = situation.errors.distort(situation.field_T)
-    readings[start:stop] += OFFSETS[: situation.sensor_count]
-    return Recording(situation.time_s, readings + 2e-9 * np.random.default_rng(1).normal(size=readings.shape))
+    readings[start:stop] += size * OFFSETS[: situation.sensor_count]
+    return Recording(situation.time_s, readings + noise_T * np.random.default_rng(1).normal(size=readings.shape))
 
 
 @pytest.mark.parametrize("sensors", [1, 2])
@@ -53,3 +56,36 @@ def test_the_jump_of_gross_misfits_is_tried_first(turning, left_by):
     tried = BiasJump().shapes(situation, left_by(BiasJump(), situation, shape, *offsets))
     assert len(tried) <= 9
     assert_allclose(list(tried[0].values()), list(shape.values()), atol=0.2)
+
+
+@pytest.mark.parametrize(("samples", "is_told"), [(50, False), (70, True)])
+def test_a_sphere_lies_through_blocks_of_twenty_samples(turning, samples, is_told):
+    """Three blocks tell a jump, two do not."""
+    situation = turning(samples=samples, step_s=60 / samples, sensors=1)
+    assert (moved_sphere(jumped(situation, samples // 2, samples)) is not None) == is_told
+
+
+@pytest.mark.parametrize(("noise_T", "is_told"), [(3.5e-6, True), (6e-6, False)])
+def test_a_jump_leaves_a_quarter_of_the_squares(turning, noise_T, is_told):
+    """Six times less without noise and three times less with more of it: that may be one sphere."""
+    recording = jumped(turning(sensors=1), 500, 1200, 0.5, noise_T)
+    assert (moved_sphere(recording) is not None) == is_told
+
+
+@pytest.mark.parametrize(("part", "is_gross"), [(0.075, False), (0.14, True)])
+def test_a_jump_of_less_than_a_tenth_of_the_field_is_small(turning, part, is_gross):
+    """However little noise there is."""
+    situation = turning(sensors=1)
+    size = part * situation.intensity_T[0] / np.linalg.norm(OFFSETS[0])
+    assert (moved_sphere(jumped(situation, 500, 1200, size)) is not None) == is_gross
+
+
+@pytest.mark.parametrize(("part", "is_gross"), [(0.007, False), (0.014, True)])
+def test_misfits_of_a_hundredth_of_the_field_are_gross(bench, monkeypatch, part, is_gross):
+    """Below, sums of small disturbances find all jumps; above, the readings themselves are asked."""
+    told = FittedEffect("bias_jump", {"time_s": -1.0}, ())
+    monkeypatch.setattr("tam_calibration.effects.bias_jump.moved_sphere", lambda recording: told)
+    misfit = bench().misfit()
+    size = part * 50e-6 / np.sqrt(np.mean(misfit.row_shift_T**2))
+    large = replace(misfit, differential=size * misfit.differential, common_mode=size * misfit.common_mode)
+    assert (told.shape in BiasJump().shapes(misfit.situation, large)) == is_gross

@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.testing import assert_allclose
 
+from tam_calibration.effects.excess_variance import Moments, best_excess
 from tam_calibration.effects.fitted import ALL, SCALAR, Contribution
 from tam_calibration.effects.noise_excess import NoiseExcess
+from tam_calibration.effects.regularity import objection_to
 
 EXCESS = NoiseExcess()
 
@@ -148,3 +151,107 @@ def test_added_noise_has_the_stated_size(bench):
     assert_allclose(change[:, 6:9].std(axis=0), 3e-9, rtol=0.02)
     assert np.abs(np.corrcoef(change[:, 6:9].T) - np.eye(3)).max() < 0.03
     assert not change[:, [0, 1, 2, 3, 4, 5, 9, 10, 11, 12]].any()
+
+
+def excess(made, row, variance_T2):
+    """Return the excess that is told of so much in one row."""
+    rows = made.rows_T.copy()
+    rows[:, row] += np.random.default_rng(3).normal(0, np.sqrt(variance_T2), len(rows))
+    misfit = made.with_rows(rows).misfit()
+    return best_excess(Moments.of(misfit), misfit.situation)
+
+
+@pytest.mark.parametrize(("part", "is_told"), [(0.08, False), (0.13, True)])
+def test_axes_of_a_kind_differ_by_a_tenth(bench, part, is_told):
+    """An axis with eight per cent more variance than stated is none that is noisier, one with thirteen is."""
+    assert (excess(bench(20_000), 4, part * 1e-18) is not None) == is_told
+
+
+@pytest.mark.parametrize(("part", "is_told"), [(0.5, False), (1.0, True)])
+def test_a_scalar_may_have_a_third_more(bench, part, is_told):
+    """Half as much variance again is within what its data sheet may err by, twice the variance is not."""
+    assert (excess(bench(4000, noise_T=1e-10), 12, part * 1e-20) is not None) == is_told
+
+
+@pytest.mark.parametrize(("part", "is_noise"), [(0.14, True), (0.28, False)])
+def test_noise_of_all_sensors_is_hardly_shared_by_neighbouring_samples(bench, part, is_noise):
+    """Means of eight samples have three quarters of their variance in common with the next three samples."""
+    made, generator = bench(4000), np.random.default_rng(3)
+    slow = sliding_window_view(generator.normal(size=(4007, 12)), 8, axis=0).sum(axis=2) / np.sqrt(8)
+    rows = made.rows_T.copy()
+    rows[:, :12] += 1.5e-9 * np.sqrt(part / 0.75) * slow
+    rows[:, :12] += 1.5e-9 * np.sqrt(1 - part / 0.75) * generator.normal(size=slow.shape)
+    found = EXCESS.find(made.with_rows(rows).misfit())
+    assert (found == "the excess follows a course in time") == (not is_noise)
+    assert isinstance(found, str) or found.fitted.contributions[0].sensor == ALL
+
+
+def mixed(part, course, seed=7):
+    """Return white noise of which so much of the variance is a course."""
+    return np.sqrt(part) * course / np.std(course) + np.sqrt(1 - part) * np.random.default_rng(seed).normal(size=2000)
+
+
+def between(low_hz, high_hz):
+    """Return noise in a part of a spectrum that ends at 5 Hz."""
+    spectrum = np.fft.rfft(np.random.default_rng(8).normal(size=2000))
+    frequency = np.fft.rfftfreq(2000, 0.1)
+    return np.fft.irfft(spectrum * ((frequency > low_hz) & (frequency <= high_hz)), 2000)
+
+
+def sized(size):
+    """Return noise without tails of so much in each sample."""
+    generator = np.random.default_rng(7)
+    return generator.choice([-1.0, 1.0], 2000) * np.sqrt(generator.uniform(0.2, 1, 2000)) * size
+
+
+def struck(times):
+    """Return noise of which one sample in seven is so many times as large."""
+    generator = np.random.default_rng(7)
+    return generator.normal(size=2000) * np.where(generator.random(2000) < 0.15, times, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("signal", "sentence", "is_so"),
+    [
+        (lambda time, y: mixed(0.28, np.sin(2 * np.pi * 3.217 * time)), "a line of the spectrum", False),
+        (lambda time, y: mixed(0.55, np.sin(2 * np.pi * 3.217 * time)), "a line of the spectrum", True),
+        (lambda time, y: mixed(0.55, between(1.25, 1.5)), "a line of the spectrum", False),
+        (lambda time, y: mixed(0.55, between(1.25, 1.375)), "a line of the spectrum", True),
+        (lambda time, y: mixed(0.25, np.sin(5 * y)), "the excess follows the direction", False),
+        (lambda time, y: mixed(0.5, np.sin(5 * y)), "the excess follows the direction", True),
+        (lambda time, y: sized(1 + 0.2 * y**2), "size of the excess follows the direction", False),
+        (lambda time, y: sized(1 + 0.4 * y**2), "size of the excess follows the direction", True),
+        (lambda time, y: mixed(0.26, y * np.sign(np.sin(0.9 * time))), "share a scale factor", False),
+        (lambda time, y: mixed(0.4, y * np.sign(np.sin(0.9 * time))), "share a scale factor", True),
+        (lambda time, y: struck(2.7), "comes as spikes", False),
+        (lambda time, y: struck(3.3), "comes as spikes", True),
+        (lambda time, y: mixed(0.43, to_and_fro(time)), "goes between few values", False),
+        (lambda time, y: mixed(0.65, to_and_fro(time)), "goes between few values", True),
+    ],
+)
+def test_from_some_part_on_what_is_regular_is_no_noise(bench, signal, sentence, is_so):
+    """Beside white noise: four tenths in a fortieth of the band, a third by the direction, and so on."""
+    made = bench(moves=False)
+    situation = made.situation
+    assert (sentence in objection_for(made, signal(situation.time_s, situation.field_T[:, 1] / 50e-6))) == is_so
+
+
+@pytest.mark.parametrize(("growth", "is_so"), [(0.3, False), (0.5, True)])
+def test_a_size_that_grows_with_the_rate_is_no_noise(bench, growth, is_so):
+    """Where the rate tells a twelfth of the variance of the squares; a half less it may be noise."""
+    made = bench(moves=False)
+    rate = np.linalg.norm(np.gradient(made.situation.field_T / 50e-6, axis=0), axis=1)
+    assert ("follows the rate" in objection_for(made, sized(1 + growth * rate))) == is_so
+
+
+def objection_for(made, signal):
+    """Return what speaks against noise as the cause of a signal ten times as large as the noise in one row."""
+    rows = made.rows_T.copy()
+    rows[:, 4] += 10e-9 * signal
+    misfit = made.with_rows(rows).misfit()
+    return objection_to(misfit, best_excess(Moments.of(misfit), misfit.situation)) or ""
+
+
+def test_forty_samples_tell_a_variance(bench):
+    """They are not too few."""
+    assert "samples or more" not in EXCESS.find(bench(42).misfit())

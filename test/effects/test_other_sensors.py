@@ -3,9 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.effects.interpolated_samples import InterpolatedSamples
 from tam_calibration.effects.other_sensors import AgainstOthers
+from tam_calibration.effects.stale_samples import StaleSamples
 
 
 def test_a_shift_is_told_of_the_sensor_that_has_it(bench):
@@ -51,3 +54,10 @@ def test_a_minority_does_not_tilt_the_calibration(bench):
 
 def _energy(against):
     return against.energy(against.beyond_T)
+
+
+@pytest.mark.parametrize("effect", [InterpolatedSamples(), StaleSamples()], ids=lambda effect: effect.name)
+def test_one_other_sensor_is_enough(bench, effect):
+    """None is too few."""
+    assert effect.obstacle(bench(60, 1).situation) is not None
+    assert effect.obstacle(bench(60, 2).situation) is None

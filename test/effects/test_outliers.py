@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.stats import norm
 
 from tam_calibration.effects.fitted import ALL, SCALAR, Contribution
 from tam_calibration.effects.outliers import Outliers
+from tam_calibration.effects.robust import noise_deviation
 from tam_calibration.effects.saturation import Saturation
+from tam_calibration.effects.spikes import _chance, _improbable, _is_loud_around, find_spikes
 
 OUTLIERS = Outliers()
 
@@ -143,3 +146,92 @@ def test_spikes_that_come_with_the_motion_are_none(bench):
     rows = made.rows_T.copy()
     rows[anywhere, 4] += 80e-9
     assert not isinstance(OUTLIERS.find(made.with_rows(rows).misfit()), str)
+
+
+@pytest.mark.parametrize(("lowest", "comes_with_motion"), [(0.32, False), (0.64, True)])
+def test_spikes_come_with_the_motion_from_some_rank_on(bench, lowest, comes_with_motion):
+    """Twenty among the upper two thirds of the changes lie two and a half deviations high, in the upper third five."""
+    made = bench(moves=False)
+    rows, field = made.rows_T.copy(), made.situation.field_T
+    order = np.argsort(np.linalg.norm(field[2:] - field[:-2], axis=1))
+    rows[1 + order[np.linspace(lowest * len(order), len(order) - 1, 20).astype(int)], 4] += 80e-9
+    found = OUTLIERS.find(made.with_rows(rows).misfit())
+    assert (found == "the spikes come where the field changes most") == comes_with_motion
+
+
+def shaped(made, deviations, row=4):
+    """Return the misfit of readings of a row of which some samples are off by so many standard errors."""
+    misfit, rows = made.misfit(), made.rows_T.copy()
+    errors = 1 / np.sqrt(misfit.row_information[:, row])
+    for sample, size in deviations.items():
+        rows[sample, row] += size * errors[sample] - misfit.row_shift_T[sample, row]
+    return made.with_rows(rows).misfit()
+
+
+def is_spike(misfit, sample=700):
+    """Return whether a sample is found to stand alone."""
+    found = find_spikes(misfit)
+    return not isinstance(found, str) and sample in found.samples
+
+
+@pytest.mark.parametrize(("beside", "stands_alone"), [(2.2, True), (4.2, False)])
+def test_what_is_hot_beside_a_spike_is_of_its_burst(bench, beside, stands_alone):
+    """Nine samples beyond three standard deviations make it longer than a burst, below they do not."""
+    deviations = {700 + step: beside if step > 0 else 0.3 for step in range(-10, 10)} | {700: 20}
+    assert is_spike(shaped(bench(moves=False), deviations)) == stands_alone
+
+
+@pytest.mark.parametrize(("part", "are_spikes"), [(0.105, True), (0.21, False)])
+def test_a_tenth_of_the_samples_may_be_spikes(bench, part, are_spikes):
+    """A fifth of them may not."""
+    struck = np.random.default_rng(1).random(2000) < part
+    deviations = {int(sample): 30 * (-1) ** int(sample) for sample in np.flatnonzero(struck)}
+    assert ("too many" not in str(find_spikes(shaped(bench(moves=False), deviations)))) == are_spikes
+
+
+@pytest.mark.parametrize(("steps", "stands_alone"), [((-1, 1, 2), True), ((-3, -2, -1, 1, 2, 3), False)])
+def test_eight_neighbours_in_time_tell_what_is_shared(bench, steps, stands_alone):
+    """Three that are half as far off are a minority of them, six are none."""
+    quiet = {700 + step: 0.5 * (-1) ** step for step in range(-12, 13)}
+    deviations = quiet | {700 + step: 2.9 for step in steps} | {700: 6}
+    assert is_spike(shaped(bench(moves=False), deviations)) == stands_alone
+
+
+@pytest.mark.parametrize(("part", "stands_alone"), [(0.21, True), (0.42, False)])
+def test_neighbours_share_less_than_a_third_of_a_spike(bench, part, stands_alone):
+    """Four on either side that are off by two fifths of it have its cause."""
+    deviations = {700 + step: 7 * part for step in range(-5, 6)} | {700: 7}
+    assert is_spike(shaped(bench(moves=False), deviations)) == stands_alone
+
+
+@pytest.mark.parametrize(("loud", "steps", "stands_alone"), [(1.6, 20, True), (3.2, 20, False), (3.2, 9, True)])
+def test_a_spike_stands_out_of_either_side(bench, loud, steps, stands_alone):
+    """By three and a half standard deviations of most of the twenty-five samples on the louder side."""
+    deviations = {700 + step: 0.5 * (-1) ** step for step in range(-60, 61)}
+    deviations |= {703 + step: loud * (-1) ** step for step in range(steps)} | {700: 12}
+    assert is_spike(shaped(bench(moves=False), deviations)) == stands_alone
+
+
+@pytest.mark.parametrize(("size", "is_loud"), [(0.95, False), (1.6, True)])
+def test_what_is_beside_spikes_is_no_louder(size, is_loud):
+    """By a tenth, and what chance does."""
+    generator = np.random.default_rng(1)
+    far = np.arange(4000) % 20 == 10
+    deviation = np.where(np.arange(4000) % 20 == 10, 9.0, size * generator.normal(size=4000))[:, None]
+    worst = np.zeros(4000, dtype=int)
+    assert _is_loud_around(deviation, worst, far, np.ones(4000, dtype=bool)) == is_loud
+
+
+@pytest.mark.parametrize(("chance", "is_far"), [(1.4e-5, True), (2.8e-5, False)])
+def test_one_of_a_thousand_samples_is_improbable(chance, is_far):
+    """One in fifty of what is told may be noise: of a single one its chance is a fiftieth of a thousandth."""
+    chances = np.full(1000, 0.5)
+    chances[300] = chance
+    assert np.flatnonzero(_improbable(chances)).tolist() == ([300] if is_far else [])
+
+
+def test_the_chance_holds_that_the_scale_is_a_median_of_few():
+    """In 200 samples of noise, over the scale that their median tells, four standard deviations are so probable."""
+    drawn = np.random.default_rng(1).normal(size=(10_000, 200))
+    probable = np.mean(2 * norm.sf(4 * noise_deviation(drawn, axis=1)))
+    assert _chance(np.array([4.0]), 10_000, 1)[0] == pytest.approx(probable, rel=0.15)

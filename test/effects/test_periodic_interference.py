@@ -1,11 +1,13 @@
 """Interference at a fixed frequency."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.fitted import SCALAR
-from tam_calibration.effects.periodic_interference import PeriodicInterference
+from tam_calibration.effects.periodic_interference import PeriodicInterference, _lattice, _motion_band
 
 EFFECT = PeriodicInterference()
 SHAPE = {"frequency_hz": 3.217, "start_s": 0.0}
@@ -55,3 +57,47 @@ def test_the_phase_does_not_depend_on_the_epoch(turning):
 def test_few_samples_show_nothing(turning):
     """A spectrum needs some samples."""
     assert "too few" in EFFECT.obstacle(turning(samples=20))
+
+
+def test_some_thirty_samples_are_a_spectrum(turning):
+    """More than two for each of ten periods."""
+    assert EFFECT.obstacle(turning(samples=30)) is None
+
+
+def test_all_of_four_lines_are_tried(turning, left_by):
+    """Of which three may be harmonics that are stronger."""
+    situation, lines = turning(), (2.1, 3.217, 5.3, 7.9)
+    misfit = left_by(EFFECT, situation, SHAPE, (2, 0, "line", {"cosine 1": 2e-9}))
+    for size, frequency in zip((6, 5, 4), (2.1, 5.3, 7.9), strict=True):
+        wave = size * np.sin(2 * np.pi * frequency * situation.time_s)
+        misfit = replace(misfit, differential=misfit.differential + 1e-9 * wave[:, None] * misfit.directions[4])
+    tried = sorted(shape["frequency_hz"] for shape in EFFECT.shapes(situation, misfit))
+    assert_allclose(tried, lines, atol=0.01)
+
+
+@pytest.mark.parametrize(("part", "is_even"), [(0.014, True), (0.028, False)])
+def test_stamps_lie_on_a_lattice_to_a_fiftieth_of_a_step(part, is_even):
+    """What lies farther off is put on a lattice that is finer than the steps."""
+    time = 0.1 * np.arange(500)
+    time[250] += 0.1 * part
+    place, spacing = _lattice(time, 0.1)
+    assert (np.array_equal(place, np.arange(500)) and spacing == pytest.approx(0.1)) == is_even
+
+
+@pytest.mark.parametrize(("part", "is_slow"), [(0.7e-3, True), (1.4e-3, False)])
+def test_a_thousandth_of_the_power_is_no_motion(turning, part, is_slow):
+    """A swing of a tenth of a hertz with so much of another at 2.5 Hz."""
+    situation = turning()
+    slow, fast = (np.sin(2 * np.pi * frequency * situation.time_s) for frequency in (0.1, 2.5))
+    field = 1e-6 * np.column_stack([slow + np.sqrt(part) * fast, np.ones((1200, 2))])
+    band = _motion_band(replace(situation, field_T=field))
+    assert band == pytest.approx(0.15 if is_slow else 2.55, abs=0.06)
+
+
+@pytest.mark.parametrize(("part", "is_beside"), [(0.2, True), (0.42, False)])
+def test_motion_in_a_third_of_the_band_fills_it(turning, part, is_beside):
+    """Then lines are sought in all of it."""
+    situation = turning()
+    swing = np.sin(2 * np.pi * 10 * part * situation.time_s)
+    band = _motion_band(replace(situation, field_T=1e-6 * np.column_stack([swing, np.ones((1200, 2))])))
+    assert band == pytest.approx(10 * part if is_beside else 0, abs=0.1)

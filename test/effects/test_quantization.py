@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from tam_calibration.effects.excess_variance import Moments, best_excess
 from tam_calibration.effects.fitted import ALL, SCALAR, Contribution
 from tam_calibration.effects.noise_excess import NoiseExcess
-from tam_calibration.effects.quantization import Quantization, find_lattices
+from tam_calibration.effects.quantization import Lattice, Quantization, _by_step, _frequency, _visible, find_lattices
 
 QUANTIZATION = Quantization()
 
@@ -112,3 +112,71 @@ def test_a_limit_is_no_lattice(bench):
     rows = rows + np.random.default_rng(2).normal(0, 1e-9, rows.shape)
     again = bench(600, moves=False)
     assert find_lattices(again.with_rows(rows).misfit()) == []
+
+
+@pytest.mark.parametrize(("step_T", "is_found"), [(0.35e-9, False), (0.7e-9, True)])
+def test_steps_of_half_the_noise_are_sought(bench, step_T, is_found):
+    """Rounding to finer ones adds nothing that matters."""
+    made = bench(400).with_effect(QUANTIZATION, steps(2, 0, step_T))
+    assert bool(find_lattices(made.misfit())) == is_found
+
+
+def lattice_points(count, reach, step=0.7):
+    """Return sorted readings on a lattice over some range, in standard deviations of the noise."""
+    return np.sort(np.round(np.random.default_rng(1).uniform(0, reach, count) / step) * step)
+
+
+@pytest.mark.parametrize(
+    ("count", "reach", "is_found"), [(400, 350, False), (400, 700, True), (16, 5000, False), (30, 5000, True)]
+)
+def test_a_lattice_takes_readings_far_apart_and_many(count, reach, is_found):
+    """Five hundred standard deviations apart, and twenty differences of readings that are."""
+    frequency = _frequency(lattice_points(count, reach))
+    assert frequency == pytest.approx(1 / 0.7, rel=0.01) if is_found else frequency is None
+
+
+@pytest.mark.parametrize(("off", "is_found"), [(0.11, True), (0.21, False)])
+def test_readings_off_a_lattice_have_none(bench, off, is_found):
+    """By a tenth of their noise they may be, by a fifth they may not."""
+    made = bench(600).with_effect(QUANTIZATION, steps(2, 0, 8e-9))
+    rows = made.rows_T.copy()
+    rows[:, 6] += off * 1e-9 * np.random.default_rng(2).normal(size=600)
+    assert bool(find_lattices(made.with_rows(rows).misfit())) == is_found
+
+
+@pytest.mark.parametrize(("part", "is_told"), [(0.07, False), (0.14, True)])
+def test_rounding_must_make_a_tenth_of_the_gap(bench, part, is_told):
+    """Beside a tone in another row that makes the rest of it."""
+    made = bench().with_effect(QUANTIZATION, steps(2, 0, 6e-9))
+    misfit = made.misfit()
+    tone = np.sin(2 * np.pi * 0.31 * np.arange(2000))
+    rounding = misfit.row_information[:, 6].sum() * 6e-9**2 / 12
+    size = np.sqrt(rounding * (1 / part - 1) / (misfit.row_information[:, 4] @ tone**2))
+    rows = made.rows_T.copy()
+    rows[:, 4] += size * tone
+    found = QUANTIZATION.find(made.with_rows(rows).misfit())
+    assert ("a small part" in found) != is_told if isinstance(found, str) else is_told
+
+
+def test_rounding_leaves_half_of_the_stated_noise(bench):
+    """Where the sheet states three times too much, no more than down to that is explained."""
+    misfit = bench(noise_T=0.3e-9, sheet=0.3).with_effect(QUANTIZATION, steps(ALL, None, 5e-9)).misfit()
+    energy, count = misfit.energy.sum(), misfit.channel_count.sum()
+    assert_allclose(QUANTIZATION.find(misfit).gain, count * np.log(2 * energy / count))
+
+
+@pytest.mark.parametrize(
+    ("rounding", "samples", "surplus", "is_shown"),
+    [(1.0, 10**6, 0.37, False), (1.0, 10**6, 0.75, True), (0.1, 120, 0.4, False), (0.1, 400, 0.4, True)],
+)
+def test_the_residual_shows_rounding_beyond_chance(rounding, samples, surplus, is_shown):
+    """Half of its variance, and three standard errors of the variance of so many samples."""
+    kept = _visible([Lattice(0, np.sqrt(12 * rounding), 0.0)], np.array([1 + surplus, 1.0]), np.ones(2), samples)
+    assert bool(kept) == is_shown
+
+
+@pytest.mark.parametrize(("apart", "is_one"), [(0.007, True), (0.014, False)])
+def test_steps_that_differ_by_a_hundredth_are_two(apart, is_one):
+    """The same converter rounds all rows alike."""
+    lattices = [Lattice(row, step, 0.0) for row, step in enumerate((1e-9, (1 + apart) * 1e-9))]
+    assert (len(_by_step(lattices)) == 1) == is_one

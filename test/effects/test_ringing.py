@@ -97,3 +97,10 @@ def test_it_survives_a_file():
     fitted = FittedEffect("ringing", SHAPE, (Contribution(1, None, "response", WHOLE),))
     units = dict(EFFECT.shape_units) | {"amplitude": "1", "delay": "s"}
     assert EffectFile.model_validate(effect_to_mapping(fitted, units)).to_fitted() == fitted
+
+
+def test_a_tail_ends_before_the_next_jump(turning, left_by):
+    """The slowest that is tried turns once in some sixteen samples."""
+    situation = turning(samples=300, attitude=np.random.default_rng(1).normal(size=(300, 4)))
+    tried = [shape["tail_hz"] for shape in EFFECT.shapes(situation, left_by(EFFECT, situation, SHAPE))]
+    assert 12 < 1 / (min(tried) * situation.step_s) < 24

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.effects.fitted import ALL, Contribution
 from tam_calibration.effects.outliers import Outliers
-from tam_calibration.effects.saturation import Saturation
+from tam_calibration.effects.saturation import Saturation, find_limits
 
 SATURATION = Saturation()
 
@@ -124,3 +124,42 @@ def test_all_sensors_may_have_one_range(bench):
     rows = made.with_effect(SATURATION, limit(ALL, None, upper=30e-6, lower=-30e-6)).rows_T
     assert_allclose(np.abs(rows[:, :12]).max(axis=0), 30e-6)
     assert_array_equal(rows[:, 12], made.rows_T[:, 12])
+
+
+def short_by(made, errors, *others):
+    """Return readings of an axis of which the largest falls short by so many standard errors, and others by theirs."""
+    row, rows, misfit = 7, made.rows_T.copy(), made.misfit()
+    deviation = np.sqrt(misfit.row_information[:, row])
+    for sample, size in ((int(np.argmax(rows[:, row])), errors), *others):
+        rows[sample, row] -= misfit.row_shift_T[sample, row] + size / deviation[sample]
+    return made.with_rows(rows).misfit()
+
+
+@pytest.mark.parametrize(("errors", "is_limit"), [(6, False), (11, True)])
+def test_a_reading_that_alone_is_at_a_limit_falls_short_by_far(bench, errors, is_limit):
+    """By eight standard errors; less a spike may do."""
+    assert bool(find_limits(short_by(bench(1000, moves=False), errors))) == is_limit
+
+
+@pytest.mark.parametrize(("samples", "is_limit"), [(75, False), (135, True)])
+def test_one_of_a_hundred_readings_may_be_alone_at_a_limit(bench, samples, is_limit):
+    """Among fewer a spike strikes the outermost too often."""
+    assert bool(find_limits(short_by(bench(samples, moves=False), 15))) == is_limit
+
+
+@pytest.mark.parametrize(("errors", "is_limit"), [(3.9, True), (7, False)])
+def test_no_other_reading_is_off_where_one_is_at_a_limit(bench, errors, is_limit):
+    """By five standard errors: it would be a spike."""
+    made = bench(1000, moves=False)
+    inside = int(np.argsort(made.rows_T[:, 7])[500])
+    assert bool(find_limits(short_by(made, 11, (inside, errors)))) == is_limit
+
+
+@pytest.mark.parametrize(("beyond", "is_limit"), [(3, False), (6, True)])
+def test_four_readings_within_their_noise_are_a_limit(bench, beyond, is_limit):
+    """Fewer may be spikes."""
+    made = bench(1000, moves=False)
+    rows = made.rows_T.copy()
+    order = np.argsort(rows[:, 7])
+    rows[order[-beyond:], 7] = rows[order[-beyond - 1], 7] + np.random.default_rng(4).normal(2e-9, 0.5e-9, beyond)
+    assert bool(find_limits(made.with_rows(rows).misfit())) == is_limit

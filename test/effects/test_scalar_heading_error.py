@@ -51,3 +51,33 @@ def test_directions_on_a_narrow_cone_show_nothing(turning, sphere):
     narrow = Rotation.from_rotvec(0.02 * np.random.default_rng(1).normal(size=(1200, 3))).as_quat()
     assert "enough directions" in EFFECT.obstacle(turning(attitude=narrow))
     assert EFFECT.obstacle(sphere) is None
+
+
+@pytest.mark.parametrize(("size", "is_enough"), [(0.173, False), (0.206, True)])
+def test_a_thousandth_of_the_third_degree_is_enough(turning, size, is_enough):
+    """A cone of ten degrees leaves less beside the calibration, one of twelve leaves more."""
+    cone = Rotation.from_rotvec(size * np.random.default_rng(1).normal(size=(1200, 3))).as_quat()
+    assert (EFFECT.obstacle(turning(attitude=cone)) is None) == is_enough
+
+
+def test_three_axes_apart_from_each_other_are_tried(sphere, left_by):
+    """Where there is one, the two others begin seventeen degrees off and climb towards it."""
+    direction = sphere.field_T / sphere.intensity_T[:, None]
+
+    class Heading(ScalarHeadingError):
+        def signal(self, situation, fitted):
+            return np.column_stack([np.zeros((1200, 12)), 3e-9 * direction[:, 0] ** 3])
+
+    tried = EFFECT.shapes(sphere, left_by(Heading(), sphere, {}))[1:]
+    up, round_ = (np.array([shape[name] for shape in tried]) for name in ("elevation_rad", "azimuth_rad"))
+    axes = np.column_stack([np.cos(up) * np.cos(round_), np.cos(up) * np.sin(round_), np.sin(up)])
+    off = np.arccos(np.abs(axes[:, 0]))
+    assert len(axes) == 3 and off[0] < 0.03
+    assert (off[1:] > 0.1).all() and (off[1:] < 0.3).all()
+
+
+@pytest.mark.parametrize(("samples", "is_told"), [(15, False), (25, True)])
+def test_axes_are_sought_where_samples_outnumber_what_a_calibration_makes(sphere, left_by, samples, is_told):
+    """Twice the nine harmonics up to the second degree."""
+    few = sphere.take(slice(samples))
+    assert (len(EFFECT.shapes(few, left_by(EFFECT, few, {}))) > 1) == is_told

@@ -64,3 +64,11 @@ def test_the_rarer_state_is_the_window():
     measured = level(~windows(EDGES[:4]))
     found = measured.settled(measured.start())
     assert np.abs(np.ravel(found.windows) - np.array(EDGES[:4])).max() <= 12
+
+
+@pytest.mark.parametrize(("count", "is_switching"), [(1, False), (2, True), (3, True)])
+def test_one_window_is_a_step(count, is_switching):
+    """Two are what comes and goes."""
+    states = windows(EDGES[: 2 * count])
+    measured = level(states)
+    assert measured.is_switching(measured.of(states)) == is_switching

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
@@ -86,3 +87,11 @@ def test_lags_reach_from_none_to_a_third_of_the_record(turning, left_by):
     assert_allclose(constants[-1], 0.05 * 1199 / 3)
     assert len(constants) <= 12
     assert {shape["reference_C"] for shape in shapes} == {float(np.mean(situation.temperature_C))}
+
+
+@pytest.mark.parametrize(("change_K", "is_enough"), [(0.14, False), (0.28, True)])
+def test_the_temperature_must_change_by_more_than_thermometers_err(turning, change_K, is_enough):
+    """By a fifth of a kelvin."""
+    situation = turning()
+    temperature = 20 + change_K * (situation.time_s > 30)
+    assert (EFFECT.obstacle(replace(situation, temperature_C=temperature)) is None) == is_enough

@@ -116,3 +116,17 @@ def test_the_twin_shows_what_was_found(bench):
     (part,) = JITTER.find(made.misfit()).fitted.contributions
     assert part.sensor == 1
     assert_allclose(part.values["standard deviation"], 2e-4, rtol=0.05)
+
+
+@pytest.mark.parametrize(("part", "is_jitter"), [(0.2, True), (0.1, False)])
+def test_times_that_scatter_have_no_far_tails(bench, part, is_jitter):
+    """Where one sample in five is late by chance the kurtosis is eleven; where one in ten is, it is over twenty."""
+    late = np.random.default_rng(2).random(2000) < part
+    found = JITTER.find(displaced(bench(), late * white(1e-3)).misfit())
+    assert isinstance(found, str) != is_jitter
+    assert is_jitter or "few samples" in found
+
+
+def test_its_size_and_the_sensor_are_paid_for(bench):
+    """Two numbers, whatever the rest."""
+    assert JITTER.find(displaced(bench(), white(1e-4)).misfit()).parameter_count == 2

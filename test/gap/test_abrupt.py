@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.abrupt import SHARPEST, standing_of_change
-from tam_calibration.gap.search import best_form
+from tam_calibration.gap.search import best_form, given_form
 from tam_calibration.gap.support import PART_OF_FIRST
 
 
@@ -74,3 +75,33 @@ def test_where_all_times_are_changes_there_is_no_other(run):
     made = made.with_row(4, np.where(is_on, 1e-3, 0.0) * made.recording.readings_T[:, 1, 1])
     found, _ = standing(made, "gain_switching")
     assert found.largest == 0 and found.gain > 100
+
+
+def step_beside(made, size_T, course_T):
+    """Return how a step of so much after half a minute stands beside a course."""
+    base = made.with_row(4, np.where(made.recording.time_s > 30, size_T, 0.0) + course_T).model().base()
+    part = Contribution(1, 1, "offset", {"offset": size_T})
+    form = given_form(base, effect_named("bias_jump"), FittedEffect("bias_jump", {"time_s": 30.0}, (part,)))
+    return standing_of_change(base, form, form.effect.always(form.shape), form.selection.delta_bic)
+
+
+@pytest.mark.parametrize(("size_T", "is_abrupt"), [(2e-9, False), (2.7e-9, True)])
+def test_beside_a_smooth_course_a_step_must_stand_out(run, size_T, is_abrupt):
+    """Gaining four and a half times what a step at another time gains is too little, eight times is enough."""
+    made = run(900)
+    found = step_beside(made, size_T, 20e-9 * wandering(made.recording.time_s, 5, 1))
+    assert (found is not None) == is_abrupt
+
+
+def test_steps_at_all_other_times_are_tried(run):
+    """Of 64 times evenly over the record those within a twentieth of it of one of three steps are left out: 19 or 20.
+
+    The third, of which the form says nothing, is taken for more of the same and does not stand against it.
+    """
+    made = run(900)
+    time_s = made.recording.time_s
+    found = standing(
+        made.with_row(4, 1e-9 * (20 * (time_s > 12) - 35 * (time_s > 24) + 15 * (time_s > 45))), "bias_jump"
+    )
+    assert found.ratio > 100
+    assert 1 / found.rank - 1 in (43, 44, 45, 46)

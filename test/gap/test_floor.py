@@ -126,3 +126,28 @@ def test_samples_that_fill_lines_are_left_out(run):
     readings[1:-1:2] = (readings[:-2:2] + readings[2::2]) / 2
     found = floor(replace(made, recording=replace(made.recording, readings_T=readings)))
     assert_allclose(found.level_T[:-1], 1e-9, rtol=0.25)
+
+
+@pytest.mark.parametrize(("part", "is_seen"), [(0.2, False), (0.45, True)])
+def test_rounding_hides_noise_that_is_far_smaller(run, part, is_seen):
+    """Noise of a fifth of the variance of rounding is taken from the sheet, of not quite half of it from the data."""
+    noise_T = 10e-9 * np.sqrt(part / 12)
+    made = run(6000, 4, has_scalar=False, noise_T=noise_T)
+    readings = np.round(made.recording.readings_T / 10e-9) * 10e-9
+    made = replace(made, recording=replace(made.recording, readings_T=readings))
+    found = floor(made, Array(made.array.positions_m, 4 * made.array.vector_noise_T))
+    assert np.median(found.level_T[:-1]) / noise_T == pytest.approx(1 if is_seen else 4, rel=0.1)
+
+
+@pytest.mark.parametrize(("samples", "is_told"), [(820, True), (440, False)])
+def test_turns_of_less_than_six_degrees_tell_the_floor(run, samples, is_told):
+    """From sample to sample the field turns by 0.073 rad, or by 0.135: then differences hold the motion."""
+    assert floor(run(samples, 1, has_scalar=False)).is_told == is_told
+
+
+@pytest.mark.parametrize(("samples", "is_told"), [(15, False), (28, True)])
+def test_a_dozen_samples_tell_no_floor(run, samples, is_told):
+    """Neither of the sensors nor of the scalar; some thirty do."""
+    made = run(3000)
+    found = floor(replace(made, recording=made.recording.take(slice(samples))))
+    assert found.is_told == is_told == np.isfinite(found.level_T[-1])

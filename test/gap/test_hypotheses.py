@@ -113,3 +113,12 @@ def test_rivals_are_the_functions_without_physics(base):
     kinds = ("time", "direction", "tilt", "rate", "neighbours")
     assert names <= {f"function_of_{kind}" for kind in kinds}
     assert names and not names & set(installed_effects())
+
+
+@pytest.mark.parametrize(("part", "is_refined"), [(0.87, False), (0.93, True)])
+def test_nine_tenths_of_the_strongest_evidence_are_promising(base, monkeypatch, part, is_refined):
+    """A shape that has them may overtake it."""
+    monkeypatch.setattr("tam_calibration.gap.hypotheses.refined", lambda base, form: form)
+    strong = evidence_of(base, best_form(base, effect_named("temperature_drift")))
+    other = replace(strong, delta_bic=part * strong.delta_bic)
+    assert (sharpened(base, [strong, other])[1] is not other) == is_refined

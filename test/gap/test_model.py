@@ -165,3 +165,44 @@ def test_the_signal_is_what_the_effects_add(fitted, drifting):
     signal = fitted.signal()
     assert_allclose(signal[:, 3], fitted.parts[0].values[0] * (drifting.recording.temperature_C - 20), rtol=1e-9)
     assert not np.delete(signal, 3, axis=1).any()
+
+
+def pushed(model, fall):
+    """Return a settled model whose bias is off by so much that a step would lower the energy by that."""
+    for _ in range(3):
+        base = model.base()
+        model = model._stepped(base.step, base)
+
+    def shifted(size_T):
+        bias = model.errors.bias_T.copy()
+        bias[1, 1] += size_T
+        return replace(model, errors=replace(model.errors, bias_T=bias))
+
+    return shifted(1e-10 * np.sqrt(fall / shifted(1e-10).base().fall))
+
+
+@pytest.mark.parametrize(("part", "has_settled"), [(0.007, True), (0.014, False)])
+def test_a_fit_that_a_step_would_better_by_a_hundredth_has_not_settled(run, part, has_settled):
+    """It is held back by its bounds."""
+    model = run(300, 2).model()
+    assert pushed(model, part * model.base().channels.energy / (1 - part)).is_settled == has_settled
+
+
+@pytest.mark.parametrize(("fall", "has_settled"), [(0.7e-3, True), (1.4e-3, False)])
+def test_a_step_that_promises_a_thousandth_of_a_channel_is_taken(run, fall, has_settled):
+    """Less is far below any evidence."""
+    model = pushed(run(300, 2).model(), fall)
+    assert (model.settled() is model) == has_settled
+
+
+@pytest.mark.parametrize(("part", "axes"), [(0.007, {(1, 0)}), (0.014, {(1, 0), (1, 1)})])
+def test_an_axis_jumps_from_a_hundredth_of_another_on(run, monkeypatch, part, axes):
+    """Less is the error of a sphere's centre."""
+    made = run(300)
+    is_after = made.recording.time_s > 27
+    parts = tuple(Contribution(1, axis, "offset", {"offset": 60e-6 * size}) for axis, size in enumerate((1, part)))
+    jump = FittedEffect("bias_jump", {"time_s": 27.0}, parts)
+    monkeypatch.setattr(module, "moved_sphere", lambda recording: jump)
+    jumped = made.with_row(3, 60e-6 * is_after).with_row(4, part * 60e-6 * is_after)
+    nominal = Model.nominal(jumped.recording, jumped.array)
+    assert {(one.sensor, one.axis) for one in nominal.gross.contributions} == axes

@@ -11,6 +11,7 @@ from tam_calibration.array import Array
 from tam_calibration.errors import SensorErrors
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.model import Model
+from tam_calibration.gap.nominal import wild_samples
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 
@@ -113,3 +114,15 @@ def test_noise_has_no_hand():
     readings = recording.readings_T * np.where(np.arange(6).reshape(2, 3) == 4, -1, 1)
     with pytest.raises(InputError, match="sensor 2 has left-handed or dependent axes"):
         diagnose(replace(recording, readings_T=readings), array)
+
+
+@pytest.mark.parametrize(
+    ("size", "part", "are_wild"), [(3.0, 0.01, False), (5.6, 0.01, True), (50.0, 0.014, True), (50.0, 0.028, False)]
+)
+def test_few_readings_far_beyond_the_others_are_wild(run, size, part, are_wild):
+    """One in fifty, and four times as large as they mostly are; what is smaller or more is in the fit."""
+    made = run(1000)
+    struck = np.arange(1000) < 1000 * part
+    readings = np.where(struck[:, None, None], size, 1.0) * made.recording.readings_T
+    wild = wild_samples(replace(made.recording, readings_T=readings))
+    assert np.array_equal(wild, struck if are_wild else np.zeros(1000, dtype=bool))

@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.fitted import ALL, SCALAR
-from tam_calibration.gap.hypotheses import rivals
+from tam_calibration.gap.hypotheses import examine, rivals
+from tam_calibration.gap.unknown import FunctionOfTime
 from tam_calibration.gap.where import band_of, locate, main_places, noisy_places, sensors_and_axes, span_of
 
 LEAST_EVIDENCE = 12.0
@@ -123,3 +124,21 @@ def test_evidence_tells_the_two_kinds_of_channels_apart(run):
     evidence = locate(type(base)(missing, [missing.calibration]), [[(0, 0)]], [], 1.0, LEAST_EVIDENCE).evidence
     assert np.isnan(evidence["common_mode_chi_square"])
     assert_allclose(evidence["differential_chi_square"], np.mean(base.channels.differential**2))
+
+
+@pytest.mark.parametrize(("part", "is_told"), [(0.5, True), (0.9, False)])
+def test_a_span_of_most_of_the_run_says_nothing(run, part, is_told):
+    """Half of it does, of which nine tenths are told; nine tenths of it do not."""
+    channels = run(300).channels()
+    excess = (np.abs(np.arange(300) - 150) < 150 * part).astype(float)
+    assert (span_of(channels, excess) is not None) == is_told
+
+
+@pytest.mark.parametrize(("other", "place"), [(0.6, None), (0.27, (1, 1))])
+def test_an_axis_makes_nearly_all_of_what_is_told_for_it(run, other, place):
+    """Beside another with a fourteenth of its energy it stands alone, beside one with a third it does not."""
+    made = run(700)
+    drift = 8e-9 * np.sin(0.35 * made.recording.time_s)
+    base = made.with_row(4, drift).with_row(9, other * drift).model().base()
+    found = main_places(base, examine(base, FunctionOfTime()))
+    assert found == [place] if place else {sensor for sensor, _ in found} == {1, 3}

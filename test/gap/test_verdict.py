@@ -1,0 +1,30 @@
+"""From which sizes on a gap is one, and is explained."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from tam_calibration.gap.verdict import verdict_on
+
+
+def verdict(monkeypatch, steps, **size):
+    """Return the verdict on a search that left nothing visible."""
+    monkeypatch.setattr("tam_calibration.gap.verdict.open_part", lambda *models: 0.0)
+    model = SimpleNamespace(base=lambda: None)
+    found = SimpleNamespace(steps=steps, nominal=model, model=model, remaining=())
+    return verdict_on(found, SimpleNamespace(after=0.05, **size), 1.0, is_noisier=True)
+
+
+@pytest.mark.parametrize(("before", "found"), [(0.07, "no_gap"), (0.14, "unexplained")])
+def test_a_tenth_of_the_noise_floor_is_a_gap(monkeypatch, before, found):
+    """Less is none, however certain."""
+    assert verdict(monkeypatch, (), before=before, closed=0.0) == found
+
+
+@pytest.mark.parametrize(
+    ("closed", "found"),
+    [(0.18, "unexplained"), (0.35, "partly_explained"), (0.45, "partly_explained"), (0.8, "explained")],
+)
+def test_causes_close_a_quarter_of_a_gap_or_more_than_half(monkeypatch, closed, found):
+    """Less than a quarter explains nothing, and from six tenths on nothing is open."""
+    assert verdict(monkeypatch, ("a step",), before=1.0, closed=closed) == found
