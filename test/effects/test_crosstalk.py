@@ -1,7 +1,5 @@
 """Channels that bleed into each other."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -9,7 +7,6 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.crosstalk import Crosstalk
 from tam_calibration.effects.fitted import Contribution, FittedEffect
-from tam_calibration.errors import SensorErrors
 from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
 from tam_calibration.problems import InputError
 
@@ -81,16 +78,6 @@ def test_it_survives_a_file():
     fitted = FittedEffect("crosstalk", LATE, (Contribution(1, 2, "from x", {"bleed": 2e-4}),))
     units = {"bleed": "1"} | dict(EFFECT.shape_units)
     assert EffectFile.model_validate(effect_to_mapping(fitted, units)).to_fitted() == fitted
-
-
-@pytest.mark.parametrize(("degrees", "is_parallel"), [(23, True), (31, False)])
-def test_axes_are_parallel_up_to_some_twenty_degrees(turning, degrees, is_parallel):
-    """Of a sensor that is turned by more, the axis that was parallel gets a part of its own."""
-    situation = turning(sensors=1)
-    matrix = Rotation.from_euler("z", degrees, degrees=True).as_matrix()[None]
-    turned = replace(situation, errors=SensorErrors.from_matrix(matrix, np.zeros((1, 3))))
-    axes = {term.axis for term in EFFECT.terms(turned, LATE)}
-    assert axes == ({0, 2} if is_parallel else {0, 1, 2})
 
 
 def test_one_to_ten_steps_late_are_tried(turning, left_by):
