@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from tam_calibration.effects.library import effect_named
+from tam_calibration.gap import support
 from tam_calibration.gap.hypotheses import evidence_of, examine, rivals
 from tam_calibration.gap.search import best_form
+from tam_calibration.gap.standing import Standing
 from tam_calibration.gap.support import (
     LEAST_EVIDENCE,
     Step,
@@ -74,6 +76,49 @@ def test_a_size_that_nature_does_not_know_is_no_cause(run, monkeypatch):
     small = {name: replace(limit, largest=5e-5) for name, limit in effect.limits.items()}
     monkeypatch.setattr(type(effect), "limits", small)
     assert stands(base, replace(cause), rivals(base)) == (False, None)
+
+
+def standing_as(monkeypatch, ratio, left):
+    """Let every form stand so many times above its best surrogate, and leave such a part in its sensors."""
+    monkeypatch.setattr(support, "_standing", lambda base, form: Standing(100.0 * ratio, 100.0, 0.01))
+    monkeypatch.setattr(support, "_left_there", lambda base, cause, form: left)
+
+
+@pytest.mark.parametrize(
+    ("surrogates", "ratio", "left"),
+    [
+        ("moved", 2.0, 0.05),
+        ("of_attitude", 1.6, 0.05),
+        ("of_channel", 1.2, 0.25),
+        ("at_other_frequencies", 2.0, 0.05),
+    ],
+)
+def test_a_form_stands_alone_or_leaves_nothing(base, monkeypatch, surrogates, ratio, left):
+    """So many times above its best surrogate it may have others beside it; nearer to it, it must leave little."""
+    cause = examine(base, effect_named("scalar_heading_error"))
+    monkeypatch.setattr(type(cause.form.effect), "surrogates", surrogates)
+    for times, part, is_held in ((1.1, 0.9, True), (0.92, 1.25, False), (0.92, 0.8, True)):
+        standing_as(monkeypatch, max(times * ratio, 1.13), part * left)
+        assert stands(base, replace(cause), rivals(base))[0] == is_held
+
+
+def test_a_form_that_gains_no_more_than_its_best_surrogate_is_none(base, monkeypatch):
+    """Whatever it leaves: by as much as evidence must have at least, and no less."""
+    cause = examine(base, effect_named("scalar_heading_error"))
+    for gain, is_held in ((110.0, False), (114.0, True)):
+        standing_as(monkeypatch, gain / 100, 0.0)
+        assert stands(base, replace(cause), rivals(base))[0] == is_held
+
+
+@pytest.mark.parametrize(("ratio", "left", "is_held"), [(21, 0.12, False), (27, 0.12, True), (21, 0.08, True)])
+def test_changes_stand_far_out_or_leave_nothing(run, monkeypatch, ratio, left, is_held):
+    """A jump beside something else in its sensor must gain two dozen times what a step at another time does."""
+    made = run(600)
+    base = made.with_row(4, np.where(made.recording.time_s > 20, 9e-9, 0.0)).model().base()
+    cause = evidence_of(base, best_form(base, effect_named("bias_jump")))
+    standing_as(monkeypatch, 1.0, left)
+    monkeypatch.setattr(support, "standing_of_change", lambda *asked: (Standing(100.0 * ratio, 100.0, 0.01), False))
+    assert holds(base, cause, rivals(base)) == is_held
 
 
 def test_an_effect_comes_once_unless_it_may_repeat(base):
