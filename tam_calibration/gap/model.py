@@ -314,11 +314,11 @@ class Model:
 
     @property
     def objection(self) -> str | None:
-        """What of the calibration no sensor and no place on Earth has, in one clause, or None."""
+        """What of the calibration no sensor and no field has, in one clause, or None."""
         intensity_T = self.intensity_T
         if self.recording.scalar_T is None:
-            intensity_T = sensed_intensity(self.errors, intensity_T)
-        return objection_to(self.errors, intensity_T)
+            intensity_T = sensed_intensity(self.errors, intensity_T, self.array.field)
+        return objection_to(self.errors, intensity_T, self.array.field)
 
     def _stepped(self, step: FloatArray, base: Base) -> "Model":
         ends = np.cumsum([design.width for design in base.designs])
