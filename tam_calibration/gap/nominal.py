@@ -29,6 +29,13 @@ _MOST_WILD = 0.02
 """Part of the samples up to which wild ones are few, and are left out of the fit."""
 
 
+_THIRDS = 3
+"""Of the time, the shortest stretches that are fitted alone: shorter ones seldom see all attitudes."""
+
+_ALIKE = 0.2
+"""Part of the samples, in which a channel is alike: less than a motor is off that runs for 70 % of the time."""
+
+
 @dataclass(frozen=True, eq=False)
 class Start:
     """The errors of a first fit, and the intensity that stands for a scalar channel."""
@@ -135,9 +142,33 @@ def without_jump(recording: Recording, jump: FittedEffect) -> Recording:
     return replace(recording, readings_T=recording.readings_T - added)
 
 
+def steady_parts(recording: Recording) -> Iterator[slice | NDArray[np.intp]]:
+    """Yield parts of a run in which less may have changed: halves and thirds, and where a channel hardly changes.
+
+    Parameters
+    ----------
+    recording : Recording
+        With filled channels.
+    """
+    yield from _parts(recording.sample_count)[1:]
+    for channel in (recording.temperature_C, recording.current_A):
+        if channel is not None:
+            yield _most_alike(channel)
+
+
+def _most_alike(channel: FloatArray) -> NDArray[np.intp]:
+    """Return those samples, in the order of time, in which a channel (N,) has the narrowest range."""
+    order = np.argsort(channel)
+    count = int(_ALIKE * len(order))
+    width = channel[order[count:]] - channel[order[: len(order) - count]]
+    first = int(np.argmin(width))
+    alike: NDArray[np.intp] = np.sort(order[first : first + count])
+    return alike
+
+
 def _parts(count: int) -> list[slice]:
     """Return the whole and, where something changed in the middle, its halves and thirds."""
-    cuts = [np.linspace(0, count, parts + 1).astype(int) for parts in (1, 2, 3)]
+    cuts = [np.linspace(0, count, parts + 1).astype(int) for parts in range(1, _THIRDS + 1)]
     return [slice(int(low), int(high)) for cut in cuts for low, high in pairwise(cut)]
 
 

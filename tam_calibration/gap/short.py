@@ -37,8 +37,7 @@ def at_rest(recording: Recording) -> Gap:
     return _nothing(
         recording,
         "the array was not turned",
-        "No verdict: the array was hardly turned, or its sensors share no motion: calibration and effects cannot be "
-        "told apart.",
+        "the array was hardly turned, or its sensors share no motion: calibration and effects cannot be told apart",
     )
 
 
@@ -47,23 +46,17 @@ def too_short(recording: Recording) -> Gap:
     count = recording.sensor_count
     needed, some = needed_samples(count), recording.sample_count
     why = f"{some} sample{'s' * (some > 1)} of {count} sensor{'s' * (count > 1)}"
-    return _nothing(
-        recording, "the recording is too short", f"No verdict: it takes {needed} samples at least, not {why}."
-    )
+    return _nothing(recording, "the recording is too short", f"it takes {needed} samples at least, not {why}")
 
 
 def without_nominal(recording: Recording, why: str) -> Gap:
     """Return that no calibration can be had to hold the recording against, why, and for which time."""
-    first, last = recording.time_span_s
-    return _nothing(
-        recording,
-        "there is no calibration to start from",
-        f"No verdict on the time from {first:.1f} to {last:.1f} s: {why}.",
-    )
+    return _nothing(recording, "there is no calibration to start from", why)
 
 
-def _nothing(recording: Recording, why: str, statement: str) -> Gap:
+def _nothing(recording: Recording, why: str, reason: str) -> Gap:
     count = recording.sensor_count
+    first, last = recording.time_span_s
     needed = needed_samples(count)
     nothing = np.full((recording.sample_count, 3 * count + 1), np.nan)
     unknown = float("nan")
@@ -75,7 +68,7 @@ def _nothing(recording: Recording, why: str, statement: str) -> Gap:
         tuple(Considered(name, "not_identifiable", why) for name in installed_effects()),
         {},
         f"Record {2 * needed} samples or more while turning the array through all attitudes.",
-        statement,
+        f"No verdict on the time from {first:.1f} to {last:.1f} s: {reason}.",
         Residue(
             recording.time_s,
             np.full((recording.sample_count, 3), np.nan),
