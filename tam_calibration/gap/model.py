@@ -399,7 +399,8 @@ class Model:
 
     def _base(self) -> Base:
         channels = self.channels(self.signal() if self.parts else None)
-        if not np.isfinite(channels.energy):
+        # A step to a sensor of no size leaves no field.
+        if not (np.isfinite(channels.energy) and np.median(channels.situation.intensity_T) > 0):
             raise Refused("the fit does not settle: the readings do not fit one calibration")
         designs = [channels.design(part.terms(channels)) for part in self.parts]
         return Base(channels, [channels.calibration, *designs])

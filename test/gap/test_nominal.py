@@ -192,3 +192,12 @@ def test_a_field_beyond_the_bounds_is_no_field_within_them(run):
     gap = diagnose(replace(made.recording, readings_T=0.04 * made.recording.readings_T), made.array)
     assert gap.verdict == "not_identifiable"
     assert "the one that fits best has a field of 2 µT, where the Earth's has 15 to 100" in gap.statement
+
+
+def test_an_axis_at_the_end_of_its_range_for_a_third_breaks_nothing(run):
+    """A step from there leads to no sensor at all, and is not taken."""
+    made = run(900, 1, has_scalar=False)
+    readings = made.recording.readings_T.copy()
+    readings[300:600, 0, 0] = readings[300:600, 0, 0].max()
+    gap = diagnose(replace(made.recording, readings_T=readings, attitude=None), made.array)
+    assert gap.verdict in ("unexplained", "not_identifiable")
