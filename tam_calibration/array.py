@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from tam_calibration.field_bounds import EARTH_FIELD, FieldBounds
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
@@ -34,6 +35,8 @@ class Array:
     axis_offsets_m : (K, 3, 3) array, optional
         Where the elements of axis x, y and z of each sensor sit beside its position: a row for each axis, array frame,
         metres; None means all three at the position.
+    field : FieldBounds
+        What the intensity of the field can be in which the array is turned.
 
     Raises
     ------
@@ -46,6 +49,7 @@ class Array:
     scalar_noise_T: float | None = None
     scalar_position_m: FloatArray | None = None
     axis_offsets_m: FloatArray | None = None
+    field: FieldBounds = EARTH_FIELD
 
     def __post_init__(self) -> None:
         """Check shapes and values."""

@@ -248,4 +248,4 @@ class Calibration:
                 f"the calibration is of {self.errors.sensor_count} sensors, the recording of {recording.sensor_count}: "
                 "use the calibration of this array"
             )
-        recording.check_units()
+        recording.check_units(self.array.field)

@@ -4,11 +4,16 @@ from datetime import date, datetime
 
 import numpy as np
 
+from tam_calibration.field_bounds import FieldBounds
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray, from_nanotesla
 
 MODEL_YEARS = (1900, 2030)
 """First year of IGRF-14, and the year at whose beginning it ends."""
+
+FARTHEST_FROM_IGRF = 1.5
+"""Times the model's intensity, or its inverse: twice the 10 µT of 48 that were measured in 55 homes (Swanson 1994,
+static magnetic fields in homes in the UK), for buildings with more steel. Crust away from ore makes some hundred nT."""
 
 
 def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day: date) -> FloatArray:
@@ -66,3 +71,15 @@ def field_at(place: str) -> FloatArray:
     except ValueError:
         raise InputError(f"a place must be LAT,LON,DATE such as 47.37,8.54,2025-06-30, not {place!r}") from None
     return site_field_T(*where, 0.0, when)
+
+
+def bounds_at(place: str) -> FieldBounds:
+    """Return what the intensity of the field can be at LAT,LON,DATE, with iron nearby.
+
+    Raises
+    ------
+    InputError
+        When that is no place and date of the model.
+    """
+    intensity_T = float(np.linalg.norm(field_at(place)))
+    return FieldBounds(intensity_T / FARTHEST_FROM_IGRF, intensity_T * FARTHEST_FROM_IGRF, "the place's")

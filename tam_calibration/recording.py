@@ -6,11 +6,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from tam_calibration.field_bounds import EARTH_FIELD, FieldBounds
 from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
-
-EARTH_FIELD_T = (15e-6, 100e-6)
-"""Bounds of the intensity of the geomagnetic field at which a scalar reading is believed."""
 
 CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude")
 """What may be recorded beside the sensors; a channel that holds nothing but NaN is absent."""
@@ -196,8 +194,13 @@ class Recording:
         chosen = {field.name: getattr(self, field.name) for field in fields(self)}
         return replace(self, **{name: value[index] for name, value in chosen.items() if value is not None})
 
-    def check_plausible(self) -> None:
-        """Check that readings and scalar can be a geomagnetic field in tesla that the array was turned in.
+    def check_plausible(self, field: FieldBounds = EARTH_FIELD) -> None:
+        """Check that readings and scalar can be those of a field in tesla that the array was turned in.
+
+        Parameters
+        ----------
+        field : FieldBounds
+            What its intensity can be.
 
         Raises
         ------
@@ -211,42 +214,21 @@ class Recording:
                 f"sensor {sensor + 1} axis {'xyz'[axis]} reads the same value in all {self.sample_count} samples: "
                 "it is not connected, or was not turned"
             )
-        self.check_units()
+        self.check_units(field)
 
-    def check_units(self) -> None:
-        """Check that the sizes of readings and scalar are those of a geomagnetic field in tesla.
+    def check_units(self, field: FieldBounds = EARTH_FIELD) -> None:
+        """Check that the sizes of readings and scalar are those of a field in tesla.
+
+        Parameters
+        ----------
+        field : FieldBounds
+            What its intensity can be.
 
         Raises
         ------
         InputError
             When they betray another unit than the one stated.
         """
-        low, high = EARTH_FIELD_T
         if self.scalar_T is not None:
-            _check_unit("the scalar intensity is", float(np.nanmedian(self.scalar_T)), low, high)
-        size = np.median(np.linalg.norm(self.readings_T, axis=2), axis=0)
-        for sensor, value in enumerate(size):
-            # A bias may be many times the field.
-            _check_unit(f"sensor {sensor + 1} reads", float(value), low / 100, high * 100)
-
-
-def _check_unit(subject: str, tesla: float, low: float, high: float) -> None:
-    if not low <= tesla <= high:
-        earth = " to ".join(f"{bound * 1e6:.0f}" for bound in EARTH_FIELD_T)
-        raise InputError(f"{subject} {tesla * 1e6:.4g} µT, but the Earth's field has {earth} µT: {_unit_hint(tesla)}")
-
-
-def _unit_hint(tesla: float) -> str:
-    factors = {
-        "µT given as T": 1e6,
-        "nT given as T": 1e9,
-        "gauss given as T": 1e4,
-        "nT given as µT": 1e3,
-        "gauss given as µT": 1e-2,
-        "µT given as nT": 1e-3,
-        "T given as µT": 1e-6,
-        "T given as nT": 1e-9,
-    }
-    low, high = EARTH_FIELD_T
-    fits = [name for name, factor in factors.items() if low <= tesla / factor <= high]
-    return f"is this {' or '.join(fits)}?" if fits else "check the unit and the source"
+            field.require_intensity(float(np.nanmedian(self.scalar_T)))
+        field.require_readings(np.median(np.linalg.norm(self.readings_T, axis=2), axis=0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.geomagnetic import site_field_T
+from tam_calibration.geomagnetic import bounds_at, field_at, site_field_T
 from tam_calibration.problems import InputError
 
 FOOT_M = 0.3048
@@ -55,3 +55,12 @@ def test_refuses_what_the_model_does_not_hold(arguments, sentence):
     """Places and days outside the model are named."""
     with pytest.raises(InputError, match=sentence):
         site_field_T(*arguments)
+
+
+def test_bounds_lie_a_factor_of_one_and_a_half_about_the_model():
+    """Steel of a building makes more than crust does; the middle is the model's."""
+    bounds = bounds_at("47.37,8.54,2025-06-30")
+    intensity_T = np.linalg.norm(field_at("47.37,8.54,2025-06-30"))
+    assert_allclose([bounds.low_T, bounds.high_T], [intensity_T / 1.5, intensity_T * 1.5])
+    assert_allclose(bounds.middle_T, intensity_T)
+    assert str(bounds) == "the place's field has 32.22 to 72.5 µT"

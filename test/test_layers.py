@@ -25,6 +25,7 @@ LAYERS = (
         "errors",
         "recording",
         "array",
+        "field_bounds",
         "units",
         "problems",
         "geomagnetic",

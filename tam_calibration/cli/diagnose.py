@@ -1,11 +1,13 @@
 """`tam diagnose`: where a recording and its simulation part, and which effect causes it."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import click
 from rich.progress import Progress
 
+from tam_calibration.array import Array
 from tam_calibration.cli.terminal import (
     PATH,
     reading,
@@ -15,11 +17,14 @@ from tam_calibration.cli.terminal import (
     write_together,
 )
 from tam_calibration.effects.library import effect_named
+from tam_calibration.field_bounds import EARTH_FIELD
 from tam_calibration.files import provenance, read_array, read_calibration, read_samples
 from tam_calibration.files.gap_json import gap_to_mapping
 from tam_calibration.files.json_text import to_json
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.result import Gap
+from tam_calibration.geomagnetic import bounds_at
+from tam_calibration.problems import InputError
 
 _ANSWERS = ("no_gap", "explained")
 """Verdicts that leave nothing open."""
@@ -37,6 +42,11 @@ _ANSWERS = ("no_gap", "explained")
     type=PATH,
     help="Calibration YAML whose effects are taken off first: what is left is the gap that they do not explain.",
 )
+@click.option(
+    "--place",
+    help="LAT,LON,DATE of the recording: its field has the intensity of IGRF there, but for what iron nearby makes of "
+    "it. A scalar reference that contradicts it is bad input.",
+)
 @tolerance_option
 @click.pass_context
 def command(
@@ -47,6 +57,7 @@ def command(
     report: Path | None,
     without: tuple[str, ...],
     calibration_path: Path | None,
+    place: str | None,
     tolerance_s: float,
 ) -> None:
     """Say whether RECORDING (a CSV file or a bag) holds more than the model and the noise can make, where, and why.
@@ -58,7 +69,7 @@ def command(
     outputs = {"json": None if to_stdout else json_path, "report": report}
     inputs = [path for path in (recording, array, calibration_path) if path is not None]
     with write_together(outputs, inputs) as beside:
-        gap = _diagnose(recording, array, without, calibration_path, tolerance_s)
+        gap = _diagnose(recording, _read_array(array, place), without, calibration_path, tolerance_s)
         source = provenance(recording)
         content = to_json(gap_to_mapping(gap, source))
         if "json" in beside:
@@ -75,17 +86,26 @@ def command(
 
 
 def _diagnose(
-    path: Path, array_path: Path, without: tuple[str, ...], calibration_path: Path | None, tolerance_s: float
+    path: Path, array: Array, without: tuple[str, ...], calibration_path: Path | None, tolerance_s: float
 ) -> Gap:
     for name in without:
         effect_named(name)
-    array = read_array(array_path)
     calibration = None if calibration_path is None else read_calibration(calibration_path)
     with showing_progress() as progress:
         recording = read_samples(path, array.sensor_count, tolerance_s, reading(progress)).recording
         if calibration is not None:
             recording = calibration.without_effects(recording)
         return diagnose(recording, array, without=without, progress=_diagnosing(progress))
+
+
+def _read_array(path: Path, place: str | None) -> Array:
+    """Return the array, in the field of a place where one is given."""
+    array = read_array(path)
+    if place is None:
+        return array
+    if array.field != EARTH_FIELD:
+        raise InputError(f"--place and intensity_nT in {path} both tell the field: leave one of them out")
+    return replace(array, field=bounds_at(place))
 
 
 def _diagnosing(progress: Progress) -> Callable[[str, float], None]:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from tam_calibration.array import Array
+from tam_calibration.field_bounds import EARTH_FIELD, FieldBounds
 from tam_calibration.files.exact import nanotesla_to_write
 from tam_calibration.files.whole import write_whole
 from tam_calibration.files.yaml_document import Document, check, dump_mapping, mapping_in
@@ -33,6 +34,9 @@ class ArrayFile(Document):
     axis_offsets_m : list of three [x, y, z], optional
         For each sensor where the elements of its axes x, y and z sit beside its position; ``tam calibrate --source``
         finds them.
+    intensity_nT : [low, high], optional
+        What the intensity of the field can be in which the array is turned, where it is not the Earth's alone: that of
+        a coil or a shielded room.
     notes, recording
         Anything; not read.
     """
@@ -43,6 +47,7 @@ class ArrayFile(Document):
     scalar_noise_nT: float | None = None
     scalar_position_m: tuple[float, float, float] | None = None
     axis_offsets_m: list[_Offsets] | None = None
+    intensity_nT: tuple[float, float] | None = None
     notes: Any = None
     recording: Any = None
 
@@ -61,12 +66,17 @@ class ArrayFile(Document):
         if self.vector_noise_nT is not None:
             stated = np.asarray(self.vector_noise_nT, dtype=float)
             vector_noise_T = from_nanotesla(np.full(array.sensor_count, stated) if stated.ndim == 0 else stated)
+        field = EARTH_FIELD
+        if self.intensity_nT is not None:
+            low_nT, high_nT = self.intensity_nT
+            field = FieldBounds(from_nanotesla(low_nT), from_nanotesla(high_nT))
         return Array(
             array.positions_m,
             vector_noise_T,
             None if self.scalar_noise_nT is None else from_nanotesla(self.scalar_noise_nT),
             None if self.scalar_position_m is None else np.array(self.scalar_position_m),
             None if self.axis_offsets_m is None else np.array(self.axis_offsets_m),
+            field,
         )
 
 
@@ -104,6 +114,8 @@ def array_to_mapping(array: Array) -> dict[str, Any]:
         content["scalar_position_m"] = array.scalar_position_m.tolist()
     if array.axis_offsets_m is not None:
         content["axis_offsets_m"] = array.axis_offsets_m.tolist()
+    if array.field != EARTH_FIELD:
+        content["intensity_nT"] = nanotesla_to_write(np.array([array.field.low_T, array.field.high_T])).tolist()
     return content
 
 

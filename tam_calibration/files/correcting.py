@@ -37,7 +37,7 @@ def correct_file(
             outputs = calibration.apply(samples.recording.readings_T)
             corrected = Corrected(samples.recording.time_s, outputs, calibration.output_standard_errors)
         try:
-            samples.recording.check_units()
+            samples.recording.check_units(calibration.array.field)
             right_units += 1
         except InputError as problem:
             wrong_units.append(problem)

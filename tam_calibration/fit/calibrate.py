@@ -77,8 +77,24 @@ def calibrate(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
             "use the array file of this recording"
         )
-    recording.thinned(SKETCH).check_plausible()
+    recording.thinned(SKETCH).check_plausible(array.field)
     require_determined(recording, array, is_uniform=not ambient_gradient)
+    calibration = accepted(recording, array, fit)
+    uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
+    warnings = find_warnings(uniform, calibration)
+    return replace(calibration, warnings=warnings, held_out=_held_out(recording, array, fit))
+
+
+def accepted(recording: SampleSource, array: Array, fit: Fit) -> Calibration:
+    """Return the calibration of a fit that is of one field, the same throughout, and accurate enough to be of use.
+
+    Raises
+    ------
+    InputError
+        When the readings make no calibration, or leave parameters open.
+    Refused
+        When the recording is not one calibration.
+    """
     try:
         calibration = fit(recording, array)
     except InputError:
@@ -87,8 +103,7 @@ def calibrate(
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     require_one_calibration(uniform, calibration)
     require_accurate(calibration)
-    warnings = find_warnings(uniform, calibration)
-    return replace(calibration, warnings=warnings, held_out=_held_out(recording, array, fit))
+    return calibration
 
 
 def _fit_of(method: str, ambient_gradient: bool) -> Fit:

@@ -12,7 +12,7 @@ from tam_calibration.calibration import Calibration
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES
 from tam_calibration.fit.scale import normalize, sphere_of_most
 from tam_calibration.problems import Refused
-from tam_calibration.recording import EARTH_FIELD_T, SKETCH, SampleSource
+from tam_calibration.recording import SKETCH, SampleSource
 from tam_calibration.residuals import residual_series
 from tam_calibration.units import FloatArray, to_nanotesla
 
@@ -58,14 +58,14 @@ def require_one_calibration(recording: SampleSource, calibration: Calibration) -
     Refused
         With the reason, and the times at which the residual is smallest and largest.
     """
-    low, high = EARTH_FIELD_T
+    field = calibration.array.field
     parts = _residual_in_parts(recording, calibration)
     if parts is not None and parts.exceeds(_LARGEST_RESIDUAL * calibration.intensity_T):
         raise Refused(f"the recording is not one calibration: {parts.sentence()}; calibrate the parts apart")
-    if not low <= calibration.intensity_T <= high:
+    if not field.hold(calibration.intensity_T):
         raise Refused(
-            f"the fitted intensity of {calibration.intensity_T * 1e6:.4g} µT is outside the {low * 1e6:.0f} to "
-            f"{high * 1e6:.0f} µT of the Earth's field: the readings are not those of one sensor turned in one field"
+            f"the fitted intensity of {calibration.intensity_T * 1e6:.4g} µT is outside the "
+            f"{field.range_uT} µT of {field.whose} field: the readings are not those of one sensor turned in one field"
         )
 
 

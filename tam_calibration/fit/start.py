@@ -74,7 +74,7 @@ def start_from_recording(recording: Recording, array: Array) -> Start:
     Refused
         When it is not one calibration.
     """
-    recording.check_units()
+    recording.check_units(array.field)
     noisy, _ = complete_noise(array, recording)
     try:
         require_determined(recording, array)

@@ -68,7 +68,7 @@ def calibrate_with_effects(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
             "use the array file of this recording"
         )
-    recording.check_plausible()
+    recording.check_plausible(array.field)
     require_determined(recording, array)
     if AUTO in effects:
         found = search(recording, array, progress=progress)

@@ -27,7 +27,7 @@ def diagnose(
     recording : Recording
         Of one run; every channel that it has helps.
     array : Array
-        Geometry and noise; a noise that is not stated is estimated.
+        Geometry, noise, and what the intensity of the field can be; a noise that is not stated is estimated.
     without : collection of str
         Names of effects that are not tried.
     progress : callable, optional
@@ -48,14 +48,19 @@ def diagnose(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
             "use the array file of this recording"
         )
-    recording.check_plausible()
-    if recording.sample_count < needed_samples(recording.sensor_count):
-        return too_short(recording)
-    if is_at_rest(recording):
-        return at_rest(recording)
-    require_no_copies(recording)
+    recording.check_plausible(array.field)
     refusal = refusal_of(recording, array)
     told = () if refusal is None else (f"tam calibrate would refuse this recording: {refusal}.",)
+    gap = _judged(recording, array, without, progress)
+    return replace(gap, remarks=(*told, *gap.remarks))
+
+
+def _judged(recording: Recording, array: Array, without: Collection[str], progress: Progress | None) -> Gap:
+    if recording.sample_count < needed_samples(recording.sensor_count):
+        return too_short(recording)
+    if is_at_rest(recording, array.field):
+        return at_rest(recording)
+    require_no_copies(recording)
     # One sensor without attitude has no channel but the length of the field, which open parameters take up.
     alone = recording.sensor_count == 1 and recording.attitude is None
     if alone and (left_open := open_parameters(recording, array)) is not None:
@@ -64,8 +69,8 @@ def diagnose(
         found = search(recording, array, without, progress)
         gap = conclude(found)
     except Refused as problem:
-        return replace(without_nominal(recording, str(problem)), remarks=told)
+        return without_nominal(recording, str(problem))
     except LinAlgError:
-        return replace(without_nominal(recording, "its equations have no solution"), remarks=told)
+        return without_nominal(recording, "its equations have no solution")
     floor = floor_of(found.nominal.channels(), array)
-    return replace(gap, floor=floor, remarks=(*told, *floor.remarks))
+    return replace(gap, floor=floor, remarks=floor.remarks)

@@ -68,7 +68,7 @@ class Looking:
     """Searches at one nominal model."""
 
     def __init__(self, nominal: Model, without: Collection[str], tell: Progress) -> None:
-        self._nominal, self._tell = nominal, tell
+        self.nominal, self._tell = nominal, tell
         self.first_base = nominal.base()
         self._effects, missing = usable(installed_effects(), without, self.first_base.channels)
         self._considered = {one.effect: one for one in missing}
@@ -78,7 +78,7 @@ class Looking:
     @property
     def gross(self) -> Evidence | None:
         """The jump that was seen without a calibration, where there is one."""
-        jump = self._nominal.gross
+        jump = self.nominal.gross
         effect = None if jump is None else self._effects.get(jump.effect)
         if jump is None or not isinstance(effect, LinearEffect):
             return None
@@ -112,7 +112,7 @@ class Looking:
     def other_starts(self, found: Outcome) -> list[Evidence]:
         """Return from what else to start: the first cause at one sensor, and the next effects where a gap remains."""
         first = found.first
-        if first is None or first.is_certain or self._nominal.gross is not None:
+        if first is None or first.is_certain or self.nominal.gross is not None:
             return []
         ranked = sorted(self.weigh_first()[0], key=lambda one: -one.delta_bic)
         others = [one for one in ranked if one is not first and one.delta_bic > _START_PART * first.delta_bic]
@@ -176,7 +176,7 @@ class Looking:
 
     def _fit(self, causes: tuple[Evidence, ...]) -> tuple[Model, Base]:
         if not causes:
-            return self._nominal, self.first_base
+            return self.nominal, self.first_base
         model = self._fitted(causes[:-1])[0].accept(causes[-1].form)
         return model, model.base()
 
@@ -197,7 +197,7 @@ class Looking:
     def _swapped(self, steps: Sequence[Step]) -> list[Step]:
         """Return the causes, each replaced by the effect, and the form of it, that explains most beside the others."""
         kept = list(steps)
-        if len(kept) < 2 and self._nominal.gross is not None:
+        if len(kept) < 2 and self.nominal.gross is not None:
             return kept
         for index, step in enumerate(kept):
             if isinstance(step.accepted.form, Hypothesis):

@@ -18,9 +18,9 @@ from tam_calibration.fit.noise import complete_noise
 from tam_calibration.gap.attitude_nominal import Oriented, attitude_variance, bias_variance
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.floor import floor_of
-from tam_calibration.gap.nominal import starts, stepped, wild_samples, without_jump
+from tam_calibration.gap.nominal import starts, steady_parts, stepped, wild_samples, without_jump
 from tam_calibration.gap.physical import objection_to, sensed_intensity
-from tam_calibration.gap.refusal import ENOUGH_SAMPLES, without_calibration
+from tam_calibration.gap.refusal import ENOUGH_SAMPLES, open_parameters, without_calibration
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.search import Hypothesis
 from tam_calibration.gap.selection import columns_of
@@ -160,11 +160,12 @@ class Model:
         jump = moved_sphere(recording)
         beside = None if jump is None else cls._within_bounds(without_jump(recording, jump), noisy, stride)
         if jump is None or beside is None:
-            if plain is None and (most := cls._of_most(recording, noisy, stride)) is not None:
-                plain = most._with_floor(array, settled=False)
             if plain is None:
-                begun = (cls(recording, noisy, one.errors, one.intensity_T) for one in starts(recording, noisy))
-                raise Refused(without_calibration(recording, next((one.objection for one in begun), None)))
+                part = cls._of_most(recording, noisy, stride) or cls._of_steady(recording, noisy, stride)
+                plain = None if part is None else part._with_floor(array, settled=False)
+            begun = next((cls(recording, noisy, one.errors, one.intensity_T) for one in starts(recording, noisy)), None)
+            if plain is None or (begun is not None and begun._is_found_out_of_bounds):
+                raise Refused(without_calibration(recording, None if begun is None else begun.objection))
             return plain
         largest = max(abs(value) for one in jump.contributions for value in one.values.values())
         jumping = tuple(one for one in jump.contributions if max(map(abs, one.values.values())) > _LEAST_JUMP * largest)
@@ -206,6 +207,33 @@ class Model:
             except (InputError, Refused, LinAlgError):
                 continue
         return None
+
+    @classmethod
+    def _of_steady(cls, recording: Recording, array: Array, stride: int) -> "Model | None":
+        """Return the fit to the samples that agree with that part of the run with which most of the others agree."""
+        fits = []
+        for part in steady_parts(recording):
+            try:
+                model = cls._within_bounds(recording.take(part), array, stride)
+            except InputError:
+                continue
+            if model is not None and not model._is_gross():
+                fits.append(replace(model, recording=recording))
+        best = max(fits, key=lambda one: one._agrees.sum(), default=None)
+        if best is None:
+            return None
+        return replace(replace(best, recording=recording.take(best._agrees)).settled(), recording=recording)
+
+    def steady(self) -> "Model | None":
+        """Return the model with the calibration of a steady part of a run, of which the whole leaves gross misfits.
+
+        None where there is nothing gross, or no part with which more samples agree.
+        """
+        if self.gross is not None or self.world is not None or not self._is_gross():
+            return None
+        fits = [find(self.recording, self.array, self.stride) for find in (self._of_most, self._of_steady)]
+        best = max((one for one in (self, *fits) if one is not None), key=lambda one: one._agrees.sum())
+        return None if best is self else replace(self, errors=best.errors, intensity_T=best.intensity_T)
 
     def _with_floor(self, stated: Array, settled: bool = True) -> "Model":
         """Return the model with the noise that the recording shows, where none is stated or it is contradicted."""
@@ -254,9 +282,28 @@ class Model:
 
     def _is_gross(self) -> bool:
         """Whether the misfit is no small disturbance of the field."""
-        misfit = self.channels().misfit
-        size = np.sqrt(np.mean(misfit.row_shift_T**2 * (misfit.row_information > 0)))
-        return bool(size > GROSS * np.median(self.channels().situation.intensity_T))
+        return bool(np.sqrt(np.mean(self._relative_misfit**2)) > GROSS)
+
+    @property
+    def _is_found_out_of_bounds(self) -> bool:
+        """Whether the attitudes tell all of a calibration that leaves nothing gross, and that no sensor can have."""
+        return (
+            self.objection is not None and not self._is_gross() and open_parameters(self.recording, self.array) is None
+        )
+
+    @property
+    def _agrees(self) -> NDArray[np.bool_]:
+        """(N,) whether the misfit of a sample is a small disturbance of the field."""
+        agrees: NDArray[np.bool_] = self._relative_misfit <= GROSS
+        return agrees
+
+    @property
+    def _relative_misfit(self) -> FloatArray:
+        """(N,) root mean square of the shifts of the rows that explain a sample, in units of the field."""
+        channels = self.channels()
+        square = np.mean(channels.misfit.row_shift_T**2 * (channels.misfit.row_information > 0), axis=1)
+        relative: FloatArray = np.sqrt(square) / np.median(channels.situation.intensity_T)
+        return relative
 
     @property
     def is_counted(self) -> NDArray[np.bool_]:
@@ -320,11 +367,11 @@ class Model:
 
     @property
     def objection(self) -> str | None:
-        """What of the calibration no sensor and no place on Earth has, in one clause, or None."""
+        """What of the calibration no sensor and no field has, in one clause, or None."""
         intensity_T = self.intensity_T
         if self.recording.scalar_T is None:
-            intensity_T = sensed_intensity(self.errors, intensity_T)
-        return objection_to(self.errors, intensity_T)
+            intensity_T = sensed_intensity(self.errors, intensity_T, self.array.field)
+        return objection_to(self.errors, intensity_T, self.array.field)
 
     def _stepped(self, step: FloatArray, base: Base) -> "Model":
         ends = np.cumsum([design.width for design in base.designs])
@@ -358,7 +405,8 @@ class Model:
 
     def _base(self) -> Base:
         channels = self.channels(self.signal() if self.parts else None)
-        if not np.isfinite(channels.energy):
+        # A step to a sensor of no size leaves no field.
+        if not (np.isfinite(channels.energy) and np.median(channels.situation.intensity_T) > 0):
             raise Refused("the fit does not settle: the readings do not fit one calibration")
         designs = [channels.design(part.terms(channels)) for part in self.parts]
         return Base(channels, [channels.calibration, *designs])

@@ -13,12 +13,13 @@ from tam_calibration.effects.bias_jump import BiasJump
 from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.effects.situation import Situation
 from tam_calibration.errors import SensorErrors
+from tam_calibration.field_bounds import FieldBounds
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.scale import sphere_of_most
 from tam_calibration.gap.design import update
 from tam_calibration.gap.shared_motion import canonical_correlations, sure_correlation
 from tam_calibration.problems import InputError, Refused
-from tam_calibration.recording import EARTH_FIELD_T, Recording
+from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
 _WILD = 4.0
@@ -27,8 +28,12 @@ _WILD = 4.0
 _MOST_WILD = 0.02
 """Part of the samples up to which wild ones are few, and are left out of the fit."""
 
-_USUAL_INTENSITY_T = float(np.sqrt(EARTH_FIELD_T[0] * EARTH_FIELD_T[1]))
-"""Where neither readings nor a scalar tell the intensity: the middle of what the Earth has."""
+
+_THIRDS = 3
+"""Of the time, the shortest stretches that are fitted alone: shorter ones seldom see all attitudes."""
+
+_ALIKE = 0.2
+"""Part of the samples, in which a channel is alike: less than a motor is off that runs for 70 % of the time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +65,7 @@ def starts(recording: Recording, array: Array) -> Iterator[Start]:
     whole, *parts = _parts(recording.sample_count)
     yield from _calibrations(recording.take(whole), array)
     _check_hands(recording)
-    yield from _mounted(recording)
+    yield from _mounted(recording, array.field)
     for part in parts:
         yield from _calibrations(recording.take(part), array)
 
@@ -89,7 +94,7 @@ def _check_hands(recording: Recording) -> None:
             raise InputError(f"sensor {sensor + 1} has left-handed or dependent axes: check their order and signs")
 
 
-def _mounted(recording: Recording) -> Iterator[Start]:
+def _mounted(recording: Recording, field: FieldBounds) -> Iterator[Start]:
     """Yield sensors without errors but for bias, gain and mounting, for each centre that the first may have."""
     readings = recording.readings_T
     centered = readings - np.median(readings, axis=0)
@@ -100,21 +105,22 @@ def _mounted(recording: Recording) -> Iterator[Start]:
     turned[0] = np.eye(3)
     scalar_T = None if recording.scalar_T is None else float(np.nanmedian(recording.scalar_T))
     middle = np.median(readings, axis=0)
-    for center, radius_T in _centers(readings[:, 0], scalar_T):
+    for center, radius_T in _centers(readings[:, 0], scalar_T, field):
         intensity_T = radius_T if scalar_T is None else scalar_T
         bias = middle - turned @ (middle[0] - center)
         yield Start(SensorErrors.from_matrix(turned * radius_T / intensity_T, bias), intensity_T)
 
 
-def _centers(readings_T: FloatArray, intensity_T: float | None) -> Iterator[tuple[FloatArray, float]]:
+def _centers(
+    readings_T: FloatArray, intensity_T: float | None, field: FieldBounds
+) -> Iterator[tuple[FloatArray, float]]:
     """Yield centres and radii of spheres: that on which most readings lie, and those of a usual radius about a ring."""
-    low, high = EARTH_FIELD_T
     center, radius = sphere_of_most(readings_T)
-    if low <= radius <= high:
+    if field.hold(radius):
         yield center, radius
     middle = np.median(readings_T, axis=0)
     values, axes = np.linalg.eigh(np.cov(readings_T, rowvar=False))
-    usual = _USUAL_INTENSITY_T if intensity_T is None else intensity_T
+    usual = field.middle_T if intensity_T is None else intensity_T
     height = np.sqrt(max(usual**2 - values.sum(), 0.0))
     for sign in (1, -1):
         yield middle + sign * height * axes[:, 0], usual
@@ -136,9 +142,33 @@ def without_jump(recording: Recording, jump: FittedEffect) -> Recording:
     return replace(recording, readings_T=recording.readings_T - added)
 
 
+def steady_parts(recording: Recording) -> Iterator[slice | NDArray[np.intp]]:
+    """Yield parts of a run in which less may have changed: halves and thirds, and where a channel hardly changes.
+
+    Parameters
+    ----------
+    recording : Recording
+        With filled channels.
+    """
+    yield from _parts(recording.sample_count)[1:]
+    for channel in (recording.temperature_C, recording.current_A):
+        if channel is not None:
+            yield _most_alike(channel)
+
+
+def _most_alike(channel: FloatArray) -> NDArray[np.intp]:
+    """Return those samples, in the order of time, in which a channel (N,) has the narrowest range."""
+    order = np.argsort(channel)
+    count = int(_ALIKE * len(order))
+    width = channel[order[count:]] - channel[order[: len(order) - count]]
+    first = int(np.argmin(width))
+    alike: NDArray[np.intp] = np.sort(order[first : first + count])
+    return alike
+
+
 def _parts(count: int) -> list[slice]:
     """Return the whole and, where something changed in the middle, its halves and thirds."""
-    cuts = [np.linspace(0, count, parts + 1).astype(int) for parts in (1, 2, 3)]
+    cuts = [np.linspace(0, count, parts + 1).astype(int) for parts in range(1, _THIRDS + 1)]
     return [slice(int(low), int(high)) for cut in cuts for low, high in pairwise(cut)]
 
 

@@ -1,4 +1,4 @@
-"""What sensors and the Earth's field can be: a wide prior that keeps a fit from running away, and its bounds.
+"""What sensors and the field can be: a wide prior that keeps a fit from running away, and its bounds.
 
 What a sensor's axes differ in is told by the rows m of its matrix D Λ, whatever way it is mounted: their lengths are
 the scale factors, and the cosines between them how far from right angles the axes stand. The prior takes the
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.errors import SensorErrors
-from tam_calibration.recording import EARTH_FIELD_T
+from tam_calibration.field_bounds import FieldBounds
 from tam_calibration.units import FloatArray, to_degrees
 
 LARGEST_RATIO = 2.0
@@ -46,8 +46,8 @@ class Prior:
     energy: float
 
 
-def objection_to(errors: SensorErrors, intensity_T: float) -> str | None:
-    """Return in one clause what of a calibration no sensor and no place on Earth has, or None.
+def objection_to(errors: SensorErrors, intensity_T: float, field: FieldBounds) -> str | None:
+    """Return in one clause what of a calibration no sensor and no field has, or None.
 
     Parameters
     ----------
@@ -55,10 +55,11 @@ def objection_to(errors: SensorErrors, intensity_T: float) -> str | None:
         Of the sensors.
     intensity_T : float
         Of the field; without a scalar reference in the sensors' own unit, see ``sensed_intensity``.
+    field : FieldBounds
+        What it can be.
     """
-    low, high = EARTH_FIELD_T
-    if not low <= intensity_T <= high:
-        return f"a field of {intensity_T * 1e6:.3g} µT, where the Earth's has {low * 1e6:.0f} to {high * 1e6:.0f}"
+    if not field.hold(intensity_T):
+        return f"a field of {intensity_T * 1e6:.3g} µT, where {field.whose} has {field.range_uT}"
     scale = errors.scale_factor
     ratio = scale.max(axis=1) / scale.min(axis=1)
     worst = int(ratio.argmax())
@@ -72,13 +73,13 @@ def objection_to(errors: SensorErrors, intensity_T: float) -> str | None:
     return None
 
 
-def sensed_intensity(errors: SensorErrors, intensity_T: float) -> float:
-    """Return an intensity that stands for a scalar reference in the unit of the sensor that has it most as the Earth.
+def sensed_intensity(errors: SensorErrors, intensity_T: float, field: FieldBounds) -> float:
+    """Return an intensity that stands for a scalar reference in the unit of the sensor that has it most as the field.
 
     Sensors may read in units of their own; a fit that runs away takes all of them with it.
     """
     sensed = _sensed(errors, intensity_T)
-    return float(sensed[_most_like_the_earth(sensed)])
+    return float(sensed[_most_like(field, sensed)])
 
 
 def _sensed(errors: SensorErrors, intensity_T: float) -> FloatArray:
@@ -86,12 +87,11 @@ def _sensed(errors: SensorErrors, intensity_T: float) -> FloatArray:
     return sensed
 
 
-def _most_like_the_earth(sensed_T: FloatArray) -> int:
-    low, high = EARTH_FIELD_T
-    return int(np.argmin(np.abs(np.log(sensed_T / sqrt(low * high)))))
+def _most_like(field: FieldBounds, sensed_T: FloatArray) -> int:
+    return int(np.argmin(np.abs(np.log(sensed_T / field.middle_T))))
 
 
-def prior_at(errors: SensorErrors, intensity_T: float | None) -> Prior:
+def prior_at(errors: SensorErrors, intensity_T: float | None, field: FieldBounds) -> Prior:
     """Return the prior at some errors.
 
     Parameters
@@ -100,6 +100,8 @@ def prior_at(errors: SensorErrors, intensity_T: float | None) -> Prior:
         Of K sensors.
     intensity_T : float, optional
         The constant that stands for a scalar reference; None where there is one.
+    field : FieldBounds
+        What it can be.
     """
     count = errors.sensor_count
     blocks: list[FloatArray] = []
@@ -111,7 +113,7 @@ def prior_at(errors: SensorErrors, intensity_T: float | None) -> Prior:
         blocks.append(block.reshape(len(own), -1))
         deviates.append(deviate)
     if intensity_T is not None:
-        slope, one = _of_intensity(errors, intensity_T)
+        slope, one = _of_intensity(errors, intensity_T, field)
         blocks.append(slope)
         deviates.append(one)
     jacobian, deviate = np.concatenate(blocks), np.concatenate(deviates)
@@ -143,14 +145,13 @@ def _cosines(matrix: FloatArray) -> FloatArray:
     return np.array([unit[one] @ unit[other] for one, other in combinations(range(3), 2)])
 
 
-def _of_intensity(errors: SensorErrors, intensity_T: float) -> tuple[FloatArray, FloatArray]:
+def _of_intensity(errors: SensorErrors, intensity_T: float, field: FieldBounds) -> tuple[FloatArray, FloatArray]:
     """Return the derivatives (1, 12K) of the deviate of the intensity by the errors, and the deviate (1,)."""
-    low, high = EARTH_FIELD_T
-    weight = 2 * _DEVIATIONS / log(high / low)
+    weight = 2 * _DEVIATIONS / log(field.high_T / field.low_T)
     sensed = _sensed(errors, intensity_T)
-    sensor = _most_like_the_earth(sensed)
+    sensor = _most_like(field, sensed)
     slope = np.zeros((errors.sensor_count, 3, 4))
     # The logarithm of a determinant changes by the trace of the inverse times the change.
     slope[sensor, :, :3] = np.linalg.inv(errors.matrix[sensor]).T / 3
-    deviate = weight * log(sensed[sensor] / sqrt(low * high))
+    deviate = weight * log(sensed[sensor] / field.middle_T)
     return weight * slope.reshape(1, -1), np.array([deviate])

@@ -4,8 +4,9 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from tam_calibration.array import Array
-from tam_calibration.fit.consistency import require_one_calibration, require_one_sphere
-from tam_calibration.fit.identifiability import require_accurate, require_determined
+from tam_calibration.fit.calibrate import accepted
+from tam_calibration.fit.consistency import require_one_sphere
+from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
@@ -31,9 +32,7 @@ def refusal_of(recording: Recording, array: Array) -> str | None:
     some = recording.thinned(ENOUGH_SAMPLES)
     try:
         require_determined(some, array)
-        fitted = maximum_likelihood(some, array)
-        require_one_calibration(some, fitted)
-        require_accurate(fitted)
+        accepted(some, array, maximum_likelihood)
     except (InputError, Refused) as problem:
         return str(problem)
     except LinAlgError:

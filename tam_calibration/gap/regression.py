@@ -169,7 +169,7 @@ class Base:
         self._score = np.concatenate([channels.score(design) for design in designs])
         is_free = channels.has_scalar or channels.situation.follows_attitude
         intensity_T = None if is_free else float(np.median(channels.situation.intensity_T))
-        prior = prior_at(channels.situation.errors, intensity_T)
+        prior = prior_at(channels.situation.errors, intensity_T, channels.situation.array.field)
         own = len(prior.score)
         self.prior_energy = prior.energy
         self.prior_weight = max(1.0, channels.energy / max(channels.count, 1.0))

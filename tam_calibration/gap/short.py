@@ -3,6 +3,7 @@
 import numpy as np
 
 from tam_calibration.effects.library import installed_effects
+from tam_calibration.field_bounds import FieldBounds
 from tam_calibration.gap.floor import LEAST_SAMPLES
 from tam_calibration.gap.result import Considered, Gap, Residue, Size, Where
 from tam_calibration.gap.shared_motion import canonical_correlations, sure_correlation
@@ -11,8 +12,8 @@ from tam_calibration.recording import Recording
 _LEAST_REDUNDANCY = 60
 """Channels beyond the parameters of the calibration below which nothing is said."""
 
-_LEAST_SPREAD_T = 0.3e-6
-"""Standard deviation of the readings across their main direction; a turn of one degree makes more."""
+_LEAST_SPREAD = 0.02
+"""Of the weakest field: deviation of the readings across their main direction; a turn of one degree makes as much."""
 
 
 def needed_samples(sensor_count: int) -> int:
@@ -21,11 +22,11 @@ def needed_samples(sensor_count: int) -> int:
     return max(LEAST_SAMPLES, -(-channels // (3 * sensor_count - 2)))
 
 
-def is_at_rest(recording: Recording) -> bool:
+def is_at_rest(recording: Recording, field: FieldBounds) -> bool:
     """Whether the first sensor stands still or moves on a line, or no other sees it move: the calibration is open."""
     first = recording.readings_T[:, 0] - recording.readings_T[:, 0].mean(axis=0)
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(first.T @ first / len(first)), 0))
-    if spread[1] < _LEAST_SPREAD_T:
+    if spread[1] < _LEAST_SPREAD * field.low_T:
         return True
     shared = canonical_correlations(recording.readings_T)[1:, 1]
     return bool((shared < sure_correlation(recording.sample_count)).all()) if len(shared) else False
@@ -36,8 +37,7 @@ def at_rest(recording: Recording) -> Gap:
     return _nothing(
         recording,
         "the array was not turned",
-        "No verdict: the array was hardly turned, or its sensors share no motion: calibration and effects cannot be "
-        "told apart.",
+        "the array was hardly turned, or its sensors share no motion: calibration and effects cannot be told apart",
     )
 
 
@@ -46,23 +46,17 @@ def too_short(recording: Recording) -> Gap:
     count = recording.sensor_count
     needed, some = needed_samples(count), recording.sample_count
     why = f"{some} sample{'s' * (some > 1)} of {count} sensor{'s' * (count > 1)}"
-    return _nothing(
-        recording, "the recording is too short", f"No verdict: it takes {needed} samples at least, not {why}."
-    )
+    return _nothing(recording, "the recording is too short", f"it takes {needed} samples at least, not {why}")
 
 
 def without_nominal(recording: Recording, why: str) -> Gap:
     """Return that no calibration can be had to hold the recording against, why, and for which time."""
-    first, last = recording.time_span_s
-    return _nothing(
-        recording,
-        "there is no calibration to start from",
-        f"No verdict on the time from {first:.1f} to {last:.1f} s: {why}.",
-    )
+    return _nothing(recording, "there is no calibration to start from", why)
 
 
-def _nothing(recording: Recording, why: str, statement: str) -> Gap:
+def _nothing(recording: Recording, why: str, reason: str) -> Gap:
     count = recording.sensor_count
+    first, last = recording.time_span_s
     needed = needed_samples(count)
     nothing = np.full((recording.sample_count, 3 * count + 1), np.nan)
     unknown = float("nan")
@@ -74,7 +68,7 @@ def _nothing(recording: Recording, why: str, statement: str) -> Gap:
         tuple(Considered(name, "not_identifiable", why) for name in installed_effects()),
         {},
         f"Record {2 * needed} samples or more while turning the array through all attitudes.",
-        statement,
+        f"No verdict on the time from {first:.1f} to {last:.1f} s: {reason}.",
         Residue(
             recording.time_s,
             np.full((recording.sample_count, 3), np.nan),

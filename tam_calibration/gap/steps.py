@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from tam_calibration.array import Array
 from tam_calibration.gap.hypotheses import Evidence
-from tam_calibration.gap.looking import Looking, Progress
+from tam_calibration.gap.looking import Looking, Outcome, Progress
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Considered
 from tam_calibration.gap.support import Step
@@ -45,16 +45,31 @@ def search(
     """Look for causes, the strongest first, until nothing more speaks for one; then drop those that do not hold.
 
     The strongest at first need not be a cause: what acts on all sensors may be one thing at one of them and another at
-    the scalar magnetometer. The search is made again from other starts where that may be, and the best is kept.
+    the scalar magnetometer. The search is made again from other starts where that may be, and the best is kept; also
+    from the calibration of a steady part, where that of the whole leaves gross misfits that no cause explains.
     """
     tell = progress or (lambda what, part: None)
     tell("nominal calibration", 0.0)
-    nominal = Model.nominal(recording, array)
-    looking = Looking(nominal, frozenset(without), tell)
+    looking = Looking(Model.nominal(recording, array), frozenset(without), tell)
+    best = _best(looking)
+    if not best.is_clean and (steady := looking.nominal.steady()) is not None:
+        again = Looking(steady, frozenset(without), tell)
+        there = _best(again)
+        if not (best.steps or there.steps) or _rank(there) > _rank(best):
+            looking, best = again, there
+    weighed, unknown = looking.weigh_first()
+    return Search(looking.nominal, best.model, best.steps, weighed, unknown, best.remaining, looking.considered)
+
+
+def _best(looking: Looking) -> Outcome:
+    """Return the best outcome of the starts at one nominal model."""
     best = looking.found(looking.gross)
     for start in looking.other_starts(best):
         if best.is_clean:
             break
-        best = max(best, looking.found(start), key=lambda one: (one.is_clean, one.evidence))
-    weighed, unknown = looking.weigh_first()
-    return Search(nominal, best.model, best.steps, weighed, unknown, best.remaining, looking.considered)
+        best = max(best, looking.found(start), key=_rank)
+    return best
+
+
+def _rank(outcome: Outcome) -> tuple[bool, float]:
+    return outcome.is_clean, outcome.evidence

@@ -129,6 +129,61 @@ def test_array_files_with_notes_are_read(folder, asked):
     run("run.csv")
 
 
+def diagnosed(folder, recording, field="", options=(), code=0, scale=1.0):
+    """Diagnose a recording of so many times 50 µT without scalar; return the result of the command."""
+    steady = scale * 50e-6 / recording.scalar_T[:, None, None] * recording.readings_T
+    write_recording("other.csv", replace(recording, readings_T=steady, scalar_T=None))
+    (folder / "array.yaml").write_text(f"baseline_m: 0.5\n{field}")
+    return run("other.csv", "--json", "-", *options, code=code)
+
+
+@pytest.mark.parametrize(
+    ("scale", "low_nT", "high_nT"), [(10.0, 400_000, 600_000), (0.04, 1500, 2500)], ids=["coil", "shield"]
+)
+def test_a_laboratory_states_its_field(folder, recording, scale, low_nT, high_nT):
+    """In a coil of 500 µT and a shield of 2 µT, with bounds in the array file, there is a verdict and no refusal."""
+    gap = json.loads(diagnosed(folder, recording, f"intensity_nT: [{low_nT}, {high_nT}]\n", scale=scale).stdout)
+    assert gap["verdict"] == "no_gap"
+    assert not any("refuse" in remark for remark in gap["remarks"])
+    gap = json.loads(diagnosed(folder, recording, code=1, scale=scale).stdout)
+    assert gap["verdict"] == "not_identifiable"
+    assert "where the Earth's has 15 to 100" in gap["statement"]
+
+
+def test_a_place_bounds_the_field(folder, recording):
+    """At Boulder 50 µT are right; with 20 µT there is no verdict, and why and when is said."""
+    gap = json.loads(diagnosed(folder, recording, options=("--place", "40.1,-105.2,2020-01-01")).stdout)
+    assert gap["verdict"] == "no_gap"
+    gap = json.loads(
+        diagnosed(folder, recording, options=("--place", "40.1,-105.2,2020-01-01"), scale=0.4, code=1).stdout
+    )
+    assert gap["verdict"] == "not_identifiable" and "No verdict on the time from" in gap["statement"]
+    assert "outside the 34.63 to 77.91 µT of the place's field" in gap["remarks"][0]
+
+
+def test_a_scalar_that_contradicts_the_place_or_the_file_is_bad_input(folder):
+    """One sentence tells both; a place of the right field lets the scalar pass, which then tells the intensity."""
+    run("run.csv", "--place", "40.1,-105.2,2020-01-01")
+    stderr = run("run.csv", "--place", "-25,-55,2020-01-01", code=2).stderr
+    assert "the scalar intensity is 50 µT, but the place's field has" in stderr and len(stderr.splitlines()) == 1
+    (folder / "array.yaml").write_text("baseline_m: 0.5\nintensity_nT: [1500, 2500]\n")
+    stderr = run("run.csv", code=2).stderr
+    assert "the scalar intensity is 50 µT, but the array's field has 1.5 to 2.5 µT" in stderr
+
+
+@pytest.mark.parametrize("place", ["here", "1,2", "95,0,2020-01-01", "1,2,2020-13-01", "1,2,1066-10-14"])
+def test_a_place_that_is_none_is_bad_input(folder, asked, place):
+    """As it is for a calibration."""
+    assert len(run("run.csv", "--place", place, code=2).stderr.splitlines()) == 1
+
+
+def test_place_and_file_do_not_both_tell_the_field(folder, asked):
+    """Neither is preferred: the sentence names both."""
+    (folder / "array.yaml").write_text("baseline_m: 0.5\nintensity_nT: [1500, 2500]\n")
+    stderr = run("run.csv", "--place", "40.1,-105.2,2020-01-01", code=2).stderr
+    assert "--place and intensity_nT in array.yaml both tell the field: leave one of them out" in stderr
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [("no.csv", "there is no file or bag no.csv"), ("short.csv", "short.csv"), ("array.yaml", "array.yaml")],

@@ -4,6 +4,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from tam_calibration.array import Array
+from tam_calibration.field_bounds import EARTH_FIELD, FieldBounds
 from tam_calibration.files import read_array, write_array
 from tam_calibration.problems import InputError
 
@@ -27,6 +28,18 @@ def test_a_baseline_makes_the_cross(read):
     assert_array_equal(array.positions_m, expected.positions_m)
     assert_array_equal(array.vector_noise_T, expected.vector_noise_T)
     assert array.scalar_noise_T == expected.scalar_noise_T
+
+
+def test_the_field_is_the_earths_unless_the_file_says_otherwise(read, tmp_path):
+    """The bounds of a shielded room come in nT, and are written as they were read."""
+    assert read("baseline_m: 0.5\n").field == EARTH_FIELD
+    array = read("baseline_m: 0.5\nintensity_nT: [1500, 2500]\n")
+    assert array.field == FieldBounds(1.5e-6, 2.5e-6)
+    write_array(tmp_path / "again.yaml", array)
+    assert "intensity_nT: [1500.0, 2500.0]" in (tmp_path / "again.yaml").read_text()
+    assert read_array(tmp_path / "again.yaml").field == array.field
+    write_array(tmp_path / "earth.yaml", Array.cross(0.5))
+    assert "intensity" not in (tmp_path / "earth.yaml").read_text()
 
 
 def test_positions_make_any_array(read):
@@ -72,6 +85,18 @@ def test_an_array_reads_back(tmp_path):
             "baseline_m: 0.5\nscalar_position_m: [0, .inf, 0]",
             "position of the scalar magnetometer must be three finite",
         ),
+        ("baseline_m: 0.5\nintensity_nT: 48000", "intensity_nT: input should be a valid tuple"),
+        ("baseline_m: 0.5\nintensity_nT: [48000]", "the key 'intensity_nT.2' is missing"),
+        ("baseline_m: 0.5\nintensity_nT: [1, 2, 3]", "intensity_nT: tuple should have at most 2 items"),
+        ("baseline_m: 0.5\nintensity_nT: [weak, 48000]", "intensity_nT.1: input should be a valid number"),
+        (
+            "baseline_m: 0.5\nintensity_nT: [60000, 40000]",
+            "the field's intensity .* not 60000 and 40000 nT: check their or",
+        ),
+        ("baseline_m: 0.5\nintensity_nT: [-1, 40000]", "not -1 and 40000 nT"),
+        ("baseline_m: 0.5\nintensity_nT: [.nan, 40000]", "not nan and 40000 nT"),
+        ("baseline_m: 0.5\nintensity_nT: [40, 60]", "not 40 and 60 nT: check their order and unit"),
+        ("baseline_m: 0.5\nintensity_nT: [4.0e-5, 6.0e-5]", "not 4e-05 and 6e-05 nT: check their order and unit"),
         ("baseline_m: 0.5\nscalar_position_m: [0, 1]", "the key 'scalar_position_m.3' is missing"),
     ],
 )

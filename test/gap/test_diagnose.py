@@ -7,6 +7,7 @@ import pytest
 
 from tam_calibration.array import Array
 from tam_calibration.effects.library import installed_effects
+from tam_calibration.fit import calibrate
 from tam_calibration.gap import diagnose
 from tam_calibration.problems import InputError
 
@@ -145,6 +146,27 @@ def test_an_array_at_rest_has_no_cause(run):
         readings = made.recording.readings_T[index] + 1e-9 * np.random.default_rng(seed).normal(size=(480, 4, 3))
         recording = replace(made.recording, readings_T=readings, attitude=made.recording.attitude[index])
         assert diagnose(recording, array).verdict in ("no_gap", "not_identifiable")
+
+
+@pytest.mark.parametrize("damage", ["few", "plane", "still"])
+def test_what_a_calibration_would_refuse_is_told_first(run, damage):
+    """The sentence of the calibration, in front of all others; without a verdict the time is told too."""
+    made = run(15 if damage == "few" else 300, 1 if damage == "few" else 2, has_scalar=False)
+    recording = replace(made.recording, attitude=None)
+    if damage == "few":
+        recording = recording.take(slice(0, 8))
+    else:
+        angle = np.linspace(0, 20, 300) * (damage == "plane")
+        field = 45e-6 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(300)])
+        noise_T = 1e-9 * np.random.default_rng(0).normal(size=(300, 2, 3))
+        recording = replace(recording, readings_T=made.errors.distort(field) + noise_T)
+    with pytest.raises(InputError) as refusal:
+        calibrate(recording, made.array)
+    gap = diagnose(recording, made.array)
+    assert gap.remarks[0] == f"tam calibrate would refuse this recording: {refusal.value}."
+    if damage != "plane":
+        first, last = recording.time_span_s
+        assert gap.statement.startswith(f"No verdict on the time from {first:.1f} to {last:.1f} s: ")
 
 
 def test_one_absurd_reading_is_no_other_cause(run):

@@ -11,7 +11,7 @@ from tam_calibration.array import Array
 from tam_calibration.errors import SensorErrors
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.nominal import wild_samples
+from tam_calibration.gap.nominal import steady_parts, wild_samples
 from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 
@@ -126,3 +126,90 @@ def test_few_readings_far_beyond_the_others_are_wild(run, size, part, are_wild):
     readings = np.where(struck[:, None, None], size, 1.0) * made.recording.readings_T
     wild = wild_samples(replace(made.recording, readings_T=readings))
     assert np.array_equal(wild, struck if are_wild else np.zeros(1000, dtype=bool))
+
+
+def scattered(time, seed=1):
+    """Return (N,) whether something is on: in stretches of 1 to 8 s, for some 70 % of the time."""
+    generator, is_on, begin = np.random.default_rng(seed), np.zeros(len(time), dtype=bool), 0.0
+    while begin < time[-1]:
+        end = begin + generator.uniform(1, 8)
+        is_on |= (time >= begin) & (time < end)
+        begin = end + generator.uniform(0.3, 3.5)
+    return is_on
+
+
+def test_a_current_of_tens_of_microtesla_is_found(run):
+    """A motor runs for most of the time, and no stretch has a fit of sensors: the fit starts where it is off."""
+    made = run(900, 2, has_scalar=False)
+    generator = np.random.default_rng(3)
+    time = made.recording.time_s
+    is_on = scattered(time)
+    current = is_on * generator.uniform(1, 8, size=61)[time.astype(int)]
+    assert 0.6 < is_on.mean() < 0.8
+    added = np.zeros((900, made.row_count))
+    added[:, :6] = np.outer(current, 6e-6 * generator.normal(size=6))
+    recording = replace(made.with_added(added).recording, current_A=current)
+    model = Model.nominal(recording, made.array)
+    assert_allclose(model.errors.bias_T, made.errors.bias_T, atol=0.1e-6)
+    gap = diagnose(recording, made.array)
+    assert gap.verdict == "explained"
+    assert [cause.fitted.effect for cause in gap.causes] == ["current_interference"]
+
+
+def test_a_scale_step_of_two_is_found_from_the_steady_half(run):
+    """A gain that doubles tilts the fit to the whole; from the half before it stands alone, at its sensor and time."""
+    made = run(900, 2, has_scalar=False)
+    readings = made.recording.readings_T.copy()
+    readings[450:, 1] *= 2
+    recording = replace(made.recording, readings_T=readings)
+    nominal = Model.nominal(recording, made.array)
+    steady = nominal.steady()
+    assert np.abs(nominal.errors.bias_T - made.errors.bias_T).max() > 1e-6
+    assert_allclose(steady.errors.bias_T, made.errors.bias_T, atol=0.1e-6)
+    (cause,) = diagnose(recording, made.array).causes
+    assert (cause.fitted.effect, cause.sensors) == ("scale_step", (2,))
+    assert cause.fitted.shape["time_s"] == pytest.approx(30.0, abs=0.1)
+
+
+def test_where_nothing_explains_a_gap_it_stands_beside_the_steady_part(run):
+    """A sensor that is stuck for half of the time: it is named, and its neighbour is not."""
+    made = run(900, 2, has_scalar=False)
+    readings = made.recording.readings_T.copy()
+    readings[270:675, 1] = readings[270, 1]
+    gap = diagnose(replace(made.recording, readings_T=readings), made.array)
+    assert gap.verdict == "unexplained" and gap.where.sensors == (2,)
+
+
+def test_what_leaves_nothing_gross_has_no_other_start(run):
+    """A clean run, and one with a thousand noise floors, keep the calibration of the whole."""
+    made = run(400)
+    assert Model.nominal(made.recording, made.array).steady() is None
+    disturbed = made.with_row(4, 3e-7 * np.sin(made.recording.time_s))
+    assert Model.nominal(disturbed.recording, made.array).steady() is None
+
+
+def test_steady_parts_are_of_time_and_of_channels(run):
+    """Halves, thirds, and the fifth of the samples in which temperature and current hardly change, in their order."""
+    current = np.where(np.arange(300) % 3 == 0, 0.0, np.arange(300))
+    recording = replace(run(300).recording, current_A=current, temperature_C=np.append(np.zeros(60), np.arange(1, 241)))
+    *stretches, temperature, by_current = steady_parts(recording)
+    assert [(one.start, one.stop) for one in stretches] == [(0, 150), (150, 300), (0, 100), (100, 200), (200, 300)]
+    assert temperature.tolist() == list(range(60))
+    assert len(by_current) == 60 and set(by_current % 3) == {0} and (np.diff(by_current) > 0).all()
+
+
+def test_a_field_beyond_the_bounds_is_no_field_within_them(run):
+    """2 µT that were turned about all axes are no small part of a sphere of the Earth's field: the bound is told."""
+    made = run(600, 2, has_scalar=False, noise_T=1e-10)
+    gap = diagnose(replace(made.recording, readings_T=0.04 * made.recording.readings_T), made.array)
+    assert gap.verdict == "not_identifiable"
+    assert "the one that fits best has a field of 2 µT, where the Earth's has 15 to 100" in gap.statement
+
+
+def test_an_axis_at_the_end_of_its_range_for_a_third_breaks_nothing(run):
+    """A step from there leads to no sensor at all, and is not taken."""
+    made = run(900, 1, has_scalar=False)
+    readings = made.recording.readings_T.copy()
+    readings[300:600, 0, 0] = readings[300:600, 0, 0].max()
+    gap = diagnose(replace(made.recording, readings_T=readings, attitude=None), made.array)
+    assert gap.verdict in ("unexplained", "not_identifiable")

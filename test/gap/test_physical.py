@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.errors import SensorErrors
+from tam_calibration.field_bounds import EARTH_FIELD, FieldBounds
 from tam_calibration.gap.physical import objection_to, prior_at, sensed_intensity
 
 FIELD_T = 48e-6
@@ -38,7 +39,7 @@ def skewed(degrees):
 )
 def test_what_nothing_real_has_is_told(matrix, intensity_T, told):
     """The first sensor has no errors; gain and mounting are free."""
-    assert objection_to(errors_of(np.eye(3), matrix), intensity_T) == told
+    assert objection_to(errors_of(np.eye(3), matrix), intensity_T, EARTH_FIELD) == told
 
 
 @pytest.mark.parametrize("has_scalar", [True, False])
@@ -49,32 +50,42 @@ def test_the_score_is_the_slope_of_the_energy(has_scalar):
     intensity_T = None if has_scalar else FIELD_T
 
     def energy(change):
-        return prior_at(errors_of(*(matrix + change)), intensity_T).energy
+        return prior_at(errors_of(*(matrix + change)), intensity_T, EARTH_FIELD).energy
 
     slope = np.zeros((2, 3, 4))
     for index in np.ndindex(2, 3, 3):
         step = np.zeros((2, 3, 3))
         step[index] = 1e-6
         slope[index] = (energy(step) - energy(-step)) / 2e-6
-    assert_allclose(prior_at(errors_of(*matrix), intensity_T).score, -slope.ravel() / 2, atol=1e-6)
+    assert_allclose(prior_at(errors_of(*matrix), intensity_T, EARTH_FIELD).score, -slope.ravel() / 2, atol=1e-6)
 
 
 def test_bounds_lie_at_three_and_a_half_deviations():
     """An axis at the largest cosine, and the field at the ends of the Earth's, each cost 3.5²."""
     angle = np.degrees(np.arcsin(0.35))
-    assert prior_at(errors_of(skewed(angle)), None).energy == pytest.approx(3.5**2, rel=0.01)
-    assert prior_at(errors_of(np.eye(3)), 15e-6).energy == pytest.approx(3.5**2, rel=0.01)
-    assert prior_at(errors_of(np.eye(3)), np.sqrt(15 * 100) * 1e-6).energy == pytest.approx(0, abs=1e-9)
+    assert prior_at(errors_of(skewed(angle)), None, EARTH_FIELD).energy == pytest.approx(3.5**2, rel=0.01)
+    assert prior_at(errors_of(np.eye(3)), 15e-6, EARTH_FIELD).energy == pytest.approx(3.5**2, rel=0.01)
+    assert prior_at(errors_of(np.eye(3)), np.sqrt(15 * 100) * 1e-6, EARTH_FIELD).energy == pytest.approx(0, abs=1e-9)
 
 
 def test_two_axes_that_differ_by_the_largest_ratio_cost_as_much():
     """Of logarithms with deviations σ the difference has √2 σ; what the third adds is left out by placing it midway."""
-    energy = prior_at(errors_of(np.diag([1, np.sqrt(2), 2])), None).energy
+    energy = prior_at(errors_of(np.diag([1, np.sqrt(2), 2])), None, EARTH_FIELD).energy
     assert energy == pytest.approx(3.5**2, rel=0.01)
 
 
 def test_the_intensity_is_told_in_the_unit_that_suits_the_earth():
     """A sensor that reads ten times as much, or a tenth, beside one without errors."""
     for gain in (0.1, 10):
-        assert sensed_intensity(errors_of(gain * np.eye(3), np.eye(3)), FIELD_T) == pytest.approx(FIELD_T)
-    assert sensed_intensity(errors_of(2 * np.eye(3), 4 * np.eye(3)), FIELD_T) == pytest.approx(2 * FIELD_T)
+        assert sensed_intensity(errors_of(gain * np.eye(3), np.eye(3)), FIELD_T, EARTH_FIELD) == pytest.approx(FIELD_T)
+    assert sensed_intensity(errors_of(2 * np.eye(3), 4 * np.eye(3)), FIELD_T, EARTH_FIELD) == pytest.approx(2 * FIELD_T)
+
+
+def test_bounds_of_another_field_take_the_place_of_the_earths():
+    """A coil of 500 µT: the prior stands about its middle, and the Earth's field is none of it."""
+    coil = FieldBounds(400e-6, 625e-6)
+    assert objection_to(errors_of(np.eye(3)), 500e-6, coil) is None
+    assert objection_to(errors_of(np.eye(3)), FIELD_T, coil) == "a field of 48 µT, where the array's has 400 to 625"
+    assert prior_at(errors_of(np.eye(3)), 400e-6, coil).energy == pytest.approx(3.5**2, rel=0.01)
+    assert prior_at(errors_of(np.eye(3)), 500e-6, coil).energy == pytest.approx(0, abs=1e-9)
+    assert sensed_intensity(errors_of(0.1 * np.eye(3), np.eye(3)), 500e-6, coil) == pytest.approx(500e-6)

@@ -1,15 +1,23 @@
-"""Recordings that are too still for any verdict."""
+"""What is too still for any verdict is told by the weakest field that there can be."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from tam_calibration.field_bounds import EARTH_FIELD, FieldBounds
 from tam_calibration.gap.short import is_at_rest
-from tam_calibration.recording import Recording
 
 
-@pytest.mark.parametrize(("spread_T", "is_still"), [(0.2e-6, True), (0.42e-6, False)])
-def test_a_sensor_that_moves_on_a_line_is_at_rest(spread_T, is_still):
-    """Across it the readings spread by a third of a microtesla at least where it turns about a second axis."""
-    readings = np.random.default_rng(1).normal(size=(400, 1, 3))
-    readings *= [10e-6, spread_T, 1e-9] / readings.std(axis=0)
-    assert is_at_rest(Recording(0.1 * np.arange(400), readings)) == is_still
+@pytest.mark.parametrize(("spread_T", "expected"), [(0.29e-6, True), (0.31e-6, False)])
+def test_less_than_a_fiftieth_of_the_weakest_field_across_is_rest(run, spread_T, expected):
+    """0.3 µT on Earth; in a shielded room as much less as the field is weaker."""
+    made = run(400, 1)
+    shape = np.random.default_rng(2).normal(size=(400, 1, 3))
+    shape -= shape.mean(axis=0)
+    shape = shape @ np.linalg.inv(np.linalg.cholesky(np.cov(shape[:, 0], rowvar=False, bias=True))).T
+    readings = 40e-6 + shape * [10 * spread_T, spread_T, 0.1 * spread_T]
+    recording = replace(made.recording, readings_T=readings)
+    assert is_at_rest(recording, EARTH_FIELD) is expected
+    assert is_at_rest(recording, FieldBounds(7.5e-6, 50e-6)) is False
+    assert is_at_rest(recording, FieldBounds(30e-6, 50e-6)) is True
