@@ -1,12 +1,12 @@
 """Which hypotheses a residual supports, beside the causes that are known."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from math import expm1, log
 
 import numpy as np
 
-from tam_calibration.effects.effect import ALL, Contribution, Finding, FittedEffect, SurrogateKind
+from tam_calibration.effects.effect import ALL, Contribution, Finding, FittedEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.abrupt import MOST_STEPS, SHARPEST, standing_of_change
 from tam_calibration.gap.hypotheses import Evidence, examine, rivals
@@ -21,17 +21,14 @@ from tam_calibration.gap.unknown import FunctionOfDirection
 LEAST_EVIDENCE = 12.0
 """ΔBIC from which a hypothesis counts: odds of 400 to 1 in white noise (Kass and Raftery, JASA 90, 1995: above 10)."""
 
-_LEAST_RATIO: Mapping[SurrogateKind, float] = {
-    "moved": 2.0,
-    "of_channel": 1.2,
-    "of_attitude": 1.6,
-    "elsewhere": 1.0,
-    "at_other_frequencies": 2.0,
-}
-"""How many times the best surrogate's gain a form must gain.
+_STANDS_OUT = 4.5
+"""How many times the best surrogate's gain a form must gain that leaves more than noise in its sensors.
 
-What follows the motion in another way gains up to 1.9 times what the moved residual does.
+What only resembles a cause, as another law of the motion does, gains up to four times as much.
 """
+
+_STANDS_OUT_OF_CHANNEL = 1.2
+"""The same of what a recorded channel does: hardly a course of the same spectrum is nearly as good by chance."""
 
 PART_OF_FIRST = 0.25
 """Part of ``SHARPEST`` that is enough beside a smooth course while other changes of the same may still be found."""
@@ -39,18 +36,14 @@ PART_OF_FIRST = 0.25
 LEAST_SHARE = 0.08
 """Part of all that can be explained that a cause must explain."""
 
-_MOST_LEFT: Mapping[SurrogateKind, float] = {
-    "moved": 0.05,
-    "of_channel": 0.25,
-    "of_attitude": 0.05,
-    "elsewhere": 0.05,
-    "at_other_frequencies": 0.05,
-    "at_other_times": 0.1,
-}
-"""Part of what can be explained in its sensors that a form may leave which does not stand far above its surrogates.
+_MOST_LEFT = 0.05
+"""Part of what can be explained in its sensors that a form may leave which does not stand out."""
 
-What a recorded channel does is told from its surrogates by their course, and may have others beside it.
-"""
+_MOST_LEFT_BY_CHANNEL = 0.25
+"""The same of what a recorded channel does, which lags and other sensors' parts describe less well."""
+
+_MOST_LEFT_BY_CHANGES = 0.1
+"""The same of what changes at times that are known to a sample at best."""
 
 NEARLY_ALL = 0.97
 """Part of what another gains from which on one hypothesis gains as much: a special case, or a function of direction."""
@@ -173,8 +166,10 @@ def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tupl
     standing = _standing(base, form)
     if standing.gain <= standing.largest + LEAST_EVIDENCE:
         return False, standing
-    is_alone = standing.ratio > _LEAST_RATIO[form.effect.surrogates]
-    return is_alone or _left_there(base, candidate, form) < _MOST_LEFT[form.effect.surrogates], standing
+    is_recorded = form.effect.surrogates == "of_channel"
+    stands_out = standing.ratio > (_STANDS_OUT_OF_CHANNEL if is_recorded else _STANDS_OUT)
+    most_left = _MOST_LEFT_BY_CHANNEL if is_recorded else _MOST_LEFT
+    return stands_out or _left_there(base, candidate, form) < most_left, standing
 
 
 def _left_there(base: Base, cause: Evidence, form: Hypothesis) -> float:
@@ -214,7 +209,7 @@ def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     if not is_held or moved.effect.always(moved.shape) is None:
         return is_held
     is_sharp = standing is not None and standing.ratio > SHARPEST
-    return is_sharp or _left_there(base, alone, moved) < _MOST_LEFT["at_other_times"]
+    return is_sharp or _left_there(base, alone, moved) < _MOST_LEFT_BY_CHANGES
 
 
 @kept

@@ -87,10 +87,8 @@ def standing_as(monkeypatch, ratio, left):
 @pytest.mark.parametrize(
     ("surrogates", "ratio", "left"),
     [
-        ("moved", 2.0, 0.05),
-        ("of_attitude", 1.6, 0.05),
+        ("moved", 4.5, 0.05),
         ("of_channel", 1.2, 0.25),
-        ("at_other_frequencies", 2.0, 0.05),
     ],
 )
 def test_a_form_stands_alone_or_leaves_nothing(base, monkeypatch, surrogates, ratio, left):
