@@ -205,7 +205,7 @@ class Looking:
         return kept
 
     def _chosen_again(self, step: Step, rest: Sequence[Step]) -> Step:
-        """Return the cause that explains most beside the rest, of those that had much evidence, or the same."""
+        """Return the same cause, or one that had much evidence too, has more beside the rest, and stands out more."""
         base, own = self._beside(rest)[1], step.accepted.effect
         others = {one.accepted.effect for one in rest}
         names = [
@@ -218,22 +218,23 @@ class Looking:
         offers = [examine(base, self._effects[name]) for name in dict.fromkeys(names)]
         sharp = sharpened(base, [offer for offer in offers if isinstance(offer, Evidence)])
         fitting = [offer for offer in sharp if is_new(offer, rest, base)]
-        if own not in {offer.effect for offer in fitting}:
+        same = next((offer for offer in fitting if offer.effect == own), None)
+        if same is None:
             return step
 
         def standing_of(offer: Evidence) -> tuple[bool, Standing | None]:
             is_held, standing = stands(base, offer, rivals(base))
-            return is_held or offer.effect == own, standing
+            return is_held or offer is same, standing
 
-        best, most = step.accepted, float("-inf")
-        for offer in sorted(fitting, key=lambda offer: -offer.gain):
-            is_held, standing = standing_of(offer) if offer.gain > most else (False, None)
-            beyond = beyond_surrogates(offer, standing)
-            if is_held and beyond > most:
-                best, most = offer, beyond
+        best, most = same, beyond_surrogates(same, standing_of(same)[1])
+        for offer in fitting:
+            if offer.delta_bic > same.delta_bic and offer.gain > most:
+                is_held, standing = standing_of(offer)
+                beyond = beyond_surrogates(offer, standing)
+                best, most = (offer, beyond) if is_held and beyond > most else (best, most)
         nested = special(best, fitting)
         best = nested if standing_of(nested)[0] else best
-        return Step(best, step.weighed, step.rivals, step.standing if best.effect == own else standing_of(best)[1])
+        return Step(best, step.weighed, step.rivals, step.standing if best is same else standing_of(best)[1])
 
     def _alone(self, one: Evidence) -> Evidence | None:
         """Return the evidence at the strongest sensor alone of what is spread over several."""
