@@ -86,10 +86,13 @@ def causes_of(outcomes: Sequence[Outcome]) -> FloatArray:
     """Return of every named cause its features and whether it is right, (M, 5)."""
     rows = []
     for one in outcomes:
+        considered = one.answer.get("considered") or ()
+        evidence = {other["effect"]: (other.get("evidence") or {}).get("delta_bic", 0.0) for other in considered}
+        rival = max((value for name, value in evidence.items() if name not in one.named), default=0.0)
         for cause in one.causes:
-            gap = one.answer["gap"]
-            own = features_of(gap["before"], gap["after"], one.answer["smallest_gap"], cause["share"])
-            rows.append((*own, cause["effect"] in {*one.truth, *one.other_names}))
+            own = evidence[cause["effect"]]
+            told = features_of(one.answer["gap"]["after"], one.answer["smallest_gap"], cause["share"], own, rival)
+            rows.append((*told, cause["effect"] in {*one.truth, *one.other_names}))
     return np.array(rows, dtype=float).reshape(-1, 5)
 
 

@@ -34,16 +34,6 @@ _STORM = Limit(
 )
 """Root of the mean square of a drift's rate."""
 
-_SWINGS = "swings"
-_RED = Limit(
-    7.0,
-    "the power of natural variations falls with the square of the frequency or faster, by which a drift swings four "
-    "to five times; 7 are those of a power that falls with its 3/2; Constable, Geomagnetic spectrum, temporal, "
-    "Encyclopedia of Geomagnetism and Paleomagnetism, Springer, 2007, p. 353",
-    "1",
-)
-"""Half periods in the record, root of their mean square weighted by what they explain."""
-
 
 class GeomagneticDrift(LinearEffect):
     """The intensity at the array drifts against the reference: a free, slow function of time on the scalar row.
@@ -64,7 +54,7 @@ class GeomagneticDrift(LinearEffect):
     is_of_site: ClassVar[bool] = True
     surrogates: ClassVar[SurrogateKind] = "elsewhere"
     shape_units: ClassVar[dict[str, str]] = {"start_s": "s", "span_s": "s"}
-    limits: ClassVar[Mapping[str, Limit]] = {_RATE: _STORM, _SWINGS: _RED}
+    limits: ClassVar[Mapping[str, Limit]] = {_RATE: _STORM}
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the recording is too short, where it is."""
@@ -73,13 +63,10 @@ class GeomagneticDrift(LinearEffect):
         return None
 
     def sizes(self, situation: Situation, fitted: FittedEffect) -> list[Sized]:
-        """Return how fast the drift is beside the fastest storm, and how often it swings to and fro."""
+        """Return how fast the drift is beside the fastest storm: the root of the mean square of its rate."""
         drift = self.signal(situation, fitted)[:, -1]
-        if len(drift) < 2 or not drift.std():
-            return []
-        rate = float(np.sqrt(np.mean((np.diff(drift) / np.diff(situation.time_s)) ** 2)))
-        swings = rate * float(np.ptp(situation.time_s)) / (np.pi * float(drift.std()))
-        return [Sized(_RATE, rate, _STORM), Sized(_SWINGS, swings, _RED)]
+        rate = np.diff(drift) / np.diff(situation.time_s)
+        return [Sized(_RATE, float(np.sqrt(np.mean(rate**2))), _STORM)] if len(rate) else []
 
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
         """Return the span of time of the recording."""

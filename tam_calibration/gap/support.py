@@ -27,6 +27,9 @@ _STANDS_OUT = 4.5
 What only resembles a cause, as another law of the motion does, gains up to four times as much.
 """
 
+_PROMISES = 2.0
+"""The same while other causes may still be found, which it leaves as well."""
+
 _STANDS_OUT_OF_CHANNEL = 1.2
 """The same of what a recorded channel does: hardly a course of the same spectrum is nearly as good by chance."""
 
@@ -166,10 +169,28 @@ def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tupl
     standing = _standing(base, form)
     if standing.gain <= standing.largest + LEAST_EVIDENCE:
         return False, standing
+    is_promising = form.effect.surrogates == "of_channel" or standing.ratio > _PROMISES
+    return is_promising or _is_whole(base, candidate, form), standing
+
+
+def _is_far_out(standing: Standing, form: Hypothesis) -> bool:
+    """Whether a form stands so far above its surrogates that what it leaves may be something else.
+
+    What is free in time or free to switch gains little in other rows, whatever it is.
+    """
+    if form.effect.always(form.shape) is not None:
+        return standing.ratio > SHARPEST
     is_recorded = form.effect.surrogates == "of_channel"
-    stands_out = standing.ratio > (_STANDS_OUT_OF_CHANNEL if is_recorded else _STANDS_OUT)
-    most_left = _MOST_LEFT_BY_CHANNEL if is_recorded else _MOST_LEFT
-    return stands_out or _left_there(base, candidate, form) < most_left, standing
+    least = _STANDS_OUT_OF_CHANNEL if is_recorded else _STANDS_OUT
+    return form.effect.surrogates != "elsewhere" and standing.ratio > least
+
+
+def _is_whole(base: Base, cause: Evidence, form: Hypothesis) -> bool:
+    """Whether a form leaves next to nothing in its sensors."""
+    if form.effect.always(form.shape) is not None:
+        return _left_there(base, cause, form) < _MOST_LEFT_BY_CHANGES
+    is_recorded = form.effect.surrogates == "of_channel"
+    return _left_there(base, cause, form) < (_MOST_LEFT_BY_CHANNEL if is_recorded else _MOST_LEFT)
 
 
 def _left_there(base: Base, cause: Evidence, form: Hypothesis) -> float:
@@ -206,10 +227,9 @@ def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
     alone = Evidence(cause.effect, moved, gain - rank * log(base.channels.count), gain)
     is_held, standing = stands(base, alone, unknown)
-    if not is_held or moved.effect.always(moved.shape) is None:
+    if not is_held or standing is None:
         return is_held
-    is_sharp = standing is not None and standing.ratio > SHARPEST
-    return is_sharp or _left_there(base, alone, moved) < _MOST_LEFT_BY_CHANGES
+    return _is_far_out(standing, moved) or _is_whole(base, alone, moved)
 
 
 @kept

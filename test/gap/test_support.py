@@ -85,19 +85,24 @@ def standing_as(monkeypatch, ratio, left):
 
 
 @pytest.mark.parametrize(
-    ("surrogates", "ratio", "left"),
-    [
-        ("moved", 4.5, 0.05),
-        ("of_channel", 1.2, 0.25),
-    ],
+    ("surrogates", "ratio", "left"), [("moved", 4.5, 0.05), ("of_channel", 1.2, 0.25), ("elsewhere", np.inf, 0.05)]
 )
-def test_a_form_stands_alone_or_leaves_nothing(base, monkeypatch, surrogates, ratio, left):
+def test_a_form_stands_far_out_or_leaves_nothing(base, monkeypatch, surrogates, ratio, left):
     """So many times above its best surrogate it may have others beside it; nearer to it, it must leave little."""
     cause = examine(base, effect_named("scalar_heading_error"))
     monkeypatch.setattr(type(cause.form.effect), "surrogates", surrogates)
-    for times, part, is_held in ((1.1, 0.9, True), (0.92, 1.25, False), (0.92, 0.8, True)):
-        standing_as(monkeypatch, max(times * ratio, 1.13), part * left)
-        assert stands(base, replace(cause), rivals(base))[0] == is_held
+    above, below = (ratio * 1.1, max(ratio / 1.3, 1.13)) if np.isfinite(ratio) else (1e3, 1e3)
+    for stood, part, is_held in ((above, 1.25, np.isfinite(ratio)), (below, 1.25, False), (below, 0.8, True)):
+        standing_as(monkeypatch, stood, part * left)
+        assert holds(base, replace(cause), rivals(base)) == is_held
+
+
+@pytest.mark.parametrize(("ratio", "is_held"), [(1.6, False), (2.4, True)])
+def test_a_form_that_promises_may_come_first(base, monkeypatch, ratio, is_held):
+    """Twice above its best surrogate, whatever it leaves to others that are still to be found."""
+    cause = examine(base, effect_named("scalar_heading_error"))
+    standing_as(monkeypatch, ratio, 0.5)
+    assert stands(base, replace(cause), rivals(base))[0] == is_held
 
 
 def test_a_form_that_gains_no_more_than_its_best_surrogate_is_none(base, monkeypatch):
