@@ -7,7 +7,8 @@ those that
 
     python benchmarks/gap_probabilities.py FOLDER ...
 
-prints, of folders that ``tam blind make`` or a world of others wrote and ``tam blind answer`` answered: COUNTS_HERE
+prints, of folders that ``tam blind make`` or a world of others wrote and ``tam blind answer`` answered: 506 causes of
+250 cases of ``--seed 815``, of 328 of an earlier judgement, read since, and of 88 of another world.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -18,11 +19,11 @@ from tam_calibration.gap.shares import energies_of
 from tam_calibration.gap.steps import Search
 from tam_calibration.gap.support import LEAST_EVIDENCE
 
-_COEFFICIENTS = (1.25, -0.55, 1.94, 0.96)
+_COEFFICIENTS = (1.01, -0.29, 1.79, 0.7)
 """Of one, of the logarithm of what is left over the smallest visible gap, of the share, and of the odds of evidence."""
 
-_RIGHT: Mapping[Verdict, float] = {"no_gap": 69 / 72, "unexplained": 75 / 86}
-"""How often these were right: 68 of 70 and 74 of 84, by Laplace's rule."""
+_RIGHT: Mapping[Verdict, float] = {"no_gap": 70 / 73, "unexplained": 137 / 147}
+"""How often these were right: 69 of 71 and 136 of 145, by Laplace's rule."""
 
 _SURE = 0.95
 """Probability that a set of answers holds the true one."""
