@@ -9,7 +9,8 @@ from scipy.signal import lfilter
 from scipy.stats import t
 
 from tam_calibration.effects.term import Coefficient, Term
-from tam_calibration.gap.coloured import sandwich
+from tam_calibration.gap.coloured import sandwich, unseen
+from tam_calibration.gap.design import Design
 from tam_calibration.gap.regression import Base
 
 SAMPLES, RUNS = 600, 400
@@ -134,3 +135,28 @@ def test_what_cannot_be_seen_has_no_variance(run):
     term = Term.of_row(channels.situation, 4, "constant", [Coefficient("one", "T")], np.ones((300, 1)))
     base = Base(channels, [channels.calibration])
     assert_allclose(sandwich(base, [channels.design([term])]), 0)
+
+
+def test_what_is_left_out_unseen_moves_the_rest_by_as_much_as_is_told(run):
+    """A step in sensor 3 that is just too small to be seen, beside one in sensor 2 that is fitted alone."""
+    made = run(900)
+    step = (made.recording.time_s > 30).astype(float)
+
+    def design(base, row):
+        term = Term.of_row(base.channels.situation, row, "offset", [Coefficient("offset", "T")], step[:, None])
+        return base.channels.design([term])
+
+    def fitted(one):
+        base = one.model().base()
+        projected = base.project(design(base, 4))
+        return (projected.inverse()[0] @ projected.score)[0]
+
+    base = made.model().base()
+    own, other = design(base, 4), design(base, 7)
+    told = unseen(base, [own], other)[0, 0]
+    information = base.project(Design.joined([own, other])).information
+    alone = information[1, 1] - information[0, 1] ** 2 / information[0, 0]
+    size_T = np.sqrt(np.log(base.channels.count) * base.energy / base.channels.count / alone)
+    moved = fitted(made.with_row(7, size_T * step)) - fitted(made)
+    # A value that lies evenly up to a limit has a deviation of the limit over √3.
+    assert abs(moved) == pytest.approx(np.sqrt(3 * told), rel=0.05)
