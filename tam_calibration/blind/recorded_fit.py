@@ -87,7 +87,7 @@ def _ellipsoid(reading_T: FloatArray, number: int) -> tuple[FloatArray, FloatArr
         upper[places] += step[:6]
         bias = bias + step[6:]
     size_T = scale * abs(det(upper)) ** (-1 / 3)
-    if not EARTH_T[0] < size_T < EARTH_T[1]:
+    if not (EARTH_T[0] < size_T < EARTH_T[1] and (np.diag(upper) > 0).all()):
         raise Refused(
             f"the readings of sensor {number} lie on no ellipsoid of the size of the Earth's field: the recording "
             "covers too few directions, or was disturbed"
