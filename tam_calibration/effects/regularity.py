@@ -80,14 +80,15 @@ def objection_to(misfit: Misfit, excess: Excess) -> str | None:
 def _of_size(deviation: FloatArray, direction: FloatArray) -> str | None:
     """Return what the size of an excess, whose variance is even if it follows nothing, does follow, in one clause."""
     size = deviation**2
-    squares = np.column_stack([direction**2, direction * np.roll(direction, 1, axis=1)])
+    # The third square is what the other two leave of one.
+    squares = np.column_stack([direction[:, :2] ** 2, direction * np.roll(direction, 1, axis=1)])
     if _told_beyond(size, squares) > _SIZE_TOLD:
         return "the size of the excess follows the direction of the field"
     changes = [
         np.gradient(direction, axis=0),
         np.diff(direction, 2, axis=0, prepend=direction[:1], append=direction[-1:]),
     ]
-    rates = np.column_stack([np.ones(len(direction)), *(np.sum(change**2, axis=1) for change in changes)])
+    rates = np.column_stack([np.sum(change**2, axis=1) for change in changes])
     if _told_beyond(size, rates) > _SIZE_TOLD:
         return "the size of the excess follows the rate of the field"
     return None
@@ -124,12 +125,11 @@ def _directed(deviation: FloatArray, direction: FloatArray) -> float:
 
 def _told_beyond(values: FloatArray, functions: FloatArray) -> float:
     """Return the part of the variance of values (N,) that functions (N, P) tell, beyond the most at other times."""
-    shifts = np.linspace(0, len(values), _OTHER_TIMES, endpoint=False).astype(int)
-    moved = np.column_stack([np.roll(course, shift) for course in (values, values[::-1]) for shift in shifts])
-    moved -= moved.mean(axis=0)
-    basis = np.linalg.svd(functions - functions.mean(axis=0), full_matrices=False)[0]
-    told = np.sum((basis.T @ moved) ** 2, axis=0) / np.maximum(np.sum(moved**2, axis=0), np.finfo(float).tiny)
-    return float(told[0] - told[1:].max())
+    basis = np.linalg.qr(functions - functions.mean(axis=0))[0]
+    course = values - values.mean()
+    shifts = np.linspace(0, len(values), _OTHER_TIMES, endpoint=False).astype(int).tolist()
+    told = [float(np.sum((basis.T @ np.roll(own, shift)) ** 2)) for own in (course, course[::-1]) for shift in shifts]
+    return (told[0] - max(told[1:])) / max(float(course @ course), np.finfo(float).tiny)
 
 
 def _kurtosis(deviation: FloatArray) -> float:

@@ -3,7 +3,6 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import log
-from weakref import WeakKeyDictionary
 
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect, Situation
 from tam_calibration.gap.channels import Channels
@@ -121,18 +120,10 @@ def _refined(base: Base, one: Evidence) -> Evidence:
     return evidence_of(base, refined(base, one.form))
 
 
-_KNOWN: WeakKeyDictionary[Base, list[Evidence]] = WeakKeyDictionary()
-
-
-def rivals(base: Base) -> list[Evidence]:
-    """Return what functions without physics say; asked again of a base, the same."""
-    if base not in _KNOWN:
-        kinds = (FunctionOfTime, FunctionOfDirection, FunctionOfTilt, FunctionOfRate, FunctionOfNeighbours)
-        usable = [
-            kind()
-            for kind in kinds
-            if all(getattr(base.channels.recording, name) is not None for name in kind.channels)
-        ]
-        found = [examine(base, kind) for kind in usable]
-        _KNOWN[base] = [one for one in found if isinstance(one, Evidence)]
-    return _KNOWN[base]
+@kept
+def rivals(base: Base) -> tuple[Evidence, ...]:
+    """Return what functions without physics say."""
+    kinds = (FunctionOfTime, FunctionOfDirection, FunctionOfTilt, FunctionOfRate, FunctionOfNeighbours)
+    recording = base.channels.recording
+    usable = [kind() for kind in kinds if all(getattr(recording, name) is not None for name in kind.channels)]
+    return tuple(one for one in (examine(base, kind) for kind in usable) if isinstance(one, Evidence))

@@ -7,25 +7,19 @@ from weakref import WeakKeyDictionary
 
 from tam_calibration.gap.regression import Base
 
-Asked = TypeVar("Asked")
 Told = TypeVar("Told")
 
 
 def kept(tell: Callable[..., Told]) -> Callable[..., Told]:
-    """Keep what a function tells of a base and something else, as long as both are there.
-
-    Parameters
-    ----------
-    tell : callable
-        Of the base, of what is asked, and of what follows from the base.
-    """
+    """Keep what a function tells of a base, or of a base and something that is asked, as long as these are there."""
     known: WeakKeyDictionary[Base, WeakKeyDictionary[Any, Told]] = WeakKeyDictionary()
 
     @wraps(tell)
-    def told(base: Base, asked: Any, *following: Any) -> Told:
+    def told(base: Base, *asked: Any) -> Told:
         of_base = known.setdefault(base, WeakKeyDictionary())
-        if asked not in of_base:
-            of_base[asked] = tell(base, asked, *following)
-        return of_base[asked]
+        key = asked[0] if asked else base
+        if key not in of_base:
+            of_base[key] = tell(base, *asked)
+        return of_base[key]
 
     return told

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import log
 
 from tam_calibration.effects.effect import LinearEffect
@@ -72,7 +73,6 @@ class Looking:
         self.first_base = nominal.base()
         self._effects, missing = usable(installed_effects(), without, self.first_base.channels)
         self._considered = {one.effect: one for one in missing}
-        self._first: tuple[tuple[Evidence, ...], tuple[Evidence, ...]] | None = None
         self._known: dict[tuple[Evidence, ...], tuple[Model, Base]] = {}
 
     @property
@@ -89,11 +89,10 @@ class Looking:
         """What nothing speaks for."""
         return tuple(self._considered.values())
 
-    def weigh_first(self) -> tuple[tuple[Evidence, ...], tuple[Evidence, ...]]:
-        """Return what speaks for each effect and each function without physics in front of all causes."""
-        if self._first is None:
-            self._first = self._weigh(self.first_base, 0), tuple(rivals(self.first_base))
-        return self._first
+    @cached_property
+    def weighed(self) -> tuple[Evidence, ...]:
+        """What speaks for each effect in front of all causes."""
+        return self._weigh(self.first_base, 0)
 
     def found(self, first: Evidence | None) -> Outcome:
         """Return the causes that hold of those found from a start, or from the strongest."""
@@ -101,8 +100,7 @@ class Looking:
         held = self._holding(steps)
         kept = self._holding(self._swapped(held)) or held
         model, base = self._beside(kept)
-        unknown = tuple(rivals(base)) if kept else self.weigh_first()[1]
-        count = base.channels.count
+        unknown, count = rivals(base), base.channels.count
         spent = base.rank - self.first_base.rank + sum(finding.parameter_count for finding in model.findings)
         evidence = -count * log(base.energy / count) - spent * log(count)
         is_small = base.energy < (1 + LARGEST_REST**2) * count
@@ -114,16 +112,12 @@ class Looking:
         first = found.first
         if first is None or first.is_certain or self.nominal.gross is not None:
             return []
-        ranked = sorted(self.weigh_first()[0], key=lambda one: -one.delta_bic)
+        ranked = sorted(self.weighed, key=lambda one: -one.delta_bic)
         others = [one for one in ranked if one is not first and one.delta_bic > _START_PART * first.delta_bic]
         starts = [] if found.is_clean else [self._alone(one) or one for one in others[:_STARTS]]
         alone = self._alone(first)
-        base, unknown = self.first_base, self.weigh_first()[1]
-        return [
-            one
-            for one in (alone, *starts)
-            if one is not None and is_new(one, (), base) and stands(base, one, unknown)[0]
-        ]
+        base = self.first_base
+        return [one for one in (alone, *starts) if one is not None and is_new(one, (), base) and stands(base, one)[0]]
 
     def _weigh(self, base: Base, depth: int) -> tuple[Evidence, ...]:
         weighed = []
@@ -139,7 +133,7 @@ class Looking:
     def _forward(self, first: Evidence | None) -> list[Step]:
         """Accept causes, the strongest first, or one that is given and then the strongest."""
         steps: list[Step] = []
-        weighed, unknown = self.weigh_first()
+        weighed = self.weighed
         least = LEAST_SHARE * self._visible()
         while len(steps) < _MOST_CAUSES:
             base = self._beside(steps)[1]
@@ -147,19 +141,19 @@ class Looking:
                 least = max(min(least, LARGEST_REST**2 * base.channels.count), _MODELLED * self._visible())
                 if base.energy < least:  # Nothing explains more than there is.
                     return steps
-                weighed, unknown = self._weigh(base, len(steps)), tuple(rivals(base))
-            given = (first, stands(base, first, unknown)[1]) if first is not None and not steps else None
-            found = given or supported(base, weighed, unknown, steps, least)
+                weighed = self._weigh(base, len(steps))
+            given = (first, stands(base, first)[1]) if first is not None and not steps else None
+            found = given or supported(base, weighed, steps, least)
             if found is None:
                 return steps
             accepted, standing = found
-            steps.append(Step(absorbed(accepted, steps), weighed, unknown, standing))
+            steps.append(Step(absorbed(accepted, steps), weighed, standing))
         return steps
 
     def _visible(self) -> float:
         """Return the energy of the gap: what anything explains of it, or what exceeds noise beyond all doubt."""
         base = self.first_base
-        explained = max((energy_explained(one, base) for known in self.weigh_first() for one in known), default=0.0)
+        explained = max((energy_explained(one, base) for one in (*self.weighed, *rivals(base))), default=0.0)
         return max(explained, base.energy - LARGEST_NOISE**2 * base.channels.count)
 
     def _beside(self, steps: Sequence[Step], step: Step | None = None) -> tuple[Model, Base]:
@@ -192,7 +186,7 @@ class Looking:
 
     def _holds(self, steps: Sequence[Step], step: Step) -> bool:
         base = self._beside(steps, step)[1]
-        return holds(base, step.accepted, self.weigh_first()[1] if len(steps) == 1 else rivals(base))
+        return holds(base, step.accepted)
 
     def _swapped(self, steps: Sequence[Step]) -> list[Step]:
         """Return the causes, each replaced by the effect, and the form of it, that explains most beside the others."""
@@ -223,7 +217,7 @@ class Looking:
             return step
 
         def standing_of(offer: Evidence) -> tuple[bool, Standing | None]:
-            is_held, standing = stands(base, offer, rivals(base))
+            is_held, standing = stands(base, offer)
             return is_held or offer is same, standing
 
         best, most = same, beyond_surrogates(same, standing_of(same)[1])
@@ -234,7 +228,7 @@ class Looking:
                 best, most = (offer, beyond) if is_held and beyond > most else (best, most)
         nested = special(best, fitting)
         best = nested if standing_of(nested)[0] else best
-        return Step(best, step.weighed, step.rivals, step.standing if best is same else standing_of(best)[1])
+        return Step(best, step.weighed, step.standing if best is same else standing_of(best)[1])
 
     def _alone(self, one: Evidence) -> Evidence | None:
         """Return the evidence at the strongest sensor alone of what is spread over several."""

@@ -4,7 +4,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from tam_calibration.array import Array
-from tam_calibration.gap.hypotheses import Evidence
+from tam_calibration.gap.hypotheses import Evidence, rivals
 from tam_calibration.gap.looking import Looking, Outcome, Progress
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Considered
@@ -57,8 +57,8 @@ def search(
         there = _best(again)
         if not (best.steps or there.steps) or _rank(there) > _rank(best):
             looking, best = again, there
-    weighed, unknown = looking.weigh_first()
-    return Search(looking.nominal, best.model, best.steps, weighed, unknown, best.remaining, looking.considered)
+    unknown = rivals(looking.first_base)
+    return Search(looking.nominal, best.model, best.steps, looking.weighed, unknown, best.remaining, looking.considered)
 
 
 def _best(looking: Looking) -> Outcome:

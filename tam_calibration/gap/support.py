@@ -1,6 +1,6 @@
 """Which hypotheses a residual supports, beside the causes that are known."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import expm1, log
 
@@ -76,12 +76,11 @@ class Step:
 
     accepted: Evidence
     weighed: tuple[Evidence, ...]
-    rivals: tuple[Evidence, ...]
     standing: Standing | None = None
 
 
 def supported(
-    base: Base, weighed: Sequence[Evidence], unknown: Sequence[Evidence], steps: Sequence[Step], least: float
+    base: Base, weighed: Sequence[Evidence], steps: Sequence[Step], least: float
 ) -> tuple[Evidence, Standing | None] | None:
     """Return the hypothesis whose evidence exceeds that of its best surrogate most, of those that a residual supports.
 
@@ -89,8 +88,8 @@ def supported(
     ----------
     base : Base
         The calibration with all causes that are known.
-    weighed, unknown : sequence of Evidence
-        What speaks for each effect, and for each function without physics.
+    weighed : sequence of Evidence
+        What speaks for each effect.
     steps : sequence of Step
         The causes that are known.
     least : float
@@ -106,7 +105,7 @@ def supported(
             continue
         if not is_new(candidate, steps, base):
             continue
-        is_held, standing = stands(base, candidate, unknown)
+        is_held, standing = stands(base, candidate)
         if not is_held:
             continue
         own = beyond_surrogates(candidate, standing)
@@ -148,13 +147,13 @@ _NOISE_WORTH = 0.3
 
 
 @kept
-def stands(base: Base, candidate: Evidence, unknown: Sequence[Evidence]) -> tuple[bool, Standing | None]:
+def stands(base: Base, candidate: Evidence) -> tuple[bool, Standing | None]:
     """Return whether a residual supports a hypothesis, and how it stands among its surrogates, where it has any."""
     form = candidate.form
     if isinstance(form, Finding):
-        return candidate.is_certain or _is_best(base, candidate, unknown), None
+        return candidate.is_certain or _is_best(base, candidate), None
     follows_field_alone = not (form.effect.is_free_in_time or form.effect.channels)
-    if follows_field_alone and _is_of_direction(base, candidate, unknown):
+    if follows_field_alone and _is_of_direction(base, candidate):
         return False, None
     if candidate.delta_bic < LEAST_EVIDENCE:
         return False, None
@@ -217,7 +216,7 @@ def fitted_at(base: Base, form: Hypothesis) -> FittedEffect:
 
 
 @kept
-def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
+def holds(base: Base, cause: Evidence) -> bool:
     """Whether a cause still is supported at the base of all other causes."""
     form = cause.form
     if isinstance(form, Finding):
@@ -226,7 +225,7 @@ def holds(base: Base, cause: Evidence, unknown: Sequence[Evidence]) -> bool:
     gain, rank = base.project(base.channels.design(moved.terms)).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
     alone = Evidence(cause.effect, moved, gain - rank * log(base.channels.count), gain)
-    is_held, standing = stands(base, alone, unknown)
+    is_held, standing = stands(base, alone)
     if not is_held or standing is None:
         return is_held
     return _is_far_out(standing, moved) or _is_whole(base, alone, moved)
@@ -292,14 +291,14 @@ def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
     return accepted
 
 
-def _is_best(base: Base, candidate: Evidence, unknown: Collection[Evidence]) -> bool:
+def _is_best(base: Base, candidate: Evidence) -> bool:
     """Whether noise or spikes explain as much as any function without physics there: what has a course is neither."""
-    return all(candidate.gain >= _gain_there(base, candidate, one) for one in unknown)
+    return all(candidate.gain >= _gain_there(base, candidate, one) for one in rivals(base))
 
 
-def _is_of_direction(base: Base, cause: Evidence, unknown: Collection[Evidence]) -> bool:
+def _is_of_direction(base: Base, cause: Evidence) -> bool:
     """Whether a function of the direction explains more in the sensors of a cause: then no axis and no time matter."""
-    others = [one for one in unknown if one.effect == FunctionOfDirection.name]
+    others = [one for one in rivals(base) if one.effect == FunctionOfDirection.name]
     return any(cause.gain < NEARLY_ALL * _gain_there(base, cause, one) for one in others)
 
 

@@ -35,22 +35,22 @@ def test_the_scalars_own_effect_is_supported_before_what_imitates_it(base):
     """All sensors may imitate the scalar magnetometer with many coefficients."""
     effects = ("hysteresis", "scalar_heading_error", "geomagnetic_drift")
     weighed = [one for one in (examine(base, effect_named(name)) for name in effects) if not isinstance(one, str)]
-    found = supported(base, weighed, rivals(base), (), 0.0)
+    found = supported(base, weighed, (), 0.0)
     assert found is not None and found[0].effect == "scalar_heading_error"
     assert found[1] is not None and found[1].ratio > 2
-    assert holds(base, found[0], rivals(base))
+    assert holds(base, found[0])
 
 
 def test_a_cause_must_explain_its_share(base):
     """Nothing is supported where more energy is asked for than anything explains."""
     weighed = [examine(base, effect_named("scalar_heading_error"))]
-    assert supported(base, weighed, rivals(base), (), base.energy) is None
+    assert supported(base, weighed, (), base.energy) is None
 
 
 def test_weak_evidence_supports_nothing(base):
     """Below the least evidence a hypothesis does not count, however it stands."""
     one = replace(examine(base, effect_named("scalar_heading_error")), delta_bic=LEAST_EVIDENCE - 1)
-    assert supported(base, [one], rivals(base), (), 0.0) is None
+    assert supported(base, [one], (), 0.0) is None
 
 
 def test_a_product_of_two_axes_is_no_memory(run):
@@ -61,7 +61,7 @@ def test_a_product_of_two_axes_is_no_memory(run):
     base = made.with_row(8, 20e-9 * x * y * (1 + 0.5 * z)).model().base()
     cause = evidence_of(base, best_form(base, effect_named("hysteresis")))
     assert cause.delta_bic > LEAST_EVIDENCE
-    assert stands(base, cause, rivals(base)) == (False, None)
+    assert stands(base, cause) == (False, None)
 
 
 def test_a_size_that_nature_does_not_know_is_no_cause(run, monkeypatch):
@@ -72,10 +72,10 @@ def test_a_size_that_nature_does_not_know_is_no_cause(run, monkeypatch):
     base = made.with_row(4, -2e-3 * rate[:, 1]).model().base()
     effect = effect_named("time_skew")
     cause = evidence_of(base, best_form(base, effect))
-    assert stands(base, cause, rivals(base))[0]
+    assert stands(base, cause)[0]
     small = {name: replace(limit, largest=5e-5) for name, limit in effect.limits.items()}
     monkeypatch.setattr(type(effect), "limits", small)
-    assert stands(base, replace(cause), rivals(base)) == (False, None)
+    assert stands(base, replace(cause)) == (False, None)
 
 
 def standing_as(monkeypatch, ratio, left):
@@ -94,7 +94,7 @@ def test_a_form_stands_far_out_or_leaves_nothing(base, monkeypatch, surrogates, 
     above, below = (ratio * 1.1, max(ratio / 1.3, 1.13)) if np.isfinite(ratio) else (1e3, 1e3)
     for stood, part, is_held in ((above, 1.25, np.isfinite(ratio)), (below, 1.25, False), (below, 0.8, True)):
         standing_as(monkeypatch, stood, part * left)
-        assert holds(base, replace(cause), rivals(base)) == is_held
+        assert holds(base, replace(cause)) == is_held
 
 
 @pytest.mark.parametrize(("ratio", "is_held"), [(1.6, False), (2.4, True)])
@@ -102,7 +102,7 @@ def test_a_form_that_promises_may_come_first(base, monkeypatch, ratio, is_held):
     """Twice above its best surrogate, whatever it leaves to others that are still to be found."""
     cause = examine(base, effect_named("scalar_heading_error"))
     standing_as(monkeypatch, ratio, 0.5)
-    assert stands(base, replace(cause), rivals(base))[0] == is_held
+    assert stands(base, replace(cause))[0] == is_held
 
 
 def test_a_form_that_gains_no_more_than_its_best_surrogate_is_none(base, monkeypatch):
@@ -110,7 +110,7 @@ def test_a_form_that_gains_no_more_than_its_best_surrogate_is_none(base, monkeyp
     cause = examine(base, effect_named("scalar_heading_error"))
     for gain, is_held in ((110.0, False), (114.0, True)):
         standing_as(monkeypatch, gain / 100, 0.0)
-        assert stands(base, replace(cause), rivals(base))[0] == is_held
+        assert stands(base, replace(cause))[0] == is_held
 
 
 @pytest.mark.parametrize(("ratio", "left", "is_held"), [(21, 0.12, False), (27, 0.12, True), (21, 0.08, True)])
@@ -121,15 +121,15 @@ def test_changes_stand_far_out_or_leave_nothing(run, monkeypatch, ratio, left, i
     cause = evidence_of(base, best_form(base, effect_named("bias_jump")))
     standing_as(monkeypatch, 1.0, left)
     monkeypatch.setattr(support, "standing_of_change", lambda *asked: (Standing(100.0 * ratio, 100.0, 0.01), False))
-    assert holds(base, cause, rivals(base)) == is_held
+    assert holds(base, cause) == is_held
 
 
 def test_an_effect_comes_once_unless_it_may_repeat(base):
     """A second heading error beside the first says nothing new, a second jump in time does."""
     heading = examine(base, effect_named("scalar_heading_error"))
-    assert not is_new(heading, [Step(heading, (), ())], base)
+    assert not is_new(heading, [Step(heading, ())], base)
     jump = examine(base, effect_named("bias_jump"))
-    assert is_new(jump, [Step(jump, (), ())], base)
+    assert is_new(jump, [Step(jump, ())], base)
 
 
 def test_all_is_open_in_front_of_causes(base):
