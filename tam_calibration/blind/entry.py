@@ -6,6 +6,9 @@ from tam_calibration.blind.disturbance import Draw
 from tam_calibration.blind.motion import MOTIONS
 
 MOVING = tuple(motion for motion in MOTIONS if motion != "turntable")
+SWUNG = ("diver", "figure_eight")
+"""Motions that swing to and fro, and not in steps."""
+
 SEVERAL = (3, 4, 6)
 """Numbers of sensors with which a fault of one can be told from what the field does."""
 

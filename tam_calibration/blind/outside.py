@@ -14,7 +14,7 @@ from tam_calibration.blind.disturbance import (
     in_one_sensor,
     numbers,
 )
-from tam_calibration.blind.entry import MOVING, outside
+from tam_calibration.blind.entry import MOVING, SWUNG, outside
 from tam_calibration.blind.motion import about
 from tam_calibration.blind.outside_courses import (
     ageing_bias,
@@ -26,6 +26,17 @@ from tam_calibration.blind.outside_courses import (
     spinning_part,
     supply_sag,
 )
+from tam_calibration.blind.outside_instrument import (
+    adaptive_zero,
+    automatic_gain,
+    barkhausen_noise,
+    coarse_compensation,
+    degauss_residue,
+    drifting_clock,
+    fading_film,
+    hanging_mass,
+    lost_lock,
+)
 from tam_calibration.blind.outside_motion import (
     centrifugal_bias,
     coil_self_heating,
@@ -33,6 +44,15 @@ from tam_calibration.blind.outside_motion import (
     orientation_noise,
     sunlit_side,
     swinging_magnet,
+)
+from tam_calibration.blind.outside_platform import (
+    compass_needle,
+    fluttering_tow,
+    heading_gear,
+    irregular_strokes,
+    lost_motion,
+    moved_soft_iron,
+    whipping_boom,
 )
 from tam_calibration.blind.processes import draw_wander
 from tam_calibration.blind.scene import Scene
@@ -155,5 +175,21 @@ OUTSIDE = {
     "gyroscopic_shift": outside(gyroscopic_shift, motions=MOVING, scalar_needed=True),
     "coil_self_heating": outside(coil_self_heating, motions=MOVING),
     "sunlit_side": outside(sunlit_side),
+    "fading_film": outside(fading_film),
+    "degauss_residue": outside(degauss_residue),
+    "barkhausen_noise": outside(barkhausen_noise),
+    "automatic_gain": outside(automatic_gain),
+    "adaptive_zero": outside(adaptive_zero),
+    "coarse_compensation": outside(coarse_compensation),
+    "hanging_mass": outside(hanging_mass),
+    "lost_lock": outside(lost_lock, motions=MOVING, scalar_needed=True),
+    "lost_motion": outside(lost_motion, motions=SWUNG),
+    "fluttering_tow": outside(fluttering_tow),
+    "whipping_boom": outside(whipping_boom, motions=MOVING),
+    "compass_needle": outside(compass_needle),
+    "moved_soft_iron": outside(moved_soft_iron),
+    "heading_gear": outside(heading_gear, motions=SWUNG),
+    "irregular_strokes": outside(irregular_strokes),
+    "drifting_clock": outside(drifting_clock, motions=MOVING),
 }
 """The causes by their names."""

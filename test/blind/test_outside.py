@@ -1,12 +1,17 @@
 """The open half of the outside causes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from tam_calibration.blind.case import make_case
 from tam_calibration.blind.entry import MOVING
+from tam_calibration.blind.motion import Motion
 from tam_calibration.blind.outside import OUTSIDE
 from tam_calibration.blind.outside_motion import _swung
+from tam_calibration.blind.outside_platform import _behind
 from tam_calibration.blind.plan import Plan
 
 
@@ -21,7 +26,8 @@ def test_every_cause_reaches_its_gap(name, gap):
 
 def test_what_follows_the_rate_is_drawn_in_motion_only():
     """A turntable, which stands still while a sample is taken, shows no rate."""
-    assert OUTSIDE["centrifugal_bias"].motions == OUTSIDE["gyroscopic_shift"].motions == MOVING
+    followers = ("centrifugal_bias", "gyroscopic_shift", "whipping_boom", "drifting_clock")
+    assert all(OUTSIDE[name].motions == MOVING for name in followers)
 
 
 def test_a_shift_by_rotation_follows_the_rate_about_the_field(draw):
@@ -40,3 +46,34 @@ def test_a_pendulum_swings_at_its_own_period():
     path = _swung(drive, 2 * np.pi / 20, 0.1)[:, 0]
     assert 5 <= np.argmax(path > 1) <= 8 and path.max() > 1.5
     assert path[-1] == pytest.approx(1, abs=1e-3)
+
+
+def test_a_joint_follows_when_its_play_is_used_up():
+    """Behind by the play while it moves one way, ahead by it after as much of the other way."""
+    angle = np.array([0.0, 0.5, 1.5, 4.0, 3.5, 3.0, 2.0, 2.0, 5.0])
+    assert_allclose(_behind(angle, 1.0), [0, 0.5, 1, 1, 0.5, 0, -1, -1, 1])
+
+
+def test_domain_walls_rest_while_the_field_does(draw):
+    """Where the field along a core stays as it is, so does what the walls add."""
+    scene = draw(1, motions=("turntable",), with_scalar=False)
+    cause = OUTSIDE["barkhausen_noise"].draw(np.random.default_rng(3), scene)
+    vectors, _ = cause.change(1.0, (scene.readings_T, scene.intensity_T))
+    sensor = cause.sensors[0] - 1
+    still = np.diff(scene.readings_T[:, sensor], axis=0) == 0
+    assert still.any() and np.abs(np.diff(vectors[:, sensor], axis=0)[still]).max() == 0
+
+
+def test_the_delays_of_a_clock_are_right_on_the_mean(draw):
+    """A constant delay would be another cause."""
+    scene, asked = draw(4, motions=("diver",)), []
+
+    def angles(time_s):
+        asked.append(time_s)
+        return np.zeros((len(time_s), 3))
+
+    noting = replace(scene, motion=Motion("diver", angles))
+    cause = OUTSIDE["drifting_clock"].draw(np.random.default_rng(4), noting)
+    cause.change(0.1, ())
+    late_s = noting.time_s - asked[0]
+    assert np.mean(late_s) == pytest.approx(0, abs=1e-9) and np.std(late_s) == pytest.approx(0.1)

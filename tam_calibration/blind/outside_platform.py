@@ -1,4 +1,4 @@
-"""Causes outside the library, the sealed half: in a whole sensor. As ``outside_sealed_causes.py``: do not open."""
+"""Causes outside the library, the open half: mounts that give way, and iron that the platform moves."""
 
 import numpy as np
 from numpy.linalg import norm
@@ -7,19 +7,14 @@ from scipy.signal import lfilter
 
 from tam_calibration.blind.disturbance import (
     Disturbance,
-    Signal,
     draw_direction,
     draw_sensor,
     in_one_sensor,
     numbers,
-    of_sensors,
 )
 from tam_calibration.blind.processes import draw_wander
 from tam_calibration.blind.scene import Scene
 from tam_calibration.units import FloatArray
-
-SWUNG = ("diver", "figure_eight")
-"""Motions that swing to and fro, and not in steps."""
 
 _LEAST_REVERSALS = 6
 """A joint that reverses less often is a mount that slips."""
@@ -126,19 +121,3 @@ def irregular_strokes(rng: Generator, scene: Scene) -> Disturbance:
     near = width * ((1 - np.cos(turn)) / 2) ** rng.uniform(1, 3)
     change = 1e-9 * (np.outer(near, draw_direction(rng)) + np.outer(near * np.sin(turn), draw_direction(rng)))
     return in_one_sensor(scene, "irregular_strokes", sensor, _WHOLE, change, {"mean_samples": mean})
-
-
-def drifting_clock(rng: Generator, scene: Scene) -> Disturbance:
-    """Let a sensor's own clock run fast or slow and now and then be set; the delays are right on the mean."""
-    sensor = draw_sensor(rng, scene)
-    sets_s = np.sort(rng.uniform(0.1, 0.9, int(rng.integers(0, 5)))) * scene.duration_s
-    since_s = scene.time_s - np.append(0, sets_s)[np.searchsorted(sets_s, scene.time_s, side="right")]
-    course = rng.choice([-1.0, 1.0]) * since_s / since_s.std()
-    course += rng.uniform(0.1, 0.5) * draw_wander(rng, scene.duration_s, 6)(scene.time_s)
-    late = (course - course.mean()) / course.std()
-
-    def change(amplitude: float, _seen: object) -> Signal:
-        read = scene.readings_at(scene.time_s - amplitude * late)[:, sensor]
-        return of_sensors(scene, {sensor: read - scene.readings_T[:, sensor]})
-
-    return Disturbance("drifting_clock", (sensor + 1,), (), change, "s", {"sets_s": numbers(sets_s)})
