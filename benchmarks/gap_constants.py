@@ -50,8 +50,8 @@ PAGE = Path(__file__).parents[1] / "docs" / "gap_constants.md"
 SEED = 1207
 """Of recordings that nothing is tuned on or judged by."""
 
-SAMPLES = 300
-"""Of a recording: few enough for hundreds of diagnoses, enough to see one noise floor."""
+SAMPLES = 800
+"""Of a recording: few enough for a thousand diagnoses, enough to see a third of a noise floor."""
 
 FACTORS = {"halved": 0.5, "doubled": 2.0}
 """A factor of two is what a constant without a measured value is uncertain by."""
@@ -59,25 +59,24 @@ FACTORS = {"halved": 0.5, "doubled": 2.0}
 OTHERS = 3
 """Recordings without the constant's own effect that are diagnosed too, spread over those that read it."""
 
-PLANS = (
-    *(
-        Plan("single", (effect,), (gap,), SAMPLES)
-        for effect, gap in (
-            ("temperature_drift", 1.0),
-            ("bias_jump", 1.0),
-            ("eddy_current", 3.0),
-            ("periodic_interference", 1.0),
-            ("noise_excess", 1.0),
-            ("saturation", 3.0),
-        )
-    ),
-    *(Plan("clean", (), (), SAMPLES) for _ in range(2)),
-    *(Plan("outside", (effect,), (3.0,), SAMPLES) for effect in ("random_walk_bias", "stiction")),
-    *(Plan("mixed", (effect, "gain_wander"), (2.0, 1.0), SAMPLES) for effect in ("temperature_drift", "bias_jump")),
-)
-"""Six single causes, two recordings without any, two with a cause outside the library, two with one beside."""
+SINGLES = {
+    0.3: ("temperature_drift", "time_skew", "noise_excess", "hysteresis"),
+    1.0: ("bias_jump", "current_interference", "periodic_interference", "quantization", "outliers", "stale_samples"),
+    3.0: ("saturation", "eddy_current", "ambient_gradient", "scalar_heading_error", "crosstalk", "timing_jitter"),
+}
+"""Effects by the noise floors of their gap."""
 
-VERDICTS = {"single": "explained", "clean": "no_gap", "outside": "unexplained"}
+PLANS = (
+    *(Plan("single", (effect,), (gap,), SAMPLES) for gap, effects in SINGLES.items() for effect in effects),
+    *(Plan("clean", (), (), SAMPLES) for _ in range(2)),
+    *(Plan("outside", (effect,), (1.0,), SAMPLES) for effect in ("random_walk_bias", "stiction", "gain_wander")),
+    *(Plan("mixed", (effect, "gain_wander"), (2.0, 1.0), SAMPLES) for effect in ("temperature_drift", "bias_jump")),
+    Plan("pair", ("bias_jump", "current_interference"), (1.5, 1.5), SAMPLES),
+    Plan("pair", ("nonlinearity", "outliers"), (1.5, 1.5), SAMPLES),
+)
+"""Single causes, two recordings without any, three with one outside the library, two with one beside, two pairs."""
+
+VERDICTS = {"single": "explained", "pair": "explained", "clean": "no_gap", "outside": "unexplained"}
 HEADER = ("constant", "value", "change", "cases", "answers", "first", "verdict", "clean", "seconds", "seconds_before")
 
 
@@ -187,7 +186,7 @@ def answer(given: Given) -> Answer:
     said = (one.verdict, *one.named, *(f"{value:.3g}" for value in size if value is not None and not isnan(value)))
     is_clean = one.kind == "clean"
     is_right = is_mixture_told(one) if one.kind == "mixed" else one.verdict == VERDICTS[one.kind]
-    first = one.first_is_right if one.kind in ("single", "mixed") else None
+    first = one.first_is_right if one.kind in ("single", "pair", "mixed") else None
     return Answer(said, first, is_right, is_right if is_clean else None, process_time() - began)
 
 
@@ -237,8 +236,9 @@ def text(constants: Sequence[Constant], rows: Mapping[tuple[str, str], Mapping[s
         f"Besides, {unnamed_in_comparisons()} numbers other than 0 to 3 are compared without a name. What the kinds "
         "are is a rule, which stands in `benchmarks/constants.py`: a *decision* is compared with something that the "
         "data tell, so that it may turn an answer; of the others none can but by way of numerics.",
-        f"The figures are those of {len(PLANS)} recordings of {SAMPLES} samples: six with one cause, two with none, "
-        "two with a cause outside the library, two with a known cause beside one. *Answers* counts the diagnoses "
+        f"The figures are those of {len(PLANS)} recordings of {SAMPLES} samples: sixteen with one cause, of 0.3, 1 and "
+        "3 noise floors, two with none, three with a cause outside the library, two with a known cause beside one, two "
+        "with two causes. *Answers* counts the diagnoses "
         "whose verdict, causes or sizes become others, of those tried; then follow how many more or fewer first causes "
         "and verdicts are right (those of clean recordings also apart), and the seconds of processor time over those "
         "without the change. Of a part between 0.9 and 1 what it lacks of 1 is halved and doubled; a number that is "

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.change_points import LEAST_SAMPLES, Path, without
+from tam_calibration.effects.change_points import Path, without
 from tam_calibration.effects.effect import (
     Coefficient,
     Limit,
@@ -16,7 +16,8 @@ from tam_calibration.effects.effect import (
     SurrogateKind,
     Term,
 )
-from tam_calibration.effects.moved_sphere import GROSS, moved_sphere
+from tam_calibration.effects.grades import LEAST_SAMPLES, NEGLIGIBLE
+from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.effects.saturation import inside_range
 
 _MOST_OF_ROWS = 3
@@ -68,7 +69,7 @@ class BiasJump(LinearEffect):
         shapes: list[Shape] = [
             dict(zip(self.shape_units, (float(middle[cut]) for cut in found), strict=False)) for found in cuts
         ]
-        is_small = situation.follows_attitude or np.sqrt(np.mean(misfit.row_shift_T**2)) < GROSS * intensity
+        is_small = situation.follows_attitude or np.sqrt(np.mean(misfit.row_shift_T**2)) < NEGLIGIBLE * intensity
         gross = None if is_small else moved_sphere(misfit.recording)
         return shapes if gross is None else [gross.shape, *shapes]
 

@@ -9,14 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.spikes import LONGEST_BURST
+from tam_calibration.effects.grades import LONGEST_BURST
 from tam_calibration.units import FloatArray
-
-_SHORTEST = LONGEST_BURST + 1
-"""Samples on either side of a change; fewer are outliers."""
-
-LEAST_SAMPLES = 24
-"""Below which a before and an after are not told."""
 
 _ROUNDS = 3
 """Turns in which two times of a pair are sought, each beside the other."""
@@ -85,11 +79,11 @@ class Path:
     def _gain(self, cuts: NDArray[np.intp], given: int | None = None) -> FloatArray:
         """Return the gain of a change behind each of some samples, or of one between it and a given one."""
         score, information, nuisance = self.score[cuts], self.information[cuts], self.nuisance[cuts]
-        enough = (cuts >= _SHORTEST - 1) & (cuts <= len(self.score) - _SHORTEST)
+        enough = (cuts >= LONGEST_BURST) & (cuts < len(self.score) - LONGEST_BURST)
         if given is not None:
             score, nuisance = score - self.score[given], nuisance - self.nuisance[given]
             information = np.where(cuts < given, -1, 1)[:, None, None] * (information - self.information[given])
-            enough &= np.abs(cuts - given) >= _SHORTEST
+            enough &= np.abs(cuts - given) > LONGEST_BURST
         whole = np.diag(self.information[-1])
         left = information - nuisance.transpose(0, 2, 1) @ nuisance
         left += np.diag(np.maximum(_PRECISE * whole, np.finfo(float).tiny))

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
+from tam_calibration.effects.grades import NOTABLE
 from tam_calibration.effects.misfit import Misfit
-from tam_calibration.effects.other_sensors import LEAST_SENSORS, AgainstOthers
+from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.within_motion import is_chance
 from tam_calibration.units import FloatArray
 
@@ -26,9 +27,6 @@ _ROUNDS = 5
 
 _DEEP = 3.0
 """Times the largest shortfall: the part of an axis' range, from its end, in which its limit is looked for."""
-
-FLAT = 0.2
-"""Beyond a limit an axis follows what it should read by less than this part of it: bent transfer functions do not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +61,7 @@ class ClippedCore:
 def find_clipped_cores(misfit: Misfit) -> list[ClippedCore]:
     """Return the cores that are cut off, which one sensor alone does not tell."""
     count, found = misfit.situation.sensor_count, []
-    for sensor in range(count if count >= LEAST_SENSORS else 0):
+    for sensor in range(count if count > 1 else 0):
         against = AgainstOthers.of(misfit, sensor).recalibrated()
         for axis in range(3):
             hinge = _Hinge(against, axis)
@@ -105,7 +103,7 @@ class _Hinge:
             before, beyond = beyond, is_near & (self._shortfall(values) > 0)
             if (before == beyond).all():
                 break
-        if beyond.sum() <= self._functions.shape[1] or abs(values[self.axis] - 1) > FLAT:
+        if beyond.sum() <= self._functions.shape[1] or abs(values[self.axis] - 1) > NOTABLE:
             return None
         return self._core(values, np.flatnonzero(beyond), beyond_T)
 

@@ -15,13 +15,8 @@ from tam_calibration.effects.effect import (
     SurrogateKind,
     Term,
 )
+from tam_calibration.effects.grades import NEGLIGIBLE
 from tam_calibration.effects.lag import lagged
-
-_LEAST_CHANGE_A = 1e-3
-"""Amperes by which the current must change: what usual ammeters are read to."""
-
-_LEAST_PART = 0.005
-"""Part of the current by which it must change: ripple and noise of a steady one are less."""
 
 _AT_A_MILLIMETRE = Limit(2e-4, "a straight wire at 1 mm, by the law of Biot and Savart: µ0/(2π r)", "T/A")
 """Field per current."""
@@ -54,7 +49,7 @@ class CurrentInterference(LinearEffect):
         """Return that the current is constant, where it is."""
         assert situation.current_A is not None
         low, high = np.quantile(situation.current_A, (0.01, 0.99))
-        if high - low < max(_LEAST_CHANGE_A, _LEAST_PART * max(abs(low), abs(high))):
+        if high - low <= NEGLIGIBLE * max(abs(low), abs(high)):
             return f"the current changes by {high - low:.2g} A only"
         return None
 

@@ -19,17 +19,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.effect import SCALAR, Misfit, Situation
+from tam_calibration.effects.grades import MINOR
 from tam_calibration.effects.places import Place, places, row_scores
 from tam_calibration.units import FloatArray
 
 _CELLS = 48
-"""Cells of directions on half the sphere, twenty degrees wide, within which the mean of AᵀA serves."""
+"""Cells of directions on half the sphere, twenty degrees wide, within which the mean of AᵀA serves.
 
-_LEAST_PART = 0.1
-"""Of the stated variance, in each row: less is within what sensors of a kind differ by."""
+So many more as the misfit has energy over that of noise: what the mean errs by is a part of it.
+"""
 
-_SCALAR_PART = 0.69
-"""The same for the scalar, whose data sheet may err by 12 % the other way than that of the sensors: 1.3² - 1."""
+_MOST_CELLS = 4096
+"""Two degrees wide; for noise thirty times as large as the others' that is enough."""
+
+LARGEST_NOISE = 1.2
+"""White noise of so many times the data sheet's, of all sensors or of the scalar beside them, is no gap yet.
+
+The sheet is merely wrong. What the sensors of one array differ by is a minor part of their variance.
+"""
 
 _LOG_RANGE = (-8.0, 16.0)
 """Logarithms of the part of the noise that is sought, from what is not seen to all there is."""
@@ -154,7 +161,8 @@ def best_excess(moments: Moments, situation: Situation) -> Excess | None:
         rows = list(place.rows)
         if len(rows) * moments.sample_count >= moments.channel_count:
             continue  # a floor could not be told from the excess
-        least = (_SCALAR_PART if place.sensor == SCALAR else _LEAST_PART) * stated[rows]
+        # Less is within what sensors of a kind differ by; the sheet of the scalar may err the other way than theirs.
+        least = (LARGEST_NOISE**4 - 1 if place.sensor == SCALAR else MINOR) * stated[rows]
         if (single[rows] <= least / 2).any():
             continue
         for weight in (np.ones(len(rows)), single[rows] / single[rows].max())[: len(rows)]:
@@ -203,11 +211,17 @@ def _stated_variance(situation: Situation) -> FloatArray:
 
 def _cells(misfit: Misfit) -> NDArray[np.intp]:
     """Return the cell of each sample: half the sphere in equal parts, and one for samples without reference."""
-    index = np.arange(_CELLS) + 0.5
-    height = 1 - index / _CELLS
+    from scipy.spatial import cKDTree
+
+    counted = misfit.is_counted
+    excess = misfit.energy[counted].sum() / max(misfit.channel_count[counted].sum(), 1)
+    count = int(np.clip(_CELLS * excess, _CELLS, _MOST_CELLS))
+    index = np.arange(count) + 0.5
+    height = 1 - index / count
     azimuth = np.pi * (1 + np.sqrt(5)) * index
     level = np.sqrt(1 - height**2)
     centers = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), height], axis=1)
-    nearest = np.argmax(np.abs(misfit.situation.field_T @ centers.T), axis=1)
-    cells: NDArray[np.intp] = np.where(np.isfinite(misfit.common_mode), nearest, _CELLS)
+    direction = misfit.situation.field_T / misfit.situation.intensity_T[:, None]
+    nearest = cKDTree(np.concatenate([centers, -centers])).query(direction)[1] % count
+    cells: NDArray[np.intp] = np.where(np.isfinite(misfit.common_mode), nearest, count)
     return cells

@@ -7,7 +7,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.change_points import LEAST_SAMPLES
 from tam_calibration.effects.effect import (
     Coefficient,
     Limit,
@@ -18,6 +17,7 @@ from tam_calibration.effects.effect import (
     SurrogateKind,
     Term,
 )
+from tam_calibration.effects.grades import LEAST_SAMPLES
 from tam_calibration.effects.memory import Memory
 from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
 from tam_calibration.units import FloatArray

@@ -18,12 +18,10 @@ from tam_calibration.effects.effect import (
     SurrogateKind,
     Term,
 )
+from tam_calibration.effects.grades import LONGEST_BURST
 
 ORDERS = ((1, 2), (3, 4), (5, 8), (9, 16), (17, 32))
 """Orders of the functions of a free course in time that stand or fall together, by octaves."""
-
-SAMPLES_PER_ORDER = 8
-"""With fewer than so many samples in a half period, a function of time follows single readings."""
 
 _RATE = "rate of change"
 _STORM = Limit(
@@ -58,7 +56,7 @@ class GeomagneticDrift(LinearEffect):
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the recording is too short, where it is."""
-        if situation.sample_count < SAMPLES_PER_ORDER * ORDERS[0][1]:
+        if situation.sample_count < LONGEST_BURST * ORDERS[0][1]:
             return f"{situation.sample_count} samples are too few for a free function of time"
         return None
 

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.grades import MINOR
 from tam_calibration.effects.lag import follow
 from tam_calibration.effects.memory import Memory
-from tam_calibration.effects.nonlinearity import LEAST_SPREAD, full_scale
+from tam_calibration.effects.nonlinearity import full_scale
 from tam_calibration.units import FloatArray
 
 _PLAYS = (0.15, 0.4)
@@ -60,7 +61,7 @@ class Hysteresis(LinearEffect):
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the field was not turned back along any axis, where it was not."""
         size = full_scale(situation)
-        width = LEAST_SPREAD * size / 2
+        width = MINOR * size / 2
         state = play(situation.sensed_T, np.array([width]))[:, :, 0]
         movement = np.diff(state, axis=0)
         if not ((movement > 0).any(axis=0) & (movement < 0).any(axis=0)).any():

@@ -21,21 +21,13 @@ from tam_calibration.effects.effect import (
     Misfit,
     Situation,
 )
-from tam_calibration.effects.other_sensors import LEAST_SENSORS, AgainstOthers
+from tam_calibration.effects.grades import FEWEST, NEGLIGIBLE
+from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.places import rows_of
 from tam_calibration.units import FloatArray
 
-LEAST_LENGTH = 4
-"""Samples with noise on them; what is shorter is no line, but may be any reading between its neighbours."""
-
-_DIGITS = 2.0
-"""Steps of the last digit by which the second difference of three rounded values on a line can be off."""
-
 _ROUNDING = 1e-13
 """Of the largest reading: steps below are those of floating numbers, not of the last digit that is written."""
-
-_CHANCE = 0.01
-"""Number of rows of samples that would go straight by chance, from which on one is no chance."""
 
 
 class InterpolatedSamples(FoundEffect):
@@ -53,7 +45,7 @@ class InterpolatedSamples(FoundEffect):
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that there is no other sensor, where that is so."""
-        return "one sensor alone does not tell how the field went" if situation.sensor_count < LEAST_SENSORS else None
+        return "one sensor alone does not tell how the field went" if situation.sensor_count == 1 else None
 
     def find(self, misfit: Misfit) -> Finding | str:
         """Return the samples that were filled, flagged, or why there are none."""
@@ -96,11 +88,11 @@ def _exact(readings_T: FloatArray, situation: Situation) -> list[NDArray[np.intp
         if stretch.stop - stretch.start > 2:
             bend[stretch.start + 1 : stretch.stop - 1] = np.diff(readings_T[stretch], 2, axis=0)
             step[stretch.start + 1 : stretch.stop] = np.diff(readings_T[stretch], axis=0)
-    goes_straight = np.abs(bend) <= _DIGITS * digit
-    is_straight = goes_straight.all(axis=1) & (np.abs(step) > 2 * _DIGITS * digit).any(axis=1)
+    goes_straight = np.abs(bend) <= 2 * digit
+    is_straight = goes_straight.all(axis=1) & (np.abs(step) > 4 * digit).any(axis=1)
     chance = float(np.prod((goes_straight[~is_straight].sum(axis=0) + 1) / (np.sum(~is_straight) + 1)))
     rows = np.split(np.arange(count), np.flatnonzero(np.diff(is_straight)) + 1)
-    return [row for row in rows if is_straight[row[0]] and count * chance ** len(row) < _CHANCE]
+    return [row for row in rows if is_straight[row[0]] and count * chance ** len(row) < NEGLIGIBLE]
 
 
 def _digit(values: FloatArray) -> float:
@@ -115,9 +107,9 @@ def _curved(against: AgainstOthers) -> list[NDArray[np.intp]]:
     if not straight.is_found:
         return []
     samples = np.flatnonzero(straight.which >= 0)
-    rows = np.split(samples, np.flatnonzero(np.diff(samples) >= LEAST_LENGTH) + 1)
+    rows = np.split(samples, np.flatnonzero(np.diff(samples) >= FEWEST) + 1)
     filled = [np.arange(row[0], row[-1] + 1) for row in rows]  # the field itself may go straight for a sample or two
-    return [row for row in filled if len(row) >= LEAST_LENGTH]
+    return [row for row in filled if len(row) >= FEWEST]
 
 
 def _curvatures(against: AgainstOthers) -> tuple[FloatArray, FloatArray]:

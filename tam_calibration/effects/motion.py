@@ -6,6 +6,7 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
+from tam_calibration.effects.grades import NOTABLE
 from tam_calibration.effects.situation import Situation
 from tam_calibration.recording import BLOCK
 from tam_calibration.units import FloatArray
@@ -17,9 +18,6 @@ _LARGEST_WEIGHT = 50.0
 """Of a neighbour in a derivative, per step of time; more means samples that nearly coincide."""
 
 _KNOWN: WeakKeyDictionary[Situation, FloatArray] = WeakKeyDictionary()
-
-_JUMP = 0.35
-"""Part of a step of the motion by which its neighbours may miss a sample: of jumps it is all, of turns hardly any."""
 
 _BLOCKS = (1, 2, 4, 8, 16)
 """Samples whose mean is foretold: in longer means there is less noise, which a slow motion needs."""
@@ -65,7 +63,8 @@ def jumps(situation: Situation) -> str | None:
             weight, _ = _weights(time[nodes] - time[:, None])
             steps.append(norm(np.diff(field, axis=0), axis=1))
             misses.append(norm(field - _combined(weight, field, nodes), axis=1)[_NEIGHBOURS // 2 : -_NEIGHBOURS // 2])
-        if steps and np.quantile(np.concatenate(misses), 0.75) < _JUMP * np.quantile(np.concatenate(steps), 0.75):
+        # Of jumps the neighbours miss all, of turns hardly any.
+        if steps and np.quantile(np.concatenate(misses), 0.75) < NOTABLE * np.quantile(np.concatenate(steps), 0.75):
             return None
     return "the field changes from sample to sample in jumps, not in continuous motion"
 

@@ -12,6 +12,7 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.effects.fitted import Contribution, FittedEffect
+from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 
@@ -21,20 +22,11 @@ _MOST_READINGS = 500_000
 _BLOCKS = 300
 """Between which a jump is sought first: all pairs of them are 45 000."""
 
-_SAMPLES_PER_BLOCK = 20
-"""At least, so that in the shortest recordings as well a sphere lies through several blocks."""
-
 _ROUNDS = 2
 """Searches for either end of a jump, sample by sample, beside the other as it was found last."""
 
 LEAST_FALL = 4.0
 """How many times smaller the squares must be with a gross jump than without; noise does not make twos of one."""
-
-GROSS = 0.01
-"""Part of the field's intensity: misfits above are no small disturbances, for which alone sums are linear."""
-
-_LEAST_JUMP = 0.1
-"""Of the field; less is a small disturbance, or made of errors of scale in a short record."""
 
 
 def moved_sphere(recording: Recording) -> FittedEffect | None:
@@ -49,7 +41,8 @@ def moved_sphere(recording: Recording) -> FittedEffect | None:
     recording = recording.take(slice(None, None, thinning))
     sums = _Sums.of(recording)
     count = recording.sample_count
-    bounds = np.linspace(0, count, min(_BLOCKS, count // _SAMPLES_PER_BLOCK) + 1).astype(int)
+    # In the shortest recordings as well a sphere lies through several blocks.
+    bounds = np.linspace(0, count, min(_BLOCKS, count // LEAST_SAMPLES) + 1).astype(int)
     if len(bounds) < 4:
         return None
     first, last = (index.ravel() for index in np.meshgrid(bounds[1:-1], bounds[1:], indexing="ij"))
@@ -66,7 +59,7 @@ def moved_sphere(recording: Recording) -> FittedEffect | None:
             best = tried[inside][np.argmin(sums.left(tried[inside]))]
     one, two = sums.left(np.array([[0, count], best]))
     jump = sums.jump(best)
-    if one < LEAST_FALL * two or norm(jump, axis=1).max() < _LEAST_JUMP:
+    if one < LEAST_FALL * two or norm(jump, axis=1).max() < MINOR:
         return None
     middle = (recording.time_s[1:] + recording.time_s[:-1]) / 2
     shape = {name: float(middle[cut - 1]) for name, cut in zip(("time_s", "end_s"), best, strict=True) if cut < count}

@@ -20,19 +20,14 @@ from tam_calibration.effects.effect import (
     Misfit,
     Situation,
 )
-from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
+from tam_calibration.effects.excess_variance import LARGEST_NOISE, Excess, Moments, best_excess
+from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
 from tam_calibration.effects.places import row_deviations, rows_of
 from tam_calibration.effects.quantization import find_lattices
-from tam_calibration.effects.regularity import CERTAIN, LEAST_SAMPLES, alike, objection_to
+from tam_calibration.effects.regularity import alike, objection_to
 from tam_calibration.effects.saturation import inside_range
 from tam_calibration.effects.spikes import without_spikes
 from tam_calibration.units import FloatArray
-
-_ALIKE_EVERYWHERE = 0.2
-"""Part of an excess of all sensors that the next three samples may share: more is what the site does, and no noise."""
-
-LARGEST_NOISE = 1.2
-"""White noise of so many times the data sheet's, common to all sensors, is not yet a gap: the sheet is merely wrong."""
 
 
 class NoiseExcess(FoundEffect):
@@ -82,7 +77,7 @@ class NoiseExcess(FoundEffect):
             return "no row is noisier than the others, spikes and readings at the end of the range left out"
         deviations = row_deviations(misfit)[counted]
         surplus, chance = variance - 1, CERTAIN * variance / float(np.sqrt(len(deviations)))
-        if any(alike(deviation) > max(_ALIKE_EVERYWHERE * surplus, chance) for deviation in deviations.T):
+        if any(alike(deviation) > max(NOTABLE * surplus, chance) for deviation in deviations.T):
             return "the excess follows a course in time"
         shared = np.append(surplus * np.repeat(noise_T**2, 3), 0.0)
         if _is_rounding(misfit, shared):

@@ -7,12 +7,10 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.grades import MINOR
 
 _ORDERS = {"quadratic": (2,), "cubic": (3,), "higher": (4, 5), "highest": (6, 7, 8, 9)}
 """Orders of the polynomials that stand or fall together, by name: bends, and kinks as of a limit that is soft."""
-
-LEAST_SPREAD = 0.1
-"""Part of the field by which the reading of an axis must change, and for loops turn back, to show a curve."""
 
 
 class Nonlinearity(LinearEffect):
@@ -37,7 +35,7 @@ class Nonlinearity(LinearEffect):
     def obstacle(self, situation: Situation) -> str | None:
         """Return that no axis was turned far enough, where it is so."""
         spread = float(np.ptp(situation.sensed_T, axis=0).max() / situation.intensity_T.max())
-        if spread < LEAST_SPREAD:
+        if spread < MINOR:
             return f"no axis sees the field change by more than {100 * spread:.2g} % of its length"
         return None
 

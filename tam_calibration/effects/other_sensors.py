@@ -12,9 +12,6 @@ from tam_calibration.effects.ridge import ridged
 from tam_calibration.effects.robust import noise_energy
 from tam_calibration.units import FloatArray
 
-LEAST_SENSORS = 2
-"""One sensor alone has no other that tells it where the field is."""
-
 _CONCENTRATIONS = 8
 """Steps in which the calibration by the better half of the samples settles."""
 

@@ -22,13 +22,11 @@ from tam_calibration.effects.effect import (
     Misfit,
     Situation,
 )
+from tam_calibration.effects.grades import CERTAIN
 from tam_calibration.effects.places import Place, everywhere, explained_energy, places, row_deviations, rows_of
 from tam_calibration.effects.saturation import WIDEST_RANGE
 from tam_calibration.effects.spikes import Spikes, find_spikes
 from tam_calibration.units import FloatArray
-
-_CERTAIN = 3.5
-"""Standard errors above the middle of the mean rank of the changes across spikes, which then go with the motion."""
 
 
 class Outliers(FoundEffect):
@@ -91,7 +89,7 @@ def _come_with_motion(misfit: Misfit, samples: NDArray[np.intp]) -> bool:
         before = np.array([burst[0] - 1 for burst in bursts if len(burst) == length])
         inside = before[(before >= 0) & (before < len(change))]
         ranks += (rankdata(change)[inside] / len(change)).tolist()
-    return bool(ranks) and sum(ranks) / len(ranks) - 0.5 > _CERTAIN / float(np.sqrt(12 * len(ranks)))
+    return bool(ranks) and sum(ranks) / len(ranks) - 0.5 > CERTAIN / float(np.sqrt(12 * len(ranks)))
 
 
 def _floor(misfit: Misfit, flagged: NDArray[np.bool_]) -> float:

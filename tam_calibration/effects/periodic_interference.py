@@ -15,6 +15,7 @@ from tam_calibration.effects.effect import (
     SurrogateKind,
     Term,
 )
+from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.units import FloatArray
 
 _LEAST_PERIODS = 10
@@ -28,6 +29,9 @@ _AT_WORK = Limit(
 _LINES = 4
 """Strongest lines that are tried, of which harmonics may be several."""
 
+SAME_LINE = 4.0
+"""Widths of a spectral line, of one over the duration, within which two tones are one."""
+
 _FINER = 4
 """Points of the periodogram per width of a line."""
 
@@ -36,15 +40,6 @@ _SUBSTEPS = 4
 
 _LARGEST_LATTICE = 16
 """Points of the lattice per sample at most."""
-
-_ON_LATTICE = 0.02
-"""Steps of time by which stamps may lie off a lattice: at half the sampling rate a phase of four degrees."""
-
-_MOTION_POWER = 1e-3
-"""Part of the power of the field's changes that may lie above the band of the motion."""
-
-_WHOLE_BAND = 0.3
-"""Part of the band from which on the motion leaves none free, and lines are sought in all of it."""
 
 _ROUNDS = 3
 """Parabolas through the top of a line, each of a quarter of the width."""
@@ -62,7 +57,8 @@ class PeriodicInterference(LinearEffect):
     )
     excitation: ClassVar[str] = "record steadily for many periods, with motion that is slower than the interference"
     surrogates: ClassVar[SurrogateKind] = "at_other_frequencies"
-    shape_units: ClassVar[dict[str, str]] = {"frequency_hz": "Hz", "start_s": "s"}
+    shape_units: ClassVar[dict[str, str]] = {"frequency_hz": "Hz", "start_s": "s", "highest_order": "1"}
+    """Of the harmonics the third is the highest, unless it is said that there are none."""
     limits: ClassVar[Mapping[str, Limit]] = {"line": _AT_WORK, "harmonics": _AT_WORK}
 
     def obstacle(self, situation: Situation) -> str | None:
@@ -76,17 +72,28 @@ class PeriodicInterference(LinearEffect):
         if situation.sample_count <= 2 * _LEAST_PERIODS:
             return []
         start = float(situation.time_s[0])
-        return [{"frequency_hz": frequency, "start_s": start} for frequency in _lines(misfit)]
+        return [
+            {"frequency_hz": line, "start_s": start}
+            | ({} if _shows_harmonics(line, situation) else {"highest_order": 1.0})
+            for line in _lines(misfit)
+        ]
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return cosine and sine on each row, and those of the second and third harmonic."""
+        """Return cosine and sine on each row, and those of the second and third harmonic, if it has harmonics."""
         phase = 2 * np.pi * shape["frequency_hz"] * (situation.time_s - shape["start_s"])
         terms = []
-        for name, orders in (("line", (1,)), ("harmonics", (2, 3))):
+        for name, orders in (("line", (1,)), ("harmonics", (2, 3)))[: 2 if shape.get("highest_order", 3) > 1 else 1]:
             waves = np.column_stack([wave(order * phase) for order in orders for wave in (np.cos, np.sin)])
             parts = [Coefficient(f"{wave} {order}", "T") for order in orders for wave in ("cosine", "sine")]
             terms += [Term.of_row(situation, row, name, parts, waves) for row in range(situation.scalar_row + 1)]
         return terms
+
+
+def _shows_harmonics(frequency: float, situation: Situation) -> bool:
+    """Whether the harmonics are sampled at many periods in the record; close to nought they would be any drift."""
+    orders = np.array([2, 3]) * frequency * situation.step_s
+    seen = np.abs(orders - np.rint(orders)) / situation.step_s
+    return bool((seen * np.ptp(situation.time_s) >= _LEAST_PERIODS).all())
 
 
 def _lines(misfit: Misfit) -> list[float]:
@@ -123,7 +130,7 @@ def _lattice(time: FloatArray, step: float) -> tuple[FloatArray, float]:
     """Return the place (N,) of each sample on a lattice of times, and its spacing."""
     mean = (time[-1] / max(round(time[-1] / step), 1)) or step
     place = time / mean
-    if np.abs(place - np.rint(place)).max() < _ON_LATTICE:
+    if np.abs(place - np.rint(place)).max() < NEGLIGIBLE:
         return np.rint(place).astype(int), mean
     spacing = max(step / _SUBSTEPS, time[-1] / (_LARGEST_LATTICE * len(time)))
     return np.rint(time / spacing).astype(int), spacing
@@ -150,7 +157,7 @@ def _motion_band(situation: Situation) -> float:
     centred = (field - field.mean(axis=0)) * np.hanning(len(field))[:, None]
     power = np.sum(np.abs(np.fft.rfft(centred, axis=0)) ** 2, axis=1)
     above = power.sum() - np.cumsum(power)
-    edge = int(np.argmax(above <= _MOTION_POWER * power.sum())) + 2
-    if edge >= _WHOLE_BAND * len(power):
+    edge = int(np.argmax(above <= SLIGHT**2 * power.sum())) + 2
+    if edge >= NOTABLE * len(power):
         return 0.0
     return edge / (len(field) * situation.step_s)

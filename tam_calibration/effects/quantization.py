@@ -29,8 +29,8 @@ from tam_calibration.effects.effect import (
     Misfit,
     Situation,
 )
+from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, MINOR, MOST, NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.places import row_deviations, rows_of
-from tam_calibration.effects.regularity import CERTAIN
 from tam_calibration.units import FloatArray
 
 _FINEST = 0.5
@@ -44,30 +44,6 @@ _PER_FINEST = 8
 
 _DIFFERENCES = 2000
 """Differences of readings that are compared; more make their phases no more sure."""
-
-_LEAST_DIFFERENCES = 20
-"""Of readings; phases of fewer agree by chance."""
-
-_COHERENT = 0.6
-"""Mean vector of the phases of differences at a step that they share; by chance it is one over their root."""
-
-_ON_LATTICE = 0.15
-"""Largest root mean square distance of readings from the lattice, in those of readings that know of none."""
-
-_VISIBLE = 0.1
-"""Part of the energy above the noise that rounding must make."""
-
-_EXPECTED = 0.5
-"""Part of the rounding's variance that a row's residual must show."""
-
-_FEW = 0.6
-"""Part of the readings that are different values, below which steps are read off these."""
-
-_LEAST_FLOOR = 0.5
-"""White variance of the channels that rounding leaves at least, in what is stated."""
-
-_SAME_STEP = 0.01
-"""Relative difference of steps that are one."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +87,8 @@ class Quantization(FoundEffect):
         for lattice in lattices:
             variance[lattice.row] = lattice.step_T**2 / 12
         energy, count = float(misfit.energy[counted].sum()), float(misfit.channel_count[counted].sum())
-        rounding = min(float((information @ variance).sum()), max(energy - _LEAST_FLOOR * count, 0.0))
-        if rounding < _VISIBLE * (energy - count):
+        rounding = min(float((information @ variance).sum()), max(energy - MOST * count, 0.0))
+        if rounding < MINOR * (energy - count):
             return "rounding to the steps of the readings is a small part of the gap"
         return Finding(
             FittedEffect(self.name, {}, _contributions(lattices, misfit.situation.sensor_count)),
@@ -178,7 +154,7 @@ def _lattice(row: int, readings: FloatArray, noise_T: float) -> Lattice | None:
     distance = ordered / step - phase
     distance = (distance - np.round(distance)) * step
     # Readings that know of no lattice are off by a uniform error, or by their noise where values repeat.
-    if np.sqrt(np.mean(distance**2)) > _ON_LATTICE * min(step / np.sqrt(12), 1.0):
+    if np.sqrt(np.mean(distance**2)) > MINOR * min(step / np.sqrt(12), 1.0):
         return None
     step_T = float(step * noise_T)
     offset = float(readings.min() + phase * step_T)
@@ -200,15 +176,15 @@ def _frequency(ordered: FloatArray) -> float | None:
     """Return the lowest frequency at which differences of the readings agree in phase, per standard deviation."""
     gaps = np.diff(ordered)
     gaps = gaps[gaps > 0]
-    if 0 < len(gaps) < _FEW * len(ordered):
+    if 0 < len(gaps) < (1 - NOTABLE) * len(ordered):
         return 1 / float(gaps.min()) if gaps.min() >= _FINEST else None
     lag = max(1, int(len(ordered) * _DISTANCE / max(ordered[-1], _DISTANCE)))
     difference = ordered[lag:] - ordered[:-lag]
-    if len(difference) < _LEAST_DIFFERENCES:
+    if len(difference) < LEAST_SAMPLES:
         return None
     difference = np.sort(difference)
     near = int(np.searchsorted(difference, 4 * _DISTANCE))
-    difference = difference[: max(near, len(difference) // 2, _LEAST_DIFFERENCES)]
+    difference = difference[: max(near, len(difference) // 2, LEAST_SAMPLES)]
     difference = difference[:: max(1, len(difference) // _DIFFERENCES)]
     cell = _FINEST / _PER_FINEST
     histogram = np.bincount((difference / cell + 0.5).astype(np.intp))
@@ -217,7 +193,7 @@ def _frequency(ordered: FloatArray) -> float | None:
     frequency = np.arange(len(coherence)) / (length * cell)
     spread = float(np.std(difference))
     sought = (frequency > 4 / max(spread, np.finfo(float).tiny)) & (frequency <= 1 / _FINEST)
-    strong = np.flatnonzero(sought & (coherence > _COHERENT))
+    strong = np.flatnonzero(sought & (coherence > MOST))
     if not len(strong):
         return None
     # The first strong frequency with all that belong to its peak.
@@ -229,7 +205,7 @@ def _by_step(lattices: list[Lattice]) -> list[list[Lattice]]:
     """Return the lattices in groups of the same step."""
     groups: list[list[Lattice]] = []
     for lattice in sorted(lattices, key=lambda lattice: lattice.step_T):
-        if groups and lattice.step_T < groups[-1][0].step_T * (1 + _SAME_STEP):
+        if groups and lattice.step_T < groups[-1][0].step_T * (1 + NEGLIGIBLE):
             groups[-1].append(lattice)
         else:
             groups.append([lattice])
@@ -246,7 +222,7 @@ def _visible(lattices: list[Lattice], square: FloatArray, information: FloatArra
         rounding = float(information[rows].sum()) * group[0].step_T ** 2 / 12
         surplus = float((square[rows] - floor).sum())
         chance = CERTAIN * float(np.sqrt(2 * np.sum(square[rows] ** 2) / sample_count))
-        if surplus > max(_EXPECTED * rounding, chance):
+        if surplus > max(MOST * rounding, chance):
             kept += group
     return sorted(kept, key=lambda lattice: lattice.row)
 
@@ -256,7 +232,7 @@ def _contributions(lattices: list[Lattice], sensor_count: int) -> tuple[Contribu
     of_vectors = [lattice for lattice in lattices if lattice.row < 3 * sensor_count]
     if (
         len(of_vectors) == 3 * sensor_count
-        and np.ptp(np.log(steps[: len(of_vectors)])) < _SAME_STEP
+        and np.ptp(np.log(steps[: len(of_vectors)])) < NEGLIGIBLE
         and sensor_count > 1
     ):
         whole = Contribution(ALL, None, "lattice", {"step": float(np.median(steps))})

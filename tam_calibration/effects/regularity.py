@@ -3,43 +3,20 @@
 import numpy as np
 
 from tam_calibration.effects.excess_variance import Excess
+from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.effects.misfit import Misfit
 from tam_calibration.effects.neighbours import MOST_NEIGHBOURS
 from tam_calibration.effects.places import row_deviations
 from tam_calibration.units import FloatArray
 
-_ALIKE = 0.75
-"""Mean correlation of the excess with the next three samples from which on it is no noise but a course in time."""
-
-_LINE = 0.4
-"""Part of the excess within a fortieth of the band from which on it is a line."""
-
-_DIRECTED = 0.35
-"""Correlation of the excess at neighbouring directions, far in time, from which on it follows the direction."""
-
-_SIZE_TOLD = 0.02
-"""Part of the variance of a squared excess that the field tells beyond what it does at other times, if it is no noise.
-
-Noise that comes and goes is told as well by the field at other times.
-"""
-
 _OTHER_TIMES = 16
 """Parts of the record by which the excess is moved along the field, forwards and backwards."""
-
-CERTAIN = 3.0
-"""Standard errors by which a statistic of a residual must differ from that of white noise."""
 
 _NEIGHBOURS = 16
 """Nearest directions among which one is sought that is far in time."""
 
 HEAVY = 3.0
 """Excess kurtosis, with the variance of the surroundings taken out, from which on it is spikes."""
-
-_FLAT = -0.6
-"""The same from which downwards it goes to and fro between few values."""
-
-LEAST_SAMPLES = 30
-"""From which a variance is told."""
 
 _BLOCK = 50
 """Samples within which the variance is taken for constant."""
@@ -57,12 +34,12 @@ def objection_to(misfit: Misfit, excess: Excess) -> str | None:
     variance = float(np.mean(deviation**2))
     surplus = max(variance - excess.floor, 1e-3 * variance)
     chance = CERTAIN * variance / float(np.sqrt(len(deviation)))
-    if alike(deviation) > max(_ALIKE * surplus, chance):
+    if alike(deviation) > max((1 - NOTABLE) * surplus, chance):
         return "the excess follows a course in time"
-    if _line_part(deviation, excess.floor) > _LINE:
+    if _line_part(deviation, excess.floor) > MOST:
         return "the excess stands in a line of the spectrum"
     direction = (misfit.situation.field_T / misfit.situation.intensity_T[:, None])[counted]
-    if _directed(deviation, direction) > max(_DIRECTED * surplus, chance):
+    if _directed(deviation, direction) > max(NOTABLE * surplus, chance):
         return "the excess follows the direction of the field"
     # A row is known the better the less of it lies along the field, and so is its excess.
     expected = 1 + excess.part[largest] * misfit.row_information[counted, row]
@@ -72,7 +49,7 @@ def objection_to(misfit: Misfit, excess: Excess) -> str | None:
     kurtosis = _kurtosis(deviation)
     if kurtosis > HEAVY:
         return "the excess comes as spikes"
-    if kurtosis < min(_FLAT, -CERTAIN * float(np.sqrt(24 / len(deviation)))):
+    if kurtosis < min(-MOST, -CERTAIN * float(np.sqrt(24 / len(deviation)))):
         return "the excess goes between few values"
     return None
 
@@ -82,14 +59,14 @@ def _of_size(deviation: FloatArray, direction: FloatArray) -> str | None:
     size = deviation**2
     # The third square is what the other two leave of one.
     squares = np.column_stack([direction[:, :2] ** 2, direction * np.roll(direction, 1, axis=1)])
-    if _told_beyond(size, squares) > _SIZE_TOLD:
+    if _told_beyond(size, squares) > NEGLIGIBLE:
         return "the size of the excess follows the direction of the field"
     changes = [
         np.gradient(direction, axis=0),
         np.diff(direction, 2, axis=0, prepend=direction[:1], append=direction[-1:]),
     ]
     rates = np.column_stack([np.sum(change**2, axis=1) for change in changes])
-    if _told_beyond(size, rates) > _SIZE_TOLD:
+    if _told_beyond(size, rates) > NEGLIGIBLE:
         return "the size of the excess follows the rate of the field"
     return None
 
@@ -116,7 +93,7 @@ def _directed(deviation: FloatArray, direction: FloatArray) -> float:
     chosen, values = direction[::every], deviation[::every]
     count = min(_NEIGHBOURS, len(values) - 1)
     _, near = cKDTree(chosen).query(chosen, count + 1)
-    is_far = np.abs(near - np.arange(len(values))[:, None]) > len(values) / 20
+    is_far = np.abs(near - np.arange(len(values))[:, None]) > SLIGHT * len(values)
     found = is_far.any(axis=1)
     nearest = near[np.arange(len(values)), np.argmax(is_far, axis=1)]
     products = (values * values[nearest])[found]

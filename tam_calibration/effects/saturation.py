@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.clipped_core import FLAT, ClippedCore, find_clipped_cores
+from tam_calibration.effects.clipped_core import ClippedCore, find_clipped_cores
 from tam_calibration.effects.effect import (
     Contribution,
     Finding,
@@ -23,6 +23,7 @@ from tam_calibration.effects.effect import (
     Misfit,
     Situation,
 )
+from tam_calibration.effects.grades import CERTAIN, FEWEST, MOST, NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.places import rows_of
 from tam_calibration.effects.robust import noise_deviation
@@ -30,18 +31,6 @@ from tam_calibration.units import FloatArray
 
 WIDEST_RANGE = Limit(5e-2, "the widest range of a Hall sensor; Melexis, data sheet of the MLX90393", "T")
 """Of a reading."""
-
-_LONE_DEPTH = 8.0
-"""Standard errors by which a reading must fall short that alone is at a limit."""
-
-_LONE_SAMPLES = 100
-"""Readings among which one that alone is off is at a limit: a spike strikes the outermost once in so many times."""
-
-_LEAST_PILED = 4
-"""Readings that stay within their noise of one value, for it to be a limit."""
-
-_CERTAIN = 5.0
-"""Standard errors by which the readings at a limit must fall short; no other is off by as much where that is one."""
 
 _ENDS = {"upper limit": 1.0, "lower limit": -1.0}
 """Signs that turn either end of a range into an upper one."""
@@ -176,7 +165,7 @@ def _limit_of(misfit: Misfit, row: int, end: str, sign: float, reading: FloatArr
     shortfall = -sign * misfit.row_shift_T[at_limit, row]
     sure = np.sqrt(information[at_limit])
     scale = max(1.0, _scale(misfit, row))
-    if not shortfall @ sure > _CERTAIN * np.sqrt(len(at_limit)) * scale:
+    if not shortfall @ sure > CERTAIN * np.sqrt(len(at_limit)) * scale:
         return None
     if len(at_limit) == 1 and not _is_lone(misfit, row, int(at_limit[0]), scale):
         return None
@@ -195,10 +184,10 @@ def _pile(outward: FloatArray, shift: FloatArray, noise: float) -> NDArray[np.in
     # What a constant in place of the expected reading explains, for the k readings that should be the largest.
     best = int(np.argmax(lost - count * np.maximum(scatter, 0)))
     chosen = order[: best + 1]
-    if len(chosen) < _LEAST_PILED:
+    if len(chosen) < FEWEST:
         return chosen[:0]
     should, did = expected[chosen] - expected[chosen].mean(), outward[chosen] - outward[chosen].mean()
-    is_flat = should @ should > len(chosen) * (3 * noise) ** 2 and abs(should @ did) < FLAT * (should @ should)
+    is_flat = should @ should > len(chosen) * (3 * noise) ** 2 and abs(should @ did) < NOTABLE * (should @ should)
     return chosen if is_flat and np.std(did) < 2 * noise else chosen[:0]
 
 
@@ -206,7 +195,7 @@ def _is_lone(misfit: Misfit, row: int, sample: int, scale: float) -> bool:
     """Return whether a reading is off alone: that a spike strikes just the outermost reading is one chance in N."""
     deviation = np.abs(misfit.row_shift_T[:, row]) * np.sqrt(misfit.row_information[:, row]) / scale
     others = np.delete(deviation, sample)
-    return bool(len(others) >= _LONE_SAMPLES and deviation[sample] > _LONE_DEPTH and others.max() < _CERTAIN)
+    return bool(len(others) >= 1 / NEGLIGIBLE and deviation[sample] > max(2 * CERTAIN, others.max() / MOST))
 
 
 def _scale(misfit: Misfit, row: int) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.grades import SLIGHT
 from tam_calibration.effects.harmonics import harmonics
 from tam_calibration.units import FloatArray
 
@@ -34,9 +35,6 @@ _CLIMBS = (0.1, 0.04, 0.016, 0.006)
 
 _CLIMB_GRID = 30
 """Axes in each cap."""
-
-_LEAST_FRACTION = 1e-3
-"""Part of the third degree that must be left beside what a calibration error makes."""
 
 _PRECISE = 1e-9
 """Relative size of what rounding may leave of normal equations."""
@@ -70,7 +68,7 @@ class ScalarHeadingError(LinearEffect):
         functions = harmonics(situation.field_T / situation.intensity_T[:, None], 3)
         scatter = functions.T @ functions
         left = _without_lower(scatter)
-        if np.trace(left) < _LEAST_FRACTION * np.trace(scatter[_NUISANCE_COUNT:, _NUISANCE_COUNT:]):
+        if np.trace(left) < SLIGHT**2 * np.trace(scatter[_NUISANCE_COUNT:, _NUISANCE_COUNT:]):
             return "the field does not come from enough directions"
         return None
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.change_points import LEAST_SAMPLES, Change, Path, without
+from tam_calibration.effects.change_points import Change, Path, without
 from tam_calibration.effects.effect import (
     Coefficient,
     Limit,
@@ -18,6 +18,7 @@ from tam_calibration.effects.effect import (
     SurrogateKind,
     Term,
 )
+from tam_calibration.effects.grades import LEAST_SAMPLES
 from tam_calibration.effects.saturation import inside_range
 from tam_calibration.units import FloatArray
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, LONGEST_BURST, MINOR, NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.misfit import Misfit
 from tam_calibration.effects.neighbours import MOST_NEIGHBOURS
 from tam_calibration.effects.places import row_deviations
@@ -20,44 +21,17 @@ from tam_calibration.effects.robust import noise_deviation
 from tam_calibration.effects.saturation import find_limits
 from tam_calibration.units import FloatArray
 
-LONGEST_BURST = 8
-"""Samples; what lasts longer is no spike."""
-
-_FALSE_DISCOVERIES = 0.02
-"""Part of the spikes that may be noise."""
-
 _EFFICIENCY = 0.37
 """Of the median of absolute values as an estimate of a Gaussian scale."""
 
 _BLOCK = 200
 """Samples over which the scale of the surroundings is taken."""
 
-_HOT = 3.0
-"""Standard deviations beyond which a sample beside a spike belongs to the same burst."""
-
-_MOST = 0.15
-"""Part of the samples; more cannot be outliers."""
-
-_NEIGHBOURS = 8
-"""Samples that are next to a spike in time or in the field's direction."""
-
-_SHARED = 0.3
-"""Part of a spike that its neighbours on the sphere or in time may share."""
-
-_AROUND = 25
-"""Samples on either side against whose scale a spike must stand out as well."""
-
-_IN_TIME = slice(_AROUND - _NEIGHBOURS // 2, _AROUND + _NEIGHBOURS // 2)
+_IN_TIME = slice(LEAST_SAMPLES - LONGEST_BURST // 2, LEAST_SAMPLES + LONGEST_BURST // 2)
 """Of the samples around a spike those that are next to it."""
-
-_STANDS_OUT = 3.5
-"""Standard deviations of the louder side of its surroundings by which a spike must be off."""
 
 _BESIDE = 10
 """Samples on either side of a spike that tell how loud it is there."""
-
-_LOUD = 1.1
-"""Scale of what is beside spikes, relative to the row's, that is no louder than elsewhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +66,9 @@ def find_spikes(misfit: Misfit) -> Spikes | str:
     far = _improbable(chance)
     if not far.any():
         return "no reading lies beyond what noise reaches"
-    if far.sum() > _MOST * usable.sum():
+    if far.sum() > MINOR * usable.sum():
         return f"{far.sum()} of {usable.sum()} samples are too many for spikes"
-    bursts = _bursts(height > _HOT)
+    bursts = _bursts(height > CERTAIN)
     far &= bursts <= LONGEST_BURST
     if not far.any():
         return f"what is far off lasts longer than {LONGEST_BURST} samples"
@@ -149,7 +123,7 @@ def _chance(height: FloatArray, count: int, row_count: int) -> FloatArray:
 def _improbable(chance: FloatArray) -> NDArray[np.bool_]:
     """Return the samples that are improbable, by the false discovery rate among all."""
     ordered = np.sort(chance)
-    allowed = np.flatnonzero(ordered <= _FALSE_DISCOVERIES * np.arange(1, len(chance) + 1) / len(chance))
+    allowed = np.flatnonzero(ordered <= NEGLIGIBLE * np.arange(1, len(chance) + 1) / len(chance))
     improbable: NDArray[np.bool_] = chance <= (ordered[allowed[-1]] if len(allowed) else -1.0)
     return improbable
 
@@ -168,22 +142,22 @@ def _shared(misfit: Misfit, deviation: FloatArray, worst: NDArray[np.intp], far:
     from scipy.spatial import cKDTree
 
     others, samples = np.flatnonzero(~far & (misfit.channel_count > 0)), np.flatnonzero(far)
-    if len(others) < 4 * _NEIGHBOURS:
+    if len(others) < 4 * LONGEST_BURST:
         return samples[:0]
     rows = worst[samples][:, None]
     own = deviation[samples, rows[:, 0]]
     order = np.searchsorted(others, samples)[:, None]
-    around = others[np.clip(order + np.arange(-_AROUND, _AROUND), 0, len(others) - 1)]
-    shared = np.median(deviation[around[:, _IN_TIME], rows], axis=1) / own > _SHARED
+    around = others[np.clip(order + np.arange(-LEAST_SAMPLES, LEAST_SAMPLES), 0, len(others) - 1)]
+    shared = np.median(deviation[around[:, _IN_TIME], rows], axis=1) / own > NOTABLE
     usable = np.flatnonzero(misfit.channel_count > 0)
     thinned = usable[:: max(1, len(usable) // MOST_NEIGHBOURS)]
     direction = misfit.situation.field_T / misfit.situation.intensity_T[:, None]
-    near = thinned[cKDTree(direction[thinned]).query(direction[samples], _NEIGHBOURS)[1]]
+    near = thinned[cKDTree(direction[thinned]).query(direction[samples], LONGEST_BURST)[1]]
     at_direction = np.where(np.abs(near - samples[:, None]) > LONGEST_BURST, deviation[near, rows], np.nan)
-    several = np.sum(np.isfinite(at_direction), axis=1) >= _NEIGHBOURS // 2
-    shared[several] |= np.nanmedian(at_direction[several], axis=1) / own[several] > _SHARED
-    sides = deviation[around, rows].reshape(len(samples), 2, _AROUND)
-    shared |= np.abs(own) < _STANDS_OUT * noise_deviation(sides, axis=2).max(axis=1)
+    several = np.sum(np.isfinite(at_direction), axis=1) >= LONGEST_BURST // 2
+    shared[several] |= np.nanmedian(at_direction[several], axis=1) / own[several] > NOTABLE
+    sides = deviation[around, rows].reshape(len(samples), 2, LEAST_SAMPLES)
+    shared |= np.abs(own) < CERTAIN * noise_deviation(sides, axis=2).max(axis=1)
     found: NDArray[np.intp] = samples[shared]
     return found
 
@@ -196,4 +170,4 @@ def _is_loud_around(
     steps = np.concatenate([np.arange(-_BESIDE, 0), np.arange(_BESIDE)])
     beside = others[np.clip(np.searchsorted(others, samples)[:, None] + steps, 0, len(others) - 1)]
     scale = float(noise_deviation(deviation[beside, worst[samples][:, None]]))
-    return scale > _LOUD + 4 / float(np.sqrt(2 * _EFFICIENCY * beside.size))
+    return scale > 1 + NOTABLE + CERTAIN / float(np.sqrt(2 * _EFFICIENCY * beside.size))

@@ -20,7 +20,7 @@ from tam_calibration.effects.effect import (
     Misfit,
     Situation,
 )
-from tam_calibration.effects.other_sensors import LEAST_SENSORS, AgainstOthers
+from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.outliers import position_nats
 from tam_calibration.effects.places import rows_of
 from tam_calibration.units import FloatArray
@@ -44,7 +44,7 @@ class StaleSamples(FoundEffect):
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that there is no other sensor, where that is so."""
-        return "one sensor alone does not tell where the field was" if situation.sensor_count < LEAST_SENSORS else None
+        return "one sensor alone does not tell where the field was" if situation.sensor_count == 1 else None
 
     def find(self, misfit: Misfit) -> Finding | str:
         """Return the samples that are stale, flagged, or why there is none."""

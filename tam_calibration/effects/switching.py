@@ -13,8 +13,8 @@ from tam_calibration.effects.neighbours import sum_around
 from tam_calibration.effects.situation import Situation
 from tam_calibration.units import FloatArray
 
-_LEAST_WINDOWS, _MOST_WINDOWS = 2, 300
-"""A single window is a step; more are no longer told one by one."""
+_MOST_WINDOWS = 300
+"""More are no longer told one by one."""
 
 WINDOW_UNITS = {f"{edge}_{number}_s": "s" for number in range(1, _MOST_WINDOWS + 1) for edge in ("on", "off")}
 """SI unit of the parameters of a shape that tell windows; the last window may have no end."""
@@ -130,7 +130,7 @@ class Level:
 
     def is_switching(self, states: Switching) -> bool:
         """Whether states go to and fro, and explain more than an offset that does, or than the samples around tell."""
-        if not _LEAST_WINDOWS <= len(states.windows) <= _MOST_WINDOWS or states.gain < self.foretold():
+        if not 1 < len(states.windows) <= _MOST_WINDOWS or states.gain < self.foretold():
             return False
         offset = replace(self, function=np.ones_like(self.function))
         return states.gain > offset.settled(offset.start()).gain

@@ -27,20 +27,15 @@ from tam_calibration.effects.effect import (
     Situation,
 )
 from tam_calibration.effects.excess_variance import Moments, best_excess, most_likely, relative_error
+from tam_calibration.effects.grades import CERTAIN, NOTABLE
 from tam_calibration.effects.motion import jumps, rates
-from tam_calibration.effects.other_sensors import LEAST_SENSORS, AgainstOthers
-from tam_calibration.effects.regularity import CERTAIN, alike
+from tam_calibration.effects.other_sensors import AgainstOthers
+from tam_calibration.effects.regularity import alike
 from tam_calibration.effects.within_motion import Statistic, is_chance
 from tam_calibration.units import FloatArray
 
-_FORETOLD = 0.3
-"""Part of the variance of the displacements that the next three samples share: more goes on, and does not scatter."""
-
 _HEAVIEST = 15.0
 """Kurtosis of the scatter; 9 where times are waits of an exponential law, far more where few samples are late."""
-
-_NUMBERS = 2
-"""That jitter has: its size, and the sensor."""
 
 
 class TimingJitter(FoundEffect):
@@ -61,7 +56,7 @@ class TimingJitter(FoundEffect):
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that there is no continuous motion, or no other sensor to tell it, where that is so."""
-        if situation.sensor_count < LEAST_SENSORS:
+        if situation.sensor_count == 1:
             return "one sensor alone does not tell how fast the field changed when it was read"
         return jumps(situation)
 
@@ -72,8 +67,9 @@ class TimingJitter(FoundEffect):
         objection = path.objection()
         if objection is not None:
             return objection
+        # Jitter has two numbers: its size, and the sensor.
         gain, noise = path.profile(0.0) - path.profile(path.part), best_excess(Moments.of(misfit), misfit.situation)
-        if noise is not None and noise.bic(path.channel_count) > gain - _NUMBERS * np.log(path.channel_count):
+        if noise is not None and noise.bic(path.channel_count) > gain - 2 * np.log(path.channel_count):
             return "noise that does not follow the path of the field explains as much"
         size = float(np.sqrt(path.part * path.floor(path.part)))
         spread = np.zeros((len(path.rate), 3 * len(paths) + 1))
@@ -82,7 +78,7 @@ class TimingJitter(FoundEffect):
         return Finding(
             FittedEffect(self.name, {}, (Contribution(path.sensor, None, "jitter", values, errors),)),
             gain=gain,
-            parameter_count=_NUMBERS,
+            parameter_count=2,
             spread_T=spread,
         )
 
@@ -178,7 +174,7 @@ class _Path:
         along = self.score[moves] / np.sqrt(self.square[moves])
         size = float(np.mean(along**2))
         chance = CERTAIN * size / np.sqrt(len(along))
-        if alike(along) > max(_FORETOLD * (size - self.floor(self.part)), chance):
+        if alike(along) > max(NOTABLE * (size - self.floor(self.part)), chance):
             return "what is off along the path of the field goes on from sample to sample"
         scatter = along / np.sqrt(1 + self.part * self.square[moves])
         if np.mean(scatter**4) > _HEAVIEST * np.mean(scatter**2) ** 2:

@@ -17,12 +17,25 @@ from tam_calibration.residuals import residual_series
 from tam_calibration.units import FloatArray, to_nanotesla
 
 PARTS = 10
+"""Of equal length, of which each is long enough for some turns of a usual survey."""
+
 _FEWEST_IN_PART = 10
+"""Samples of which a median is told to a third."""
+
 _STEADY_RATIO = 4.0
+"""Of the largest to the smallest residual; in the shortest parts white noise of four sensors makes 2.5 once in 1000."""
+
 _LARGEST_STEADY_RESIDUAL = 1e-5
+"""Part of the intensity, half a nanotesla: what is less, no calibration is asked for."""
+
 _LARGEST_RESIDUAL = 0.01
+"""Part of the intensity, 500 nT: more in some part only is another array, and not an effect beside one calibration."""
+
 _LARGEST_DISTANCE = 0.05
+"""Part of the radius of a sphere that most readings are near; errors of scale and angles make readings miss it too."""
+
 _LARGEST_CHI_SQUARE = 2.0
+"""Square of 1.4 times the stated noise: data sheets are hardly more exact."""
 
 
 @dataclass(frozen=True, eq=False)

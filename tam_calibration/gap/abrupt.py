@@ -12,7 +12,8 @@ from math import log
 import numpy as np
 
 from tam_calibration.effects.effect import Shape, Term
-from tam_calibration.effects.geomagnetic_drift import ORDERS, SAMPLES_PER_ORDER
+from tam_calibration.effects.geomagnetic_drift import ORDERS
+from tam_calibration.effects.grades import LONGEST_BURST, SLIGHT
 from tam_calibration.effects.term import chosen
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.search import Hypothesis
@@ -22,9 +23,6 @@ from tam_calibration.units import FloatArray
 
 _TIMES = 64
 """At which other steps are set, evenly over the record."""
-
-_OTHER_TIME = 0.05
-"""Part of the record by which a step at another time is away from a change."""
 
 MOST_STEPS = 3
 """Times at which one sensor's bias or scale changes; what does more often is a loose part or contact, and no step."""
@@ -75,7 +73,7 @@ def _best_course(base: Base, form: Hypothesis, always: Sequence[Term], changes: 
     """
     channels, count, width = base.channels, base.channels.count, form.width
     time_s = channels.situation.time_s[:: channels.stride]
-    orders = [last for _, last in ORDERS if last * SAMPLES_PER_ORDER <= len(time_s)]
+    orders = [last for _, last in ORDERS if last * LONGEST_BURST <= len(time_s)]
     if not orders:
         return []
     courses = _times(always, cosines(time_s, np.arange(1, orders[-1] + 1)))
@@ -112,7 +110,7 @@ def _among_times(
     steps = channels.design(_times(always, (time_s[:, None] >= times).astype(float)))
     each = steps.split(len(times))
     while True:
-        is_other = np.abs(times[:, None] - changes).min(axis=1) > _OTHER_TIME * np.ptp(time_s)
+        is_other = np.abs(times[:, None] - changes).min(axis=1) > SLIGHT * np.ptp(time_s)
         others: FloatArray = both.gains_apart(each, steps)[is_other]
         if not len(others) or len(changes) >= MOST_STEPS:
             break

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from tam_calibration.effects.grades import LEAST_SAMPLES
 from tam_calibration.effects.harmonics import harmonics
 from tam_calibration.units import FloatArray
 
@@ -24,9 +25,6 @@ LAGS = 20
 
 _HIGHEST_DEGREE = 3
 """Of the spherical harmonics of the direction: the calibration takes up 1 and 2, bends of the axes are of 3."""
-
-_LEAST_SAMPLES = 40
-"""With fewer the laws of the kurtosis and of fifteen functions of the direction do not hold."""
 
 _SAYS = {
     "chi_square": (
@@ -175,7 +173,7 @@ def checks_of(time_s: FloatArray, direction: FloatArray, rows_T: FloatArray, flo
     for row in range(row_count):
         values = rows_T[:, row] / (floor_T[row] or np.nan)
         known = np.isfinite(values)
-        if known.sum() < _LEAST_SAMPLES or not np.ptp(values[known]):
+        if known.sum() < 2 * LEAST_SAMPLES or not np.ptp(values[known]):
             continue
         correlation[row] = _autocorrelation(values, known)
         line, cycles = _strongest_line(values, known, chance)

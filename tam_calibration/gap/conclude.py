@@ -5,8 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from tam_calibration.effects.effect import Finding, FittedEffect, LinearEffect, Situation
+from tam_calibration.effects.excess_variance import LARGEST_NOISE
+from tam_calibration.effects.grades import FEWEST, MINOR, NEARLY_ALL
 from tam_calibration.effects.library import effect_named
-from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import sandwich, unseen
 from tam_calibration.gap.hypotheses import Evidence
@@ -21,18 +22,15 @@ from tam_calibration.gap.search import Hypothesis, Place, sensors_of
 from tam_calibration.gap.shares import energies_of, shares_of
 from tam_calibration.gap.size import measure, noise_variance
 from tam_calibration.gap.steps import Search
-from tam_calibration.gap.support import LEAST_EVIDENCE, NEARLY_ALL, Step
+from tam_calibration.gap.support import LEAST_EVIDENCE, Step
 from tam_calibration.gap.verdict import noisier_rows, smallest_gap, statement, verdict_on
 from tam_calibration.gap.where import locate, sensors_and_axes
-
-_SLIGHT = 0.1
-"""Part of the signal in the strongest sensor: what errs there shifts the field that all share by part of its error."""
 
 _FREE_WITHOUT = ("temperature_drift", "current_interference")
 """Effects that, while their channel is missing, may be any function of time."""
 
-_OF_FEW, _FEW = ("saturation", "outliers"), 3
-"""Effects that are alike in so few samples: a spike or three may as well be the end of a range."""
+_OF_FEW = ("saturation", "outliers")
+"""Effects that are alike in the fewest samples: a spike or three may as well be the end of a range."""
 
 
 def conclude(found: Search) -> Gap:
@@ -130,7 +128,7 @@ def _alike(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
         names += [
             one.effect for one in found.considered if one.status == "channel_missing" and one.effect in _FREE_WITHOUT
         ]
-    is_few = isinstance(cause.form, Finding) and cause.form.flagged is not None and cause.form.flagged.sum() <= _FEW
+    is_few = isinstance(cause.form, Finding) and cause.form.flagged is not None and cause.form.flagged.sum() < FEWEST
     if is_few and effect.effect in _OF_FEW:
         names += [name for name in _OF_FEW if name != effect.effect]
     return tuple(dict.fromkeys(names))
@@ -167,7 +165,7 @@ def _places(fitted: FittedEffect, situation: Situation) -> list[Place]:
         return places
     rows = np.sqrt(np.mean(effect.signal(situation, fitted)[:, :-1] ** 2, axis=0))
     size = np.sqrt(np.mean(rows.reshape(-1, 3) ** 2, axis=1))
-    return [place for place in places if place[0] < 0 or size[place[0]] > _SLIGHT * size.max()]
+    return [place for place in places if place[0] < 0 or size[place[0]] > MINOR * size.max()]
 
 
 def _units(effect: FittedEffect, evidence: Evidence) -> dict[str, str]:

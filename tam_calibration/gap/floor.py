@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.array import Array
+from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
+from tam_calibration.effects.orientation import LEAST_TURN
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.effects.robust import noise_deviation
 from tam_calibration.gap.channels import Channels
@@ -24,23 +26,11 @@ CONTRADICTED = 2.0
 Sheets tell typical sensors, which differ by some ten per cent; at twice the noise another bandwidth or sensor is meant.
 """
 
-_CHANCE = 8.0
-"""Over the root of the number of samples: five standard deviations of the logarithm of a level."""
-
-_SURE_OF_ROUNDING = 0.3
-"""Part of the variance of rounding that noise must have to be seen beside it; what is less, rounding hides."""
-
-_SLOW_RAD = 0.1
-"""Median angle between the fields of neighbouring samples up to which differences hold noise and not the motion."""
-
 _CLIP = 4.0
 """Robust standard deviations at which differences are clipped."""
 
 _ROUNDS = 200
 """Multiplicative steps, as the levels of rows that few channels tell settle slowly."""
-
-LEAST_SAMPLES = 20
-"""Fewer tell neither the level of a noise nor, without a fold of them, the nine numbers of an ellipsoid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +100,7 @@ def floor_of(channels: Channels, stated: Array) -> Floor:
         known = channels.recording.scalar_T[np.isfinite(channels.recording.scalar_T)]
         if len(known) >= LEAST_SAMPLES:
             level[-1], colour[-1] = np.sqrt(_white(known)), _colour_of(known)
-    is_slow = _median_turn(channels) < _SLOW_RAD
+    is_slow = _median_turn(channels) < LEAST_TURN
     if is_slow and channels.is_counted.sum() >= LEAST_SAMPLES:
         level[:-1], colour[:-1] = _of_rows(channels, _stated_T(stated))
     floor = Floor(level, colour, _stated_T(stated))
@@ -140,7 +130,8 @@ def _of_rows(channels: Channels, stated_T: FloatArray) -> tuple[FloatArray, Floa
             rounding = lattice.step_T**2 / 12
             noise = variance[lattice.row] - rounding
             hidden = stated_T[lattice.row] ** 2 if np.isfinite(stated_T[lattice.row]) else rounding * 1e-2
-            variance[lattice.row] = noise if noise > _SURE_OF_ROUNDING * rounding else hidden
+            # Beside rounding noise is seen as far as it is a notable part of it.
+            variance[lattice.row] = noise if noise > NOTABLE * rounding else hidden
     return np.sqrt(variance), np.broadcast_to(colour, variance.shape)
 
 
@@ -177,7 +168,7 @@ def _fresh(readings: FloatArray) -> NDArray[np.bool_]:
     off_line = np.abs(readings[1:-1] - (readings[2:] + readings[:-2]) / 2).sum(axis=1)
     tiny = 1e-6 * max(float(np.median(size)), float(size.mean()))
     fresh[1:-1] = (off_line > tiny) & (size[:-1] > tiny)
-    is_filled = (~fresh).mean() > 0.2 and fresh.sum() >= LEAST_SAMPLES
+    is_filled = (~fresh).mean() > NOTABLE and fresh.sum() >= LEAST_SAMPLES
     return fresh if is_filled else np.ones(len(readings), dtype=bool)
 
 
@@ -204,7 +195,8 @@ def _middle(values: FloatArray) -> float:
 
 
 def _least_factor(sample_count: int) -> float:
-    return float(np.exp(max(np.log(CONTRADICTED), _CHANCE / np.sqrt(max(sample_count, 1)))))
+    """Return by which a level must differ; its logarithm is sure to less than two over the root of so many samples."""
+    return float(np.exp(max(np.log(CONTRADICTED), 2 * CERTAIN / np.sqrt(max(sample_count, 1)))))
 
 
 def _remarks(floor: Floor, stated: Array, sample_count: int) -> tuple[str, ...]:

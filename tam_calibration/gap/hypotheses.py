@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from math import log
 
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect, Situation
+from tam_calibration.effects.grades import NEARLY_ALL
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.kept import kept
 from tam_calibration.gap.refinement import refined
@@ -27,9 +28,6 @@ CHANNEL_NAMES = {
     "attitude": "attitude",
 }
 """What people call the channels of a recording."""
-
-_PROMISING = 0.9
-"""Part of the strongest evidence from which it pays to refine a shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +105,7 @@ def evidence_of(base: Base, form: Hypothesis) -> Evidence:
 
 def sharpened(base: Base, weighed: Sequence[Evidence]) -> tuple[Evidence, ...]:
     """Return the evidence with the shapes of the strongest effects refined."""
-    least = _PROMISING * max((one.delta_bic for one in weighed), default=0.0)
+    least = NEARLY_ALL * max((one.delta_bic for one in weighed), default=0.0)
     return tuple(
         _refined(base, one) if isinstance(one.form, Hypothesis) and one.delta_bic > max(least, 0.0) else one
         for one in weighed

@@ -6,8 +6,9 @@ from functools import cached_property
 from math import log
 
 from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.excess_variance import LARGEST_NOISE
+from tam_calibration.effects.grades import MINOR, NOTABLE, SLIGHT
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.hypotheses import Evidence, evidence_of, examine, rivals, sharpened, usable
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
@@ -16,7 +17,6 @@ from tam_calibration.gap.search import Hypothesis, given_form, places_of, restri
 from tam_calibration.gap.standing import Standing
 from tam_calibration.gap.support import (
     LEAST_EVIDENCE,
-    LEAST_SHARE,
     Step,
     absorbed,
     beyond_surrogates,
@@ -31,26 +31,14 @@ from tam_calibration.gap.support import (
 
 Progress = Callable[[str, float], None]
 
-CLEAN = 0.1
-"""Part of the gap that causes may leave open and still explain it."""
-
 LARGEST_REST = 1.0
 """Noise floors that causes may leave: what is larger than the noise is a gap of its own."""
 
 _MOST_CAUSES = 4
 """Of one gap; more are no longer told apart."""
 
-_MODELLED = 1e-3
-"""Part of a gap's energy that a cause beside others must explain: effects are modelled to some per cent in size."""
-
 _STARTS = 2
 """Effects from which a search starts, at most."""
-
-_SWAP_PART = 0.3
-"""Part of a cause's evidence that an effect must have had to come in its place."""
-
-_START_PART = 0.25
-"""Part of the first's evidence that another start must have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,15 +84,15 @@ class Looking:
 
     def found(self, first: Evidence | None) -> Outcome:
         """Return the causes that hold of those found from a start, or from the strongest."""
-        steps = self._forward(first)
-        held = self._holding(steps)
+        steps = self._forward([], first, ())
+        held = self._beside_held(steps)
         kept = self._holding(self._swapped(held)) or held
         model, base = self._beside(kept)
         unknown, count = rivals(base), base.channels.count
         spent = base.rank - self.first_base.rank + sum(finding.parameter_count for finding in model.findings)
         evidence = -count * log(base.energy / count) - spent * log(count)
         is_small = base.energy < (1 + LARGEST_REST**2) * count
-        is_clean = bool(kept or not steps) and is_small and open_part(self.first_base, base, unknown) < CLEAN
+        is_clean = bool(kept or not steps) and is_small and open_part(self.first_base, base, unknown) < MINOR
         return Outcome(steps[0].accepted if steps else None, tuple(kept), model, unknown, evidence, is_clean)
 
     def other_starts(self, found: Outcome) -> list[Evidence]:
@@ -113,7 +101,7 @@ class Looking:
         if first is None or first.is_certain or self.nominal.gross is not None:
             return []
         ranked = sorted(self.weighed, key=lambda one: -one.delta_bic)
-        others = [one for one in ranked if one is not first and one.delta_bic > _START_PART * first.delta_bic]
+        others = [one for one in ranked if one is not first and one.delta_bic > NOTABLE * first.delta_bic]
         starts = [] if found.is_clean else [self._alone(one) or one for one in others[:_STARTS]]
         alone = self._alone(first)
         base = self.first_base
@@ -130,20 +118,33 @@ class Looking:
                 self._considered[name] = Considered(name, "not_supported", found)
         return sharpened(base, weighed)
 
-    def _forward(self, first: Evidence | None) -> list[Step]:
-        """Accept causes, the strongest first, or one that is given and then the strongest."""
-        steps: list[Step] = []
+    def _beside_held(self, steps: Sequence[Step]) -> list[Step]:
+        """Return the causes that hold, and those found beside them in place of causes that do not."""
+        held, passed_over = self._holding(steps), set[str]()
+        while held and len(held) < len(steps):
+            passed_over |= {step.accepted.effect for step in steps if step not in held}
+            steps = self._forward(held, None, passed_over)
+            more = self._holding(steps)
+            if len(more) <= len(held):
+                break
+            held = more
+        return held
+
+    def _forward(self, known: Sequence[Step], first: Evidence | None, without: Collection[str]) -> list[Step]:
+        """Accept causes beside known ones, the strongest first, or one that is given and then the strongest."""
+        steps = list(known)
         weighed = self.weighed
-        least = LEAST_SHARE * self._visible()
+        least = SLIGHT * self._visible()
         while len(steps) < _MOST_CAUSES:
             base = self._beside(steps)[1]
             if steps:
-                least = max(min(least, LARGEST_REST**2 * base.channels.count), _MODELLED * self._visible())
+                # Effects are modelled to some per cent in size: what is less may be what they leave of themselves.
+                least = max(min(least, LARGEST_REST**2 * base.channels.count), SLIGHT**2 * self._visible())
                 if base.energy < least:  # Nothing explains more than there is.
                     return steps
                 weighed = self._weigh(base, len(steps))
             given = (first, stands(base, first)[1]) if first is not None and not steps else None
-            found = given or supported(base, weighed, steps, least)
+            found = given or supported(base, [one for one in weighed if one.effect not in without], steps, least)
             if found is None:
                 return steps
             accepted, standing = found
@@ -206,7 +207,7 @@ class Looking:
             one.effect
             for one in (*step.weighed, step.accepted)
             if isinstance(one.form, Hypothesis)
-            and one.delta_bic > max(LEAST_EVIDENCE, _SWAP_PART * step.accepted.delta_bic)
+            and one.delta_bic > max(LEAST_EVIDENCE, NOTABLE * step.accepted.delta_bic)
             and (one.effect not in others or one.effect == own)
         ]
         offers = [examine(base, self._effects[name]) for name in dict.fromkeys(names)]

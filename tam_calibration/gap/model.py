@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from tam_calibration.array import Array
 from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, LinearEffect, Shape, Term
-from tam_calibration.effects.moved_sphere import GROSS, moved_sphere
+from tam_calibration.effects.grades import NEGLIGIBLE
+from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.effects.removal import attitude_known, filled
 from tam_calibration.effects.term import Key, chosen
 from tam_calibration.errors import SensorErrors
@@ -38,18 +39,12 @@ _MOST_ROUNDS = 4
 _SPHERE_RANK = 9
 """Of the calibration of one sensor by the length of the field, where that tells all of it."""
 
-_LEAST_JUMP = 0.01
-"""Part of the largest jump of an axis below which another is the error of a sphere's centre."""
-
 _KNOWN: "WeakKeyDictionary[Model, Base]" = WeakKeyDictionary()
-
-_HELD_BACK = 0.01
-"""Part of the energy that a further step would take, from which a fit has not settled."""
 
 _STEP_LENGTHS = (1.0, 0.5, 0.125, 0.03)
 """Parts of a step that are tried, the whole first: where none of them goes downhill, nothing does."""
 
-_SETTLED = 1e-3
+_SETTLED = 1e-5
 """Fall of the energy that a step promises, in that of one channel: far below any evidence."""
 
 
@@ -168,7 +163,7 @@ class Model:
                 raise Refused(without_calibration(recording, None if begun is None else begun.objection))
             return plain
         largest = max(abs(value) for one in jump.contributions for value in one.values.values())
-        jumping = tuple(one for one in jump.contributions if max(map(abs, one.values.values())) > _LEAST_JUMP * largest)
+        jumping = tuple(one for one in jump.contributions if max(map(abs, one.values.values())) > NEGLIGIBLE * largest)
         return replace(beside._with_floor(array), recording=recording, gross=replace(jump, contributions=jumping))
 
     @classmethod
@@ -257,7 +252,7 @@ class Model:
     def is_settled(self) -> bool:
         """Whether no step would lower the energy by much: bounds do not hold the fit back."""
         base = self.base()
-        return base.fall <= _HELD_BACK * base.channels.energy
+        return base.fall <= NEGLIGIBLE * base.channels.energy
 
     @classmethod
     def _in_world(
@@ -282,7 +277,7 @@ class Model:
 
     def _is_gross(self) -> bool:
         """Whether the misfit is no small disturbance of the field."""
-        return bool(np.sqrt(np.mean(self._relative_misfit**2)) > GROSS)
+        return bool(np.sqrt(np.mean(self._relative_misfit**2)) > NEGLIGIBLE)
 
     @property
     def _is_found_out_of_bounds(self) -> bool:
@@ -294,7 +289,7 @@ class Model:
     @property
     def _agrees(self) -> NDArray[np.bool_]:
         """(N,) whether the misfit of a sample is a small disturbance of the field."""
-        agrees: NDArray[np.bool_] = self._relative_misfit <= GROSS
+        agrees: NDArray[np.bool_] = self._relative_misfit <= NEGLIGIBLE
         return agrees
 
     @property

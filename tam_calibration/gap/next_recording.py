@@ -12,7 +12,6 @@ from tam_calibration.gap.hypotheses import CHANNEL_NAMES, Evidence
 from tam_calibration.gap.result import Cause, Verdict
 from tam_calibration.gap.search import places_of
 from tam_calibration.gap.separation import (
-    DECIDES,
     Doubt,
     channels_of,
     doubt_of,
@@ -132,7 +131,7 @@ def _hidden(found: Search, causes: Sequence[Cause], missing: Collection[str]) ->
     named = {cause.fitted.effect for cause in causes}
     for accepted in (step.accepted for step in found.steps if step.accepted.effect in named):
         other = _MAY_BE.get(accepted.effect, "")
-        if other not in missing or (accepted.effect == "bias_jump" and drift < accepted.gain - DECIDES):
+        if other not in missing or (accepted.effect == "bias_jump" and drift < accepted.gain - LEAST_EVIDENCE):
             continue
         return accepted, [other]
     return None
@@ -153,13 +152,13 @@ def _shown(setting: Setting, unknown: Evidence, plausible: Sequence[str]) -> str
         expected, best = max(offers, key=lambda offer: offer[0] / offer[1].minutes)
         minutes = long_enough(expected, best.minutes)
         expected *= minutes / best.minutes
-        if expected < DECIDES:
+        if expected < LEAST_EVIDENCE:
             continue
         return (
             f"To see whether it is {words_of(name)}, {best.words}, {duration(minutes)}{with_channels(needed)}"
             f"{_also(setting, plausible, needed)}. If it makes this gap, the evidence for it (twice the logarithm of "
             f"the likelihood ratio), which this recording cannot give, would be about {rounded(expected)}; above "
-            f"{DECIDES:.0f} decides."
+            f"{LEAST_EVIDENCE:.0f} decides."
         )
     return None
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tam_calibration.array import Array
 from tam_calibration.effects.bias_jump import BiasJump
 from tam_calibration.effects.fitted import FittedEffect
+from tam_calibration.effects.grades import NEGLIGIBLE
 from tam_calibration.effects.situation import Situation
 from tam_calibration.errors import SensorErrors
 from tam_calibration.field_bounds import FieldBounds
@@ -24,9 +25,6 @@ from tam_calibration.units import FloatArray
 
 _WILD = 4.0
 """Times the median length from which a reading is wild: bias and soft iron hardly double it."""
-
-_MOST_WILD = 0.02
-"""Part of the samples up to which wild ones are few, and are left out of the fit."""
 
 
 _THIRDS = 3
@@ -130,7 +128,7 @@ def wild_samples(recording: Recording) -> NDArray[np.bool_]:
     """Return the samples (N,) in which a sensor reads far beyond what it mostly does, where these are few."""
     length = norm(recording.readings_T, axis=2)
     wild: NDArray[np.bool_] = (length > _WILD * np.median(length, axis=0)).any(axis=1)
-    return wild if wild.sum() <= _MOST_WILD * len(wild) else np.zeros_like(wild)
+    return wild if wild.sum() <= NEGLIGIBLE * len(wild) else np.zeros_like(wild)
 
 
 def without_jump(recording: Recording, jump: FittedEffect) -> Recording:

@@ -14,6 +14,7 @@ prints, of folders that ``tam blind make`` or a world of others wrote and ``tam 
 from collections.abc import Collection, Mapping, Sequence
 from math import exp, log
 
+from tam_calibration.effects.grades import SLIGHT
 from tam_calibration.gap.result import Cause, Size, Verdict
 from tam_calibration.gap.shares import energies_of
 from tam_calibration.gap.steps import Search
@@ -24,9 +25,6 @@ _COEFFICIENTS = (1.01, -0.29, 1.79, 0.7)
 
 _RIGHT: Mapping[Verdict, float] = {"no_gap": 70 / 73, "unexplained": 137 / 147}
 """How often these were right: 69 of 71 and 136 of 145, by Laplace's rule."""
-
-_SURE = 0.95
-"""Probability that a set of answers holds the true one."""
 
 _NAMES = {"none_of_these": "unknown"}
 
@@ -99,7 +97,7 @@ def set_of(chances: Mapping[str, float], verdict: Verdict, causes: Collection[Ca
                 continue
         else:
             doubt -= chances[name]
-        if doubt <= 1 - _SURE:
+        if 1 - doubt >= 1 - SLIGHT:
             break
     return tuple(told)
 

@@ -15,9 +15,6 @@ from tam_calibration.gap.search import Hypothesis, places_of
 from tam_calibration.gap.steps import Search
 from tam_calibration.gap.support import LEAST_EVIDENCE
 
-DECIDES = 20.0
-"""Evidence, twice the logarithm of a likelihood ratio, that settles a question."""
-
 _LONGEST_MIN = 60.0
 """Minutes for which people may be asked to record."""
 
@@ -57,7 +54,7 @@ class Separation:
     def sentence(self) -> str:
         """What to record."""
         first, second = (words_of(part.effect.name) for part in (self.first, self.second))
-        if self.now + self.gained < DECIDES:
+        if self.now + self.gained < LEAST_EVIDENCE:
             return (
                 f"What was found of {first} and {second} differs so little that no recording of an hour would tell "
                 "them apart: the simpler one will do."
@@ -66,7 +63,7 @@ class Separation:
             f"To tell {first} from {second}, {self.candidate.words}, {duration(self.minutes)}"
             f"{with_channels(self.channels)}. The evidence that tells them apart (twice the logarithm of the "
             f"likelihood ratio) is {self.now:.0f} in this recording and would be about "
-            f"{rounded(self.now + self.gained)} after it; above {DECIDES:.0f} decides."
+            f"{rounded(self.now + self.gained)} after it; above {LEAST_EVIDENCE:.0f} decides."
         )
 
 
@@ -83,7 +80,7 @@ def doubt_of(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> Doubt 
     """Return the first cause that another effect comes near, or the two best effects where none is a cause."""
     if verdict == "unexplained":
         ranked = sorted(found.weighed, key=lambda one: -one.delta_bic)[:2]
-        if len(ranked) < 2 or ranked[1].delta_bic < max(LEAST_EVIDENCE, ranked[0].delta_bic - DECIDES):
+        if len(ranked) < 2 or ranked[1].delta_bic < max(LEAST_EVIDENCE, ranked[0].delta_bic - LEAST_EVIDENCE):
             return None
         return Doubt(ranked[0], ranked[1], found.nominal)
     named = {cause.fitted.effect for cause in causes}
@@ -105,7 +102,7 @@ def _is_close(accepted: Evidence, other: Evidence) -> bool:
     here, there = ({sensor for sensor, _ in places_of(one.form)} for one in (accepted, other))
     if not here & there and ALL not in here | there:
         return False
-    return other.delta_bic > max(LEAST_EVIDENCE, accepted.delta_bic - DECIDES)
+    return other.delta_bic > max(LEAST_EVIDENCE, accepted.delta_bic - LEAST_EVIDENCE)
 
 
 def separate(setting: Setting, doubt: Doubt) -> Separation | None:
@@ -159,7 +156,7 @@ def long_enough(gained: float, minutes: float) -> float:
     """Return how many minutes bring twice the evidence that decides, where some bring so much; an hour at most."""
     if gained <= 0:
         return minutes
-    return min(minutes * max(ceil(2 * DECIDES / gained), 1), max(_LONGEST_MIN, minutes))
+    return min(minutes * max(ceil(2 * LEAST_EVIDENCE / gained), 1), max(_LONGEST_MIN, minutes))
 
 
 def duration(minutes: float) -> str:

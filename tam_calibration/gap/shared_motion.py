@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from tam_calibration.effects.grades import MOST
 from tam_calibration.units import FloatArray
 
 _SURE = 15.0
@@ -12,9 +13,6 @@ White noise makes one to two of it, slow noise three times as much.
 
 _WILD = 8.0
 """Times the median distance from the median, from which a reading is a spike; a motion hardly goes so far."""
-
-_MOST = 0.5
-"""Correlation that is sure in a recording however short."""
 
 
 def canonical_correlations(readings_T: FloatArray) -> FloatArray:
@@ -33,4 +31,4 @@ def canonical_correlations(readings_T: FloatArray) -> FloatArray:
 
 def sure_correlation(sample_count: int) -> float:
     """Return the correlation from which noise of so many samples is not its cause."""
-    return float(min(_SURE / np.sqrt(sample_count), _MOST))
+    return float(min(_SURE / np.sqrt(sample_count), MOST))

@@ -2,18 +2,15 @@
 
 import numpy as np
 
+from tam_calibration.effects.grades import LEAST_SAMPLES, NEGLIGIBLE
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.field_bounds import FieldBounds
-from tam_calibration.gap.floor import LEAST_SAMPLES
 from tam_calibration.gap.result import Considered, Gap, Residue, Size, Where
 from tam_calibration.gap.shared_motion import canonical_correlations, sure_correlation
 from tam_calibration.recording import Recording
 
 _LEAST_REDUNDANCY = 60
 """Channels beyond the parameters of the calibration below which nothing is said."""
-
-_LEAST_SPREAD = 0.02
-"""Of the weakest field: deviation of the readings across their main direction; a turn of one degree makes as much."""
 
 
 def needed_samples(sensor_count: int) -> int:
@@ -26,7 +23,8 @@ def is_at_rest(recording: Recording, field: FieldBounds) -> bool:
     """Whether the first sensor stands still or moves on a line, or no other sees it move: the calibration is open."""
     first = recording.readings_T[:, 0] - recording.readings_T[:, 0].mean(axis=0)
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(first.T @ first / len(first)), 0))
-    if spread[1] < _LEAST_SPREAD * field.low_T:
+    # A turn of half a degree makes as much.
+    if spread[1] < NEGLIGIBLE * field.low_T:
         return True
     shared = canonical_correlations(recording.readings_T)[1:, 1]
     return bool((shared < sure_correlation(recording.sample_count)).all()) if len(shared) else False

@@ -7,7 +7,7 @@ import numpy as np
 
 from tam_calibration.array import TENSOR_OUTPUTS
 from tam_calibration.effects.effect import LinearEffect
-from tam_calibration.effects.noise_excess import LARGEST_NOISE
+from tam_calibration.effects.excess_variance import LARGEST_NOISE
 from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypotheses import Evidence

@@ -7,7 +7,9 @@ from math import expm1, log
 import numpy as np
 
 from tam_calibration.effects.effect import ALL, Contribution, Finding, FittedEffect
+from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.periodic_interference import SAME_LINE
 from tam_calibration.gap.abrupt import MOST_STEPS, SHARPEST, standing_of_change
 from tam_calibration.gap.hypotheses import Evidence, examine, rivals
 from tam_calibration.gap.kept import kept
@@ -30,36 +32,6 @@ What only resembles a cause, as another law of the motion does, gains up to four
 _PROMISES = 2.0
 """The same while other causes may still be found, which it leaves as well."""
 
-_STANDS_OUT_OF_CHANNEL = 1.2
-"""The same of what a recorded channel does: hardly a course of the same spectrum is nearly as good by chance."""
-
-PART_OF_FIRST = 0.25
-"""Part of ``SHARPEST`` that is enough beside a smooth course while other changes of the same may still be found."""
-
-LEAST_SHARE = 0.08
-"""Part of all that can be explained that a cause must explain."""
-
-_MOST_LEFT = 0.05
-"""Part of what can be explained in its sensors that a form may leave which does not stand out."""
-
-_MOST_LEFT_BY_CHANNEL = 0.25
-"""The same of what a recorded channel does, which lags and other sensors' parts describe less well."""
-
-_MOST_LEFT_BY_CHANGES = 0.1
-"""The same of what changes at times that are known to a sample at best."""
-
-NEARLY_ALL = 0.97
-"""Part of what another gains from which on one hypothesis gains as much: a special case, or a function of direction."""
-
-
-_MOST_STRUCK = 0.04
-"""Part of the samples that are outliers at most."""
-
-_SAME_TIME = 3.0
-"""Sampling steps within which two jumps are one."""
-
-_SAME_LINE = 4.0
-"""Widths of a spectral line, of one over the duration, within which two tones are one."""
 
 NOISE, OUTLIERS, JUMP, TONE = "noise_excess", "outliers", "bias_jump", "periodic_interference"
 _STEPS = {JUMP, "scale_step"}
@@ -116,8 +88,22 @@ def supported(
             best, beyond = (candidate, standing), own
     if best is None:
         return None
-    chosen = special(best[0], [one for one, _ in held])
+    others = [one for one, _ in held]
+    chosen = special(_recorded(best[0], others), others)
     return next(one for one in held if one[0] is chosen)
+
+
+def _recorded(best: Evidence, others: Sequence[Evidence]) -> Evidence:
+    """Return which of others has more evidence by a recorded channel than what may happen at any time, or itself.
+
+    Surrogates of a channel have its course in time, and those of a change at some time have not: they do not compare.
+    """
+    if not (isinstance(best.form, Hypothesis) and best.form.effect.is_free_in_time):
+        return best
+    of_channel = [
+        one for one in others if isinstance(one.form, Hypothesis) and one.form.effect.surrogates == "of_channel"
+    ]
+    return max([best, *of_channel], key=lambda one: one.delta_bic)
 
 
 def special(best: Evidence, others: Sequence[Evidence]) -> Evidence:
@@ -139,11 +125,7 @@ def beyond_surrogates(one: Evidence, standing: Standing | None) -> float:
 
 def _worth(one: Evidence) -> float:
     """Return the evidence, which that for noise is not worth as much as: noise explains any excess."""
-    return one.delta_bic * (_NOISE_WORTH if one.effect == NOISE else 1.0)
-
-
-_NOISE_WORTH = 0.3
-"""Part of the evidence for noise that counts against what says how the excess comes."""
+    return one.delta_bic * (NOTABLE if one.effect == NOISE else 1.0)
 
 
 @kept
@@ -162,7 +144,7 @@ def stands(base: Base, candidate: Evidence) -> tuple[bool, Standing | None]:
     whole = form.effect.always(form.shape)
     if whole is not None:
         among_times, wanders = standing_of_change(base, form, whole, candidate.delta_bic)
-        is_sharp = not wanders or among_times.ratio > SHARPEST * PART_OF_FIRST
+        is_sharp = not wanders or among_times.ratio > SHARPEST * NOTABLE
         if not is_sharp or form.effect.surrogates == "at_other_times":
             return is_sharp, among_times
     standing = _standing(base, form)
@@ -180,16 +162,16 @@ def _is_far_out(standing: Standing, form: Hypothesis) -> bool:
     if form.effect.always(form.shape) is not None:
         return standing.ratio > SHARPEST
     is_recorded = form.effect.surrogates == "of_channel"
-    least = _STANDS_OUT_OF_CHANNEL if is_recorded else _STANDS_OUT
+    least = 1 + NOTABLE if is_recorded else _STANDS_OUT
     return form.effect.surrogates != "elsewhere" and standing.ratio > least
 
 
 def _is_whole(base: Base, cause: Evidence, form: Hypothesis) -> bool:
     """Whether a form leaves next to nothing in its sensors."""
     if form.effect.always(form.shape) is not None:
-        return _left_there(base, cause, form) < _MOST_LEFT_BY_CHANGES
+        return _left_there(base, cause, form) < MINOR
     is_recorded = form.effect.surrogates == "of_channel"
-    return _left_there(base, cause, form) < (_MOST_LEFT_BY_CHANNEL if is_recorded else _MOST_LEFT)
+    return _left_there(base, cause, form) < (NOTABLE if is_recorded else SLIGHT)
 
 
 def _left_there(base: Base, cause: Evidence, form: Hypothesis) -> float:
@@ -261,7 +243,7 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
         return False
     if isinstance(candidate.form, Finding) and not _gives_up_more(candidate.form, base):
         return False
-    if candidate.effect == OUTLIERS and _struck([candidate, *alike]) > _MOST_STRUCK:
+    if candidate.effect == OUTLIERS and _struck([candidate, *alike]) > SLIGHT:
         return False
     sensors = sensors_of(places_of(candidate.form))
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
@@ -273,7 +255,7 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
 def _is_same_line(one: Evidence, other: Evidence, base: Base) -> bool:
     """Whether two tones have a frequency that the record does not tell apart: one that trembles is one."""
     lines = [form.shape["frequency_hz"] for form in (one.form, other.form) if isinstance(form, Hypothesis)]
-    return abs(lines[0] - lines[1]) * float(np.ptp(base.channels.situation.time_s)) < _SAME_LINE
+    return abs(lines[0] - lines[1]) * float(np.ptp(base.channels.situation.time_s)) < SAME_LINE
 
 
 def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
@@ -328,7 +310,7 @@ def _changes(causes: Sequence[Evidence], step_s: float) -> int:
     forms = [one.form for one in causes if one.effect in _STEPS]
     times = sorted(time for form in forms if isinstance(form, Hypothesis) for time in form.shape.values())
     return sum(
-        later - time > _SAME_TIME * step_s for time, later in zip(times, [*times[1:], float("inf")], strict=True)
+        later - time > LONGEST_BURST * step_s for time, later in zip(times, [*times[1:], float("inf")], strict=True)
     )
 
 

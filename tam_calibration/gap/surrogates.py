@@ -16,6 +16,8 @@ import numpy as np
 
 from tam_calibration.effects.effect import SurrogateKind, Term
 from tam_calibration.effects.fitted import SCALAR
+from tam_calibration.effects.grades import MOST, NEGLIGIBLE, SLIGHT
+from tam_calibration.effects.periodic_interference import SAME_LINE
 from tam_calibration.effects.term import chosen
 from tam_calibration.gap.design import Design
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
@@ -30,29 +32,14 @@ _MOVES = 150
 _CHANNELS = 60
 """Channels that are made of a recorded one, half of them moved, half of the same spectrum."""
 
-_ENOUGH = 3
-"""Surrogates that explain as much, after which no others are made."""
-
 _FREQUENCIES = 60
 """At which a tone is set instead, evenly up to half the sampling rate."""
-
-_NEAREST = 0.05
-"""Part of the record by which anything is moved at least."""
-
-_ITSELF = 0.5
-"""Part of its own energy that a form explains of itself, moved, from which on it is no surrogate: motion repeats."""
-
-_MOSTLY_OTHER = 0.5
-"""Part of the moved residuals that must be surrogates; of what is slow, and like itself always, none is left out."""
-
-_SAME_CHANNEL = 0.995
-"""Correlation with the recorded channel from which on another of the same spectrum is that channel."""
 
 
 def standing_of(base: Base, form: Hypothesis) -> Standing:
     """Return how a form stands among its surrogates in the residual of a base.
 
-    No more surrogates are made once some explain as much: the rank is then told (sequential Monte Carlo test; Besag and
+    No more surrogates are made once one explains as much: its rank is then told (sequential Monte Carlo test; Besag and
     Clifford, Biometrika 78, 1991, p. 301).
     """
     count = base.channels.count
@@ -60,7 +47,7 @@ def standing_of(base: Base, form: Hypothesis) -> Standing:
     others: list[float] = []
     for explained in _KINDS[form.effect.surrogates](base, form):
         others.append(explained)
-        if sum(other >= gain for other in others) == _ENOUGH:
+        if explained >= gain:
             break
     return Standing.among(
         twice_log_likelihood_ratio(base.energy, gain, count),
@@ -80,8 +67,9 @@ def _moved(base: Base, form: Hypothesis) -> Iterator[float]:
     values = inverse @ projected.score
     own = _explained(base, design, inverse, *base.channels.residual)
     of_itself = _explained(base, design, inverse, *_whitened(base, form, values))
-    is_other = of_itself < _ITSELF * float(projected.score @ values)
-    yield from own[is_other] if is_other.mean() > _MOSTLY_OTHER else own
+    # Motion repeats: what a form explains of itself, moved, is no surrogate, unless it always explains as much.
+    is_other = of_itself < MOST * float(projected.score @ values)
+    yield from own[is_other] if is_other.mean() > MOST else own
 
 
 def _explained(
@@ -111,7 +99,7 @@ class _Moved:
 
     def __init__(self, base: Base, differential: FloatArray, common: FloatArray) -> None:
         self._channels, self._count = base.channels, len(common)
-        ends = _NEAREST * self._count, (1 - _NEAREST) * self._count
+        ends = SLIGHT * self._count, (1 - SLIGHT) * self._count
         self._shifts = np.unique(np.linspace(*ends, _MOVES).astype(int))
         rows = np.column_stack([differential @ base.channels.directions.T, np.zeros(self._count)])
         self._between, self._common = np.fft.rfft(rows, axis=0).T, np.fft.rfft(common)
@@ -138,7 +126,7 @@ def _of_channel(base: Base, form: Hypothesis) -> Iterator[float]:
     for name in form.effect.channels:
         channel = getattr(situation, name)
         for other in (*_moved_in_time(channel), *_of_spectrum(channel, _CHANNELS // 2)):
-            if abs(np.corrcoef(channel, other)[0, 1]) < _SAME_CHANNEL:
+            if abs(np.corrcoef(channel, other)[0, 1]) < 1 - NEGLIGIBLE:
                 changed: dict[str, Any] = {name: other}
                 yield _explained_by(base, form.effect.terms(replace(situation, **changed), form.shape), form)
 
@@ -154,7 +142,7 @@ def _of_attitude(base: Base, form: Hypothesis) -> Iterator[float]:
 def _moved_in_time(channel: FloatArray) -> Iterator[FloatArray]:
     """Yield a channel (N, ...) moved in time, forwards and reversed."""
     count = len(channel)
-    for shift in np.linspace(_NEAREST * count, (1 - _NEAREST) * count, _CHANNELS // 4).astype(int):
+    for shift in np.linspace(SLIGHT * count, (1 - SLIGHT) * count, _CHANNELS // 4).astype(int):
         yield np.roll(channel, shift, axis=0)
         yield np.roll(channel[::-1], shift, axis=0)
 
@@ -185,7 +173,7 @@ def _at_other_frequencies(base: Base, form: Hypothesis) -> Iterator[float]:
     span = float(np.ptp(situation.time_s))
     own = form.shape["frequency_hz"]
     for frequency in np.linspace(0.02, 0.49, _FREQUENCIES) / situation.step_s:
-        if abs(frequency - own) * span > 4:
+        if abs(frequency - own) * span > SAME_LINE:
             yield _explained_by(base, form.effect.terms(situation, {**form.shape, "frequency_hz": frequency}), form)
 
 

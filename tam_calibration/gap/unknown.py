@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.effect import Coefficient, LinearEffect, Misfit, Shape, Situation, Term
-from tam_calibration.effects.geomagnetic_drift import ORDERS, SAMPLES_PER_ORDER
+from tam_calibration.effects.geomagnetic_drift import ORDERS
+from tam_calibration.effects.grades import LONGEST_BURST
 from tam_calibration.effects.harmonics import harmonics
 from tam_calibration.effects.neighbours import sum_around
 from tam_calibration.effects.orientation import upwards
@@ -35,7 +36,7 @@ class FunctionOfTime(LinearEffect):
         """Return cosines in bands of growing order, for each sensor's axes."""
         terms = []
         for first, last in ORDERS:
-            if last * SAMPLES_PER_ORDER > situation.sample_count:
+            if last * LONGEST_BURST > situation.sample_count:
                 break
             orders = np.arange(first, last + 1)
             features = cosines(situation.time_s, orders)

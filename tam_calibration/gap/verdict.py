@@ -3,24 +3,15 @@
 import numpy as np
 
 from tam_calibration.effects.effect import ALL
-from tam_calibration.effects.excess_variance import Excess, Moments, best_excess
-from tam_calibration.effects.noise_excess import LARGEST_NOISE
+from tam_calibration.effects.excess_variance import LARGEST_NOISE, Excess, Moments, best_excess
+from tam_calibration.effects.grades import MINOR, MOST, NOTABLE
 from tam_calibration.gap.hypotheses import Evidence
-from tam_calibration.gap.looking import CLEAN, LARGEST_REST
+from tam_calibration.gap.looking import LARGEST_REST
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Cause, Size, Verdict, Where
 from tam_calibration.gap.search import places_of, sensors_of
 from tam_calibration.gap.steps import Search
 from tam_calibration.gap.support import LEAST_EVIDENCE, open_part
-
-SMALLEST_GAP = 0.1
-"""In noise floors; what is smaller is no gap, however certain."""
-
-_LEAST_CLOSED = 0.25
-"""Part of a gap that causes must close; less may be what they have in common with an unknown one."""
-
-_MOSTLY = 0.6
-"""Part of a gap that closes, from which on causes explain it where nothing is visible beside them."""
 
 
 def noisier_rows(model: Model) -> Excess | None:
@@ -34,15 +25,15 @@ def noisier_rows(model: Model) -> Excess | None:
 
 def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> Verdict:
     """Return the verdict on a search; some rows may be noisier than the others without a cause for it."""
-    if size.before < SMALLEST_GAP:
+    if size.before < MINOR:
         return "no_gap"
     if not found.steps:
         is_even = _strongest(found) is None and variance < LARGEST_NOISE**2 and not is_noisier
         return "no_gap" if is_even else "unexplained"
-    if size.closed < _LEAST_CLOSED:
+    if size.closed < NOTABLE:  # It may be what causes have in common with an unknown one.
         return "unexplained"
     left = open_part(found.nominal.base(), found.model.base(), found.remaining)
-    is_whole = left < CLEAN and size.closed > _MOSTLY and size.after < LARGEST_REST
+    is_whole = left < MINOR and size.closed > MOST and size.after < LARGEST_REST
     return "explained" if is_whole and not _is_open_elsewhere(found) else "partly_explained"
 
 
@@ -55,7 +46,7 @@ def _is_open_elsewhere(found: Search) -> bool:
 
 def smallest_gap(count: float) -> float:
     """Return the gap in noise floors that would have been seen in so many channels: of one coefficient of one row."""
-    return max(SMALLEST_GAP, float(np.sqrt((LEAST_EVIDENCE + np.log(count)) / count)))
+    return max(MINOR, float(np.sqrt((LEAST_EVIDENCE + np.log(count)) / count)))
 
 
 def _strongest(found: Search) -> Evidence | None:

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from tam_calibration.effects.fitted import ALL, SCALAR
+from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR, MOST, NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.ridge import ridged
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.hypotheses import Evidence
@@ -14,15 +15,6 @@ from tam_calibration.gap.search import Hypothesis, Place
 from tam_calibration.gap.selection import columns_of
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
-
-_SPAN_ENERGY = 0.9
-"""Part of the energy beyond noise that lies in the span of time that is told."""
-
-_SHORT_SPAN = 0.6
-"""Part of the recording from which on a span says nothing: of an even gap nine tenths lie in nine tenths of it."""
-
-_NEARLY_ALL = 0.85
-"""Part of what a function without physics explains that the sensors or the axis must make that are told for it."""
 
 
 def sensors_and_axes(places: Iterable[Place], recording: Recording) -> tuple[tuple[int | str, ...], tuple[str, ...]]:
@@ -62,7 +54,7 @@ def noisy_places(channels: Channels) -> tuple[list[Place], float]:
         inside, outside = float(energy.sum()), total - float(energy.sum())
         many = freedom * len(energy)
         rest = count - many
-        if rest <= many / 100 or outside <= 0 or inside / many <= outside / rest:
+        if rest <= NEGLIGIBLE * many or outside <= 0 or inside / many <= outside / rest:
             continue
         gain = count * np.log(total / count) - many * np.log(inside / many) - rest * np.log(outside / rest)
         if gain > best[1]:
@@ -101,29 +93,29 @@ def span_of(channels: Channels, excess: FloatArray) -> tuple[float, float] | Non
     total = np.cumsum(excess)
     if total[-1] <= 0:
         return None
-    margin = (1 - _SPAN_ENERGY) / 2
+    margin = MINOR / 2
     first = int(np.searchsorted(total, margin * total[-1]))
     last = int(np.searchsorted(total, (1 - margin) * total[-1]))
     time_s = channels.situation.time_s
     low, high = float(time_s[first]), float(time_s[min(last, len(time_s) - 1)])
-    return (low, high) if high - low < _SHORT_SPAN * float(np.ptp(time_s)) else None
+    return (low, high) if high - low < MOST * float(np.ptp(time_s)) else None
 
 
 def band_of(channels: Channels, row: int, variance: float) -> tuple[float, float] | None:
     """Return the band that holds most of what a row has beyond white noise, where it is not white."""
     situation = channels.situation
-    if situation.sample_count < 64:
+    if situation.sample_count < 2 * LEAST_SAMPLES:
         return None
     shift = channels.misfit.row_shift_T[:, row] * np.sqrt(channels.misfit.row_information[:, row] / variance)
     power = np.abs(np.fft.rfft(shift)) ** 2 / len(shift)
     frequency = np.fft.rfftfreq(len(shift), situation.step_s)
     beyond = np.maximum(power[1:] - 1, 0) * (power[1:] > 1 + 3.0)
-    if beyond.sum() < 0.02 * len(beyond):
+    if beyond.sum() < NEGLIGIBLE * len(beyond):
         return None
     total = np.cumsum(beyond)
-    low = int(np.searchsorted(total, 0.1 * total[-1]))
-    high = int(np.searchsorted(total, 0.9 * total[-1]))
-    if high - low > 0.7 * len(beyond):
+    low = int(np.searchsorted(total, MINOR / 2 * total[-1]))
+    high = int(np.searchsorted(total, (1 - MINOR / 2) * total[-1]))
+    if high - low > MOST * len(beyond):
         return None
     return float(frequency[1 + low]), float(frequency[1 + high])
 
@@ -155,7 +147,7 @@ def locate(
     strongest = max(rivals, key=lambda rival: rival.delta_bic, default=None)
     if causes:
         places = [place for cause in causes for place in cause]
-    elif strongest is not None and strongest.delta_bic > max(least_evidence, gain / 4):
+    elif strongest is not None and strongest.delta_bic > max(least_evidence, NOTABLE * gain):
         places = main_places(base, strongest)
     else:
         places = noisy
@@ -192,7 +184,7 @@ def main_places(base: Base, rival: Evidence) -> list[Place]:
 
     every = list(dict.fromkeys((term.sensor, term.axis) for term in terms))
     single = max(every, key=lambda place: explained(of_place(place)))
-    if explained(of_place(single)) >= _NEARLY_ALL * whole:
+    if explained(of_place(single)) >= (1 - NOTABLE) * whole:
         return [single]
     left: list[Place] = list(dict.fromkeys((sensor, None) for sensor, _ in every))
     chosen: list[Place] = []
@@ -200,7 +192,7 @@ def main_places(base: Base, rival: Evidence) -> list[Place]:
         best = max(left, key=lambda place: explained(of_place(*chosen, place)))
         chosen.append(best)
         left.remove(best)
-        if explained(of_place(*chosen)) >= _NEARLY_ALL * whole:
+        if explained(of_place(*chosen)) >= (1 - NOTABLE) * whole:
             break
     return chosen
 

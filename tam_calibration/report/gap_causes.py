@@ -9,7 +9,10 @@ from tam_calibration.report.gap_rows import percent
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
 
 _SHOWN = 8
+"""Likeliest causes that are drawn: those below share a few per mille."""
+
 _TOLD = 1e-3
+"""Probability that reads as zero in a drawing."""
 
 
 @matplotlib.rc_context(STYLE)

@@ -8,8 +8,13 @@ from tam_calibration.report.gap_view import GapView
 from tam_calibration.report.style import FLOOR_COLOR, PAGE_WIDTH_INCH, STYLE
 
 _FEWEST_BINS, _MOST_BINS = 21, 81
+"""Between which the root of the number of samples is taken."""
+
 _WIDEST_BIN = 0.5
+"""Noise floors: wider ones blur the Gaussian of the floor."""
+
 _LOWEST, _HIGHEST = 4.5, 30.0
+"""Noise floors to which the axis reaches: past all white noise, and not so far that the floor becomes a line."""
 
 
 @matplotlib.rc_context(STYLE)

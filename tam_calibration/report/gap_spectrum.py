@@ -10,7 +10,10 @@ from tam_calibration.report.style import FLOOR_COLOR, MISSING_COLOR, PAGE_WIDTH_
 from tam_calibration.units import FloatArray
 
 _BANDS = 250
+"""Evenly in the logarithm of the frequency: about one for each three points of the page."""
+
 _LONGEST = 1 << 21
+"""Points of the grid, six hours at 100 Hz: a record with longer holes is not put on one."""
 
 
 @matplotlib.rc_context(STYLE)

@@ -14,11 +14,15 @@ from tam_calibration.survey.result import ARRAY_FRAME, Survey
 from tam_calibration.units import FloatArray, to_degrees
 
 _PANEL_INCH = 2.5
+"""Height of one row of views."""
+
 _VIEWS = (((0, 1), "plan"), ((0, 2), "profile"), ((1, 2), "profile"))
 _NAMES = {True: ("x, forward", "y, left", "z, up"), False: ("x", "y", "z")}
 _NINETY_FIVE = np.sqrt(5.991)
 """Half axis, in standard deviations, of an ellipse that holds 95 %: χ² with two degrees of freedom."""
 _MOST_ELLIPSES = 40
+"""More cover one another."""
+
 _MAGNIFIED = 8.0
 """Half width of the magnified views in half axes of the ellipse of all samples."""
 

@@ -58,8 +58,8 @@ def test_the_jump_of_gross_misfits_is_tried_first(turning, left_by):
     assert_allclose(list(tried[0].values()), list(shape.values()), atol=0.2)
 
 
-@pytest.mark.parametrize(("samples", "is_told"), [(50, False), (70, True)])
-def test_a_sphere_lies_through_blocks_of_twenty_samples(turning, samples, is_told):
+@pytest.mark.parametrize(("samples", "is_told"), [(60, False), (84, True)])
+def test_a_sphere_lies_through_blocks_of_some_samples(turning, samples, is_told):
     """Three blocks tell a jump, two do not."""
     situation = turning(samples=samples, step_s=60 / samples, sensors=1)
     assert (moved_sphere(jumped(situation, samples // 2, samples)) is not None) == is_told

@@ -141,7 +141,7 @@ def test_spikes_are_no_noise(bench):
 
 def test_too_few_samples_are_told(bench):
     """Twenty samples tell no variance."""
-    assert "30 samples" in EXCESS.find(bench(20).misfit())
+    assert "24 samples" in EXCESS.find(bench(20).misfit())
 
 
 def test_added_noise_has_the_stated_size(bench):
@@ -167,9 +167,9 @@ def test_axes_of_a_kind_differ_by_a_tenth(bench, part, is_told):
     assert (excess(bench(20_000), 4, part * 1e-18) is not None) == is_told
 
 
-@pytest.mark.parametrize(("part", "is_told"), [(0.5, False), (1.0, True)])
-def test_a_scalar_may_have_a_third_more(bench, part, is_told):
-    """Half as much variance again is within what its data sheet may err by, twice the variance is not."""
+@pytest.mark.parametrize(("part", "is_told"), [(0.8, False), (1.4, True)])
+def test_a_scalar_may_have_nearly_half_more(bench, part, is_told):
+    """Its data sheet may err by a fifth, and that of the sensors by as much the other way."""
     assert (excess(bench(4000, noise_T=1e-10), 12, part * 1e-20) is not None) == is_told
 
 
@@ -213,30 +213,30 @@ def struck(times):
 @pytest.mark.parametrize(
     ("signal", "sentence", "is_so"),
     [
-        (lambda time, y: mixed(0.28, np.sin(2 * np.pi * 3.217 * time)), "a line of the spectrum", False),
-        (lambda time, y: mixed(0.55, np.sin(2 * np.pi * 3.217 * time)), "a line of the spectrum", True),
-        (lambda time, y: mixed(0.55, between(1.25, 1.5)), "a line of the spectrum", False),
-        (lambda time, y: mixed(0.55, between(1.25, 1.375)), "a line of the spectrum", True),
-        (lambda time, y: mixed(0.25, np.sin(5 * y)), "the excess follows the direction", False),
-        (lambda time, y: mixed(0.5, np.sin(5 * y)), "the excess follows the direction", True),
-        (lambda time, y: sized(1 + 0.105 * y**2), "size of the excess follows the direction", False),
-        (lambda time, y: sized(1 + 0.14 * y**2), "size of the excess follows the direction", True),
+        (lambda time, y: mixed(0.4, np.sin(2 * np.pi * 3.217 * time)), "a line of the spectrum", False),
+        (lambda time, y: mixed(0.65, np.sin(2 * np.pi * 3.217 * time)), "a line of the spectrum", True),
+        (lambda time, y: mixed(0.65, between(1.25, 1.5)), "a line of the spectrum", False),
+        (lambda time, y: mixed(0.65, between(1.25, 1.375)), "a line of the spectrum", True),
+        (lambda time, y: mixed(0.18, np.sin(5 * y)), "the excess follows the direction", False),
+        (lambda time, y: mixed(0.35, np.sin(5 * y)), "the excess follows the direction", True),
+        (lambda time, y: sized(1 + 0.07 * y**2), "size of the excess follows the direction", False),
+        (lambda time, y: sized(1 + 0.1 * y**2), "size of the excess follows the direction", True),
         (lambda time, y: struck(2.7), "comes as spikes", False),
         (lambda time, y: struck(3.3), "comes as spikes", True),
-        (lambda time, y: mixed(0.43, to_and_fro(time)), "goes between few values", False),
-        (lambda time, y: mixed(0.65, to_and_fro(time)), "goes between few values", True),
+        (lambda time, y: mixed(0.36, to_and_fro(time)), "goes between few values", False),
+        (lambda time, y: mixed(0.55, to_and_fro(time)), "goes between few values", True),
     ],
 )
 def test_from_some_part_on_what_is_regular_is_no_noise(bench, signal, sentence, is_so):
-    """Beside white noise: four tenths in a fortieth of the band, a third by the direction, and so on."""
+    """Beside white noise: half in a fortieth of the band, a quarter by the direction, and so on."""
     made = bench(moves=False)
     situation = made.situation
     assert (sentence in objection_for(made, signal(situation.time_s, situation.field_T[:, 1] / 50e-6))) == is_so
 
 
-@pytest.mark.parametrize(("growth", "is_so"), [(0.16, False), (0.22, True)])
+@pytest.mark.parametrize(("growth", "is_so"), [(0.11, False), (0.16, True)])
 def test_a_size_that_grows_with_the_rate_is_no_noise(bench, growth, is_so):
-    """Where the rate tells a fortieth of the variance of the squares beyond chance; half of that may be noise."""
+    """Where the rate tells a hundredth of the variance of the squares beyond chance; half of that may be noise."""
     made = bench(moves=False)
     rate = np.linalg.norm(np.gradient(made.situation.field_T / 50e-6, axis=0), axis=1)
     assert ("follows the rate" in objection_for(made, sized(1 + growth * rate))) == is_so

@@ -135,9 +135,9 @@ def short_by(made, errors, *others):
     return made.with_rows(rows).misfit()
 
 
-@pytest.mark.parametrize(("errors", "is_limit"), [(6, False), (11, True)])
+@pytest.mark.parametrize(("errors", "is_limit"), [(5, False), (11, True)])
 def test_a_reading_that_alone_is_at_a_limit_falls_short_by_far(bench, errors, is_limit):
-    """By eight standard errors; less a spike may do."""
+    """By seven standard errors; less a spike may do."""
     assert bool(find_limits(short_by(bench(1000, moves=False), errors))) == is_limit
 
 
@@ -149,7 +149,7 @@ def test_one_of_a_hundred_readings_may_be_alone_at_a_limit(bench, samples, is_li
 
 @pytest.mark.parametrize(("errors", "is_limit"), [(3.9, True), (7, False)])
 def test_no_other_reading_is_off_where_one_is_at_a_limit(bench, errors, is_limit):
-    """By five standard errors: it would be a spike."""
+    """By half as much: it would be a spike."""
     made = bench(1000, moves=False)
     inside = int(np.argsort(made.rows_T[:, 7])[500])
     assert bool(find_limits(short_by(made, 11, (inside, errors)))) == is_limit

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from tam_calibration.effects.fitted import Contribution, FittedEffect
+from tam_calibration.effects.grades import NOTABLE
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.abrupt import SHARPEST, standing_of_change
 from tam_calibration.gap.search import best_form, given_form
-from tam_calibration.gap.support import PART_OF_FIRST
 
 
 def wandering(time_s, swings, seed):
@@ -28,7 +28,7 @@ def standing(made, effect):
 def is_promising(made, effect):
     """Whether the changes may be the first of several."""
     found, wanders = standing(made, effect) or (None, True)
-    return not wanders or (found is not None and found.ratio > SHARPEST * PART_OF_FIRST)
+    return not wanders or (found is not None and found.ratio > SHARPEST * NOTABLE)
 
 
 @pytest.mark.parametrize("swings", [2, 5, 12])
@@ -91,7 +91,7 @@ def test_beside_a_smooth_course_a_step_stands_as_it_does_without(run, size_T, lo
     made = run(900)
     found, wanders = step_beside(made, size_T, 20e-9 * wandering(made.recording.time_s, 5, 1))
     assert wanders and low < found.ratio < high
-    assert (found.ratio > SHARPEST * PART_OF_FIRST) == (size_T > 2.5e-9)
+    assert (found.ratio > SHARPEST * NOTABLE) == (size_T > 2.5e-9)
 
 
 def test_steps_at_all_other_times_are_tried(run):

@@ -108,12 +108,12 @@ def test_the_autocorrelation_is_that_of_an_autoregressive_process():
 
 
 def test_what_nothing_tells_does_not_depart():
-    """A row that is missing, constant or known at 39 samples is not told; holes in another do no harm."""
+    """A row that is missing, constant or known at 47 samples is not told; holes in another do no harm."""
     generator = np.random.default_rng(1)
     rows = generator.normal(size=(SAMPLES, 4))
-    rows[:, 0], rows[39:, 1], rows[100:150, 2], rows[:, 3] = 0.0, np.nan, np.nan, np.nan
+    rows[:, 0], rows[47:, 1], rows[100:150, 2], rows[:, 3] = 0.0, np.nan, np.nan, np.nan
     checks = checks_of(0.1 * np.arange(SAMPLES), directions(generator, SAMPLES), rows, np.ones(4))
     assert checks.sentences == () and np.isfinite(checks.chi_square.values).tolist() == [False, False, True, False]
-    rows[:, 1] = np.where(np.arange(SAMPLES) < 40, -0.1 * np.arange(SAMPLES), np.nan)
+    rows[:, 1] = np.where(np.arange(SAMPLES) < 48, -0.1 * np.arange(SAMPLES), np.nan)
     checks = checks_of(0.1 * np.arange(SAMPLES), directions(generator, SAMPLES), rows, np.ones(4))
     assert np.isfinite(checks.chi_square.values[1])

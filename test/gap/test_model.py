@@ -188,8 +188,8 @@ def test_a_fit_that_a_step_would_better_by_a_hundredth_has_not_settled(run, part
     assert pushed(model, part * model.base().channels.energy / (1 - part)).is_settled == has_settled
 
 
-@pytest.mark.parametrize(("fall", "has_settled"), [(0.7e-3, True), (1.4e-3, False)])
-def test_a_step_that_promises_a_thousandth_of_a_channel_is_taken(run, fall, has_settled):
+@pytest.mark.parametrize(("fall", "has_settled"), [(0.7e-5, True), (1.4e-5, False)])
+def test_a_step_that_promises_a_part_of_a_channel_is_taken(run, fall, has_settled):
     """Less is far below any evidence."""
     model = pushed(run(300, 2).model(), fall)
     assert (model.settled() is model) == has_settled

@@ -14,8 +14,9 @@ from tam_calibration.gap.expected import Setting, signal_of
 from tam_calibration.gap.hypotheses import Evidence
 from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.regression import Base
-from tam_calibration.gap.separation import DECIDES, doubt_of, separate
+from tam_calibration.gap.separation import doubt_of, separate
 from tam_calibration.gap.steps import search
+from tam_calibration.gap.support import LEAST_EVIDENCE
 from tam_calibration.recording import Recording
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import RandomAttitudes
@@ -67,7 +68,7 @@ def test_the_recording_separates_two_hypotheses_as_well_as_expected(doubtful, tr
     now = found.model.channels().situation
     setting = Setting(found.model, now, 1.0)
     separation = separate(setting, doubt)
-    assert separation.now + separation.gained > DECIDES > separation.now
+    assert separation.now + separation.gained > LEAST_EVIDENCE > separation.now
     candidate = replace(separation.candidate, minutes=separation.minutes)
     situation = candidate.situation(now, separation.channels, round(60 * separation.minutes / now.step_s))
     truth, other = (separation.first, separation.second)[:: 1 if truth_is_first else -1]

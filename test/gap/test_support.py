@@ -139,3 +139,17 @@ def test_all_is_open_in_front_of_causes(base):
     assert open_part(base, base, ()) == 0
     true = examine(base, effect_named("scalar_heading_error"))
     assert 0 < energy_explained(true, base) < base.energy
+
+
+@pytest.mark.parametrize(("evidence", "first"), [(600.0, "current_interference"), (400.0, "bias_jump")])
+def test_a_recorded_channel_with_more_evidence_comes_before_a_change(base, monkeypatch, evidence, first):
+    """Though its surrogates, which have its course in time, explain much, and steps at other times next to nothing."""
+    jump, current = (
+        evidence_of(base, best_form(base, effect_named(name))) for name in ("bias_jump", "current_interference")
+    )
+    jump = replace(jump, delta_bic=500.0, gain=520.0)
+    current = replace(current, delta_bic=evidence, gain=evidence + 20)
+    largest = {jump.effect: 1.0, current.effect: 0.8 * current.gain}
+    monkeypatch.setattr(support, "stands", lambda base, one: (True, Standing(one.gain, largest[one.effect], 0.01)))
+    found = supported(base, [jump, current], (), 0.0)
+    assert found is not None and found[0].effect == first
