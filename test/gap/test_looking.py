@@ -1,10 +1,13 @@
 """A search from one start: what may come beside what was accepted."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.gap import diagnose
+from tam_calibration.gap.looking import Looking
 
 
 def switched(made, times, row=4, size=15e-9):
@@ -58,3 +61,19 @@ def test_what_strikes_often_is_no_outlier(run):
     made = made.with_row(4, np.where(hit, 60e-9 * generator.choice([-1.0, 1.0], 900), 0.0))
     gap = diagnose(made.recording, made.array)
     assert (gap.verdict, gap.where.sensors) == ("unexplained", (2,))
+
+
+@pytest.mark.parametrize(("next_best", "kept"), [(["skew"], ["heading", "skew"]), (["jump", "tone"], ["heading"])])
+def test_where_a_cause_does_not_hold_the_search_goes_on_without_it(monkeypatch, next_best, kept):
+    """Beside what holds, the next best comes in place of what does not; nothing is given up for it."""
+    known = {name: SimpleNamespace(accepted=SimpleNamespace(effect=name)) for name in ("heading", "step", *next_best)}
+    passed_over = []
+
+    def forward(self, steps, first, without):
+        passed_over.append(set(without))
+        return [*steps, *(known[name] for name in next_best)]
+
+    monkeypatch.setattr(Looking, "_forward", forward)
+    monkeypatch.setattr(Looking, "_holding", lambda self, steps: [one for one in steps if one.accepted.effect in kept])
+    held = object.__new__(Looking)._beside_held([known["heading"], known["step"]])
+    assert [one.accepted.effect for one in held] == kept and passed_over[0] == {"step"}
