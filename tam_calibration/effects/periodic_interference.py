@@ -7,11 +7,13 @@ import numpy as np
 
 from tam_calibration.effects.effect import (
     Coefficient,
+    FittedEffect,
     Limit,
     LinearEffect,
     Misfit,
     Shape,
     Situation,
+    Sized,
     SurrogateKind,
     Term,
 )
@@ -25,6 +27,14 @@ _AT_WORK = Limit(
     1e-3, "the largest field of mains that people may work in; ICNIRP guidelines, Health Phys. 99, 2010, p. 818", "T"
 )
 """Of an amplitude."""
+
+_OVERTONES = "harmonics over the line"
+_DISTORTION = Limit(
+    1.0,
+    "harmonics of mains are some per cent of the line (IEC 61000-2-2), those of rectified currents nearly as large; "
+    "what is larger is another tone, or a drift that a harmonic above half the sampling rate imitates",
+)
+"""Root of the sum of squares over all rows."""
 
 _LINES = 4
 """Strongest lines that are tried, of which harmonics may be several."""
@@ -57,9 +67,8 @@ class PeriodicInterference(LinearEffect):
     )
     excitation: ClassVar[str] = "record steadily for many periods, with motion that is slower than the interference"
     surrogates: ClassVar[SurrogateKind] = "at_other_frequencies"
-    shape_units: ClassVar[dict[str, str]] = {"frequency_hz": "Hz", "start_s": "s", "highest_order": "1"}
-    """Of the harmonics the third is the highest, unless it is said that there are none."""
-    limits: ClassVar[Mapping[str, Limit]] = {"line": _AT_WORK, "harmonics": _AT_WORK}
+    shape_units: ClassVar[dict[str, str]] = {"frequency_hz": "Hz", "start_s": "s"}
+    limits: ClassVar[Mapping[str, Limit]] = {"line": _AT_WORK, "harmonics": _AT_WORK, _OVERTONES: _DISTORTION}
 
     def obstacle(self, situation: Situation) -> str | None:
         """Return that the recording is too short, where it is."""
@@ -72,28 +81,25 @@ class PeriodicInterference(LinearEffect):
         if situation.sample_count <= 2 * _LEAST_PERIODS:
             return []
         start = float(situation.time_s[0])
-        return [
-            {"frequency_hz": line, "start_s": start}
-            | ({} if _shows_harmonics(line, situation) else {"highest_order": 1.0})
-            for line in _lines(misfit)
-        ]
+        return [{"frequency_hz": frequency, "start_s": start} for frequency in _lines(misfit)]
+
+    def sizes(self, situation: Situation, fitted: FittedEffect) -> list[Sized]:
+        """Return the amplitudes, and that of the harmonics beside that of the line."""
+        squares = {"line": 0.0, "harmonics": 0.0}
+        for one in fitted.contributions:
+            squares[one.term] += sum(value**2 for value in one.values.values())
+        ratio = float(np.sqrt(squares["harmonics"] / max(squares["line"], np.finfo(float).tiny)))
+        return [*super().sizes(situation, fitted), Sized(_OVERTONES, ratio, _DISTORTION)]
 
     def terms(self, situation: Situation, shape: Shape) -> list[Term]:
-        """Return cosine and sine on each row, and those of the second and third harmonic, if it has harmonics."""
+        """Return cosine and sine on each row, and those of the second and third harmonic."""
         phase = 2 * np.pi * shape["frequency_hz"] * (situation.time_s - shape["start_s"])
         terms = []
-        for name, orders in (("line", (1,)), ("harmonics", (2, 3)))[: 2 if shape.get("highest_order", 3) > 1 else 1]:
+        for name, orders in (("line", (1,)), ("harmonics", (2, 3))):
             waves = np.column_stack([wave(order * phase) for order in orders for wave in (np.cos, np.sin)])
             parts = [Coefficient(f"{wave} {order}", "T") for order in orders for wave in ("cosine", "sine")]
             terms += [Term.of_row(situation, row, name, parts, waves) for row in range(situation.scalar_row + 1)]
         return terms
-
-
-def _shows_harmonics(frequency: float, situation: Situation) -> bool:
-    """Whether the harmonics are sampled at many periods in the record; close to nought they would be any drift."""
-    orders = np.array([2, 3]) * frequency * situation.step_s
-    seen = np.abs(orders - np.rint(orders)) / situation.step_s
-    return bool((seen * np.ptp(situation.time_s) >= _LEAST_PERIODS).all())
 
 
 def _lines(misfit: Misfit) -> list[float]:

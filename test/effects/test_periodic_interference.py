@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.fitted import SCALAR
+from tam_calibration.effects.fitted import SCALAR, Contribution, FittedEffect
 from tam_calibration.effects.periodic_interference import PeriodicInterference, _lattice, _motion_band
 
 EFFECT = PeriodicInterference()
@@ -103,11 +103,9 @@ def test_motion_in_a_third_of_the_band_fills_it(turning, part, is_beside):
     assert band == pytest.approx(10 * part if is_beside else 0, abs=0.1)
 
 
-@pytest.mark.parametrize(("frequency_hz", "has_harmonics"), [(9.96, False), (9.7, True), (6.69, False), (6.5, True)])
-def test_harmonics_that_would_be_a_drift_are_none(turning, left_by, frequency_hz, has_harmonics):
-    """Sampled at 20 Hz, twice 9.96 Hz and three times 6.69 Hz take twelve seconds and more for a period."""
-    situation = turning()
-    misfit = left_by(EFFECT, situation, {**SHAPE, "frequency_hz": frequency_hz}, (2, 0, "line", LINE))
-    found = min(EFFECT.shapes(situation, misfit), key=lambda shape: abs(shape["frequency_hz"] - frequency_hz))
-    names = {term.name for term in EFFECT.terms(situation, found)}
-    assert names == ({"line", "harmonics"} if has_harmonics else {"line"})
+@pytest.mark.parametrize(("overtone_T", "is_told"), [(1.3e-9, False), (1.6e-9, True)])
+def test_harmonics_are_no_larger_than_the_line(turning, overtone_T, is_told):
+    """A harmonic beyond half the sampling rate would be any drift."""
+    parts = (Contribution(2, 0, "line", LINE), Contribution(0, 1, "harmonics", {"cosine 2": overtone_T}))
+    told = EFFECT.oversize(turning(), FittedEffect(EFFECT.name, SHAPE, parts))
+    assert (told is not None and "harmonics over the line" in told) == is_told
