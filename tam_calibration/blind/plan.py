@@ -71,14 +71,14 @@ def _plan_kind(rng: Generator, kind: str, count: int, others: list[str]) -> list
     if kind == "clean":
         return [Plan(kind, (), ())] * count
     names = list(CATALOGUE)
+    quiet = [name for name in names if not CATALOGUE[name].coarse]
     if kind == "pair":
-        quiet = [name for name in names if not CATALOGUE[name].coarse]
         return [Plan(kind, *_pair(rng, quiet)) for _ in range(count)]
     if kind == "short":
         drawn = [Plan(kind, (str(rng.choice(names)),), (GAPS[1 + number % 2],)) for number in range(count)]
         return [Plan(kind, (), ()) if number % 4 == 3 else plan for number, plan in enumerate(drawn)]
     if kind == "mixed":
-        known = [str(name) for name in rng.permutation([name for name in names if name not in EVERYWHERE])]
+        known = [str(name) for name in rng.permutation([name for name in quiet if name not in EVERYWHERE])]
         # Each time around, the known ones meet others, also where there are as many of either.
         beside = [(known[i % len(known)], others[(i + i // len(known)) % len(others)]) for i in range(2 * count)]
         return [Plan(kind, both, MIXED) for both in beside if _can_meet(*both) and not _are_of_scalar(*both)][:count]

@@ -43,6 +43,7 @@ def test_a_mixture_is_two_floors_known_beside_one_unknown():
     for plan in mixed + plan_cases(("pair",), 60, 3):
         assert set(CAUSES[plan.effects[0]].motions) & set(CAUSES[plan.effects[1]].motions)
     assert all(plan.effects[0] in CATALOGUE and plan.effects[1] not in CATALOGUE for plan in mixed)
+    assert not any(CATALOGUE[plan.effects[0]].coarse for plan in mixed), "a noisy sensor hides what is beside it"
 
 
 def test_mixtures_of_a_small_set_are_all_unlike():
