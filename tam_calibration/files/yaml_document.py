@@ -91,7 +91,8 @@ def _sentence(key: str, kind: str, message: str, schema: type[BaseModel]) -> str
         return f"the key {key!r} is not known{where}"
     if kind == "missing":
         return f"the key {key!r} is missing"
-    return f"{key}: {message[0].lower()}{message[1:]}"
+    words = message.replace("tuple", "list")  # YAML has no tuples
+    return f"{key}: {words[0].lower()}{words[1:]}"
 
 
 class _Dumper(yaml.SafeDumper):

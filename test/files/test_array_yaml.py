@@ -85,7 +85,7 @@ def test_an_array_reads_back(tmp_path):
             "baseline_m: 0.5\nscalar_position_m: [0, .inf, 0]",
             "position of the scalar magnetometer must be three finite",
         ),
-        ("baseline_m: 0.5\nintensity_nT: 48000", "intensity_nT: input should be a valid tuple"),
+        ("baseline_m: 0.5\nintensity_nT: 48000", "intensity_nT: input should be a valid list"),
         ("baseline_m: 0.5\nintensity_nT: [48000]", "the key 'intensity_nT.2' is missing"),
         ("baseline_m: 0.5\nintensity_nT: [1, 2, 3]", "intensity_nT: tuple should have at most 2 items"),
         ("baseline_m: 0.5\nintensity_nT: [weak, 48000]", "intensity_nT.1: input should be a valid number"),
