@@ -89,7 +89,7 @@ class Bench:
         self.spin_until(lambda: set(commands) <= set(self.node.get_node_names()), f"{list(commands)} are seen")
         return children
 
-    def spin_until(self, condition, what, timeout_s=15.0):
+    def spin_until(self, condition, what, timeout_s=60.0):
         """Spin until a condition holds; fail at once, with its output, when a process has ended."""
         limit = time.monotonic() + timeout_s
         while not condition():
