@@ -1,6 +1,6 @@
 """Causes outside the library, the open half: in one sensor or the scalar. Rules of a diagnosis may be tuned on these.
 
-Some have had a name in the library since; that name is then as right an answer as none.
+Some have had a name in the library since, or are an effect of it by another law: that name is as right as none.
 """
 
 import numpy as np
@@ -53,6 +53,26 @@ from tam_calibration.blind.outside_platform import (
     lost_motion,
     moved_soft_iron,
     whipping_boom,
+)
+from tam_calibration.blind.outside_readout import (
+    cell_handover,
+    gyro_fusion,
+    idle_tone,
+    polled_sensor,
+    reference_noise,
+    report_on_change,
+    shared_reference,
+    slew_limit,
+    weak_bit,
+)
+from tam_calibration.blind.outside_vehicle import (
+    cable_windup,
+    rubber_mount,
+    sliding_tray,
+    sonar_recharge,
+    steering_current,
+    thermal_play,
+    viscous_remanence,
 )
 from tam_calibration.blind.processes import draw_wander
 from tam_calibration.blind.scene import Scene
@@ -191,5 +211,21 @@ OUTSIDE = {
     "heading_gear": outside(heading_gear, motions=SWUNG),
     "irregular_strokes": outside(irregular_strokes),
     "drifting_clock": outside(drifting_clock, motions=MOVING),
+    "weak_bit": outside(weak_bit),
+    "shared_reference": outside(shared_reference),
+    "reference_noise": outside(reference_noise),
+    "idle_tone": outside(idle_tone),
+    "slew_limit": outside(slew_limit, motions=MOVING),
+    "report_on_change": outside(report_on_change, named="stale_samples", motions=MOVING),
+    "polled_sensor": outside(polled_sensor, motions=MOVING),
+    "gyro_fusion": outside(gyro_fusion, motions=MOVING),
+    "cell_handover": outside(cell_handover, scalar_needed=True),
+    "cable_windup": outside(cable_windup),
+    "rubber_mount": outside(rubber_mount, named="flexure"),
+    "sliding_tray": outside(sliding_tray),
+    "steering_current": outside(steering_current, motions=MOVING),
+    "viscous_remanence": outside(viscous_remanence),
+    "sonar_recharge": outside(sonar_recharge),
+    "thermal_play": outside(thermal_play, named="temperature_drift"),
 }
 """The causes by their names."""

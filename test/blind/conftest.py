@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from tam_calibration.blind.motion import MOTIONS
+from tam_calibration.blind.outside import OUTSIDE
 from tam_calibration.blind.scene import Wish, draw_scene
 
 
@@ -20,3 +21,16 @@ def draw():
 def motion(request):
     """Return each kind of motion in turn."""
     return request.param
+
+
+@pytest.fixture
+def change_of(draw):
+    """Return a function that draws a cause, and what it adds to its sensor at an amplitude of one, with the scene."""
+
+    def changing(name, seed, amplitude=1.0, **wish):
+        scene = draw(seed, **wish)
+        cause = OUTSIDE[name].draw(np.random.default_rng(seed), scene)
+        vectors, _ = cause.change(amplitude, (scene.readings_T, scene.intensity_T))
+        return scene, cause, vectors[:, cause.sensors[0] - 1]
+
+    return changing

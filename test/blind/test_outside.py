@@ -27,6 +27,7 @@ def test_every_cause_reaches_its_gap(name, gap):
 def test_what_follows_the_rate_is_drawn_in_motion_only():
     """A turntable, which stands still while a sample is taken, shows no rate."""
     followers = ("centrifugal_bias", "gyroscopic_shift", "whipping_boom", "drifting_clock")
+    followers += ("slew_limit", "report_on_change", "polled_sensor", "gyro_fusion", "steering_current")
     assert all(OUTSIDE[name].motions == MOVING for name in followers)
 
 

@@ -1,4 +1,4 @@
-"""Causes outside the library, the sealed half: on the platform. As ``outside_sealed_causes.py``: do not open."""
+"""Causes outside the library, the open half: cables, mounts, loads and currents of the vehicle around a sensor."""
 
 import numpy as np
 from numpy.linalg import norm
@@ -30,7 +30,7 @@ def cable_windup(rng: Generator, scene: Scene) -> Disturbance:
 
 
 def rubber_mount(rng: Generator, scene: Scene) -> Disturbance:
-    """Hang a sensor in rubber, which gives way to the weight slowly and comes back as slowly."""
+    """Hang a sensor in rubber, which gives way to the weight slowly: an arm that bends, but later."""
     sensor = draw_sensor(rng, scene)
     memory, compliance = rng.uniform(8, 40), rng.normal(size=(3, 3))
     weight, keep = -scene.to_world[:, 2], np.exp(-1 / memory)
