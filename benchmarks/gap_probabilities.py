@@ -91,7 +91,7 @@ def causes_of(outcomes: Sequence[Outcome]) -> FloatArray:
         rival = max((value for name, value in evidence.items() if name not in one.named), default=0.0)
         for cause in one.causes:
             own = evidence[cause["effect"]]
-            told = features_of(one.answer["gap"]["after"], one.answer["smallest_gap"], cause["share"], own, rival)
+            told = features_of(len(one.answer["checks"]["departs"]), cause["share"], own, rival)
             rows.append((*told, cause["effect"] in {*one.truth, *one.other_names}))
     return np.array(rows, dtype=float).reshape(-1, 5)
 

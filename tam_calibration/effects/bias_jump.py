@@ -19,6 +19,7 @@ from tam_calibration.effects.effect import (
 from tam_calibration.effects.grades import LEAST_SAMPLES, NEGLIGIBLE
 from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.effects.saturation import inside_range
+from tam_calibration.effects.spikes import without_spikes_of_motion
 
 _MOST_OF_ROWS = 3
 """Rows, those in which a jump explains most, whose times are tried for all."""
@@ -57,13 +58,13 @@ class BiasJump(LinearEffect):
     def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
         """Return the times, and pairs of times, at which jumps of one row or of all explain most, of all samples.
 
-        What an axis reads at the end of its range is no jump.
+        What an axis reads at the end of its range is no jump, nor are spikes that come with the motion.
         """
         if situation.sample_count < LEAST_SAMPLES:
             return []
         intensity = float(np.median(situation.intensity_T))
         middle = (situation.time_s[1:] + situation.time_s[:-1]) / 2
-        whole, *rows = (path.best() for path in _paths(inside_range(misfit)))
+        whole, *rows = (path.best() for path in _paths(without_spikes_of_motion(inside_range(misfit))))
         ranked = [sorted((row[kind] for row in rows), key=lambda jump: -jump.gain)[:_MOST_OF_ROWS] for kind in range(2)]
         cuts = dict.fromkeys(jump.cuts for jump in (*whole, *ranked[0], *ranked[1]) if jump.gain > 0)
         shapes: list[Shape] = [

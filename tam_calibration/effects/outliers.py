@@ -22,10 +22,9 @@ from tam_calibration.effects.effect import (
     Misfit,
     Situation,
 )
-from tam_calibration.effects.grades import CERTAIN
 from tam_calibration.effects.places import Place, everywhere, explained_energy, places, row_deviations, rows_of
 from tam_calibration.effects.saturation import WIDEST_RANGE
-from tam_calibration.effects.spikes import Spikes, find_spikes
+from tam_calibration.effects.spikes import Spikes, come_with_motion, find_spikes
 from tam_calibration.units import FloatArray
 
 
@@ -47,8 +46,8 @@ class Outliers(FoundEffect):
         spikes = find_spikes(misfit)
         if isinstance(spikes, str):
             return spikes
-        if _come_with_motion(misfit, spikes.samples):
-            return "the spikes come where the field changes most"
+        if come_with_motion(misfit, spikes):
+            return "the spikes come where the field changes fastest, or where it stands still"
         flagged = np.zeros(len(misfit.energy), dtype=bool)
         flagged[spikes.samples] = True
         used = misfit.is_counted | flagged
@@ -76,20 +75,6 @@ class Outliers(FoundEffect):
             touched = rows_of(part, situation)
             rows[struck[:, None], touched] += generator.normal(0, part.values["size"], (len(struck), len(touched)))
         return rows
-
-
-def _come_with_motion(misfit: Misfit, samples: NDArray[np.intp]) -> bool:
-    """Whether the field changes more across spikes than it does elsewhere over as many samples, by the mean rank."""
-    from scipy.stats import rankdata
-
-    field, ranks = misfit.situation.field_T, []
-    bursts = np.split(samples, np.flatnonzero(np.diff(samples) > 1) + 1)
-    for length in {len(burst) for burst in bursts}:
-        change = np.linalg.norm(field[length + 1 :] - field[: -length - 1], axis=1)
-        before = np.array([burst[0] - 1 for burst in bursts if len(burst) == length])
-        inside = before[(before >= 0) & (before < len(change))]
-        ranks += (rankdata(change)[inside] / len(change)).tolist()
-    return bool(ranks) and sum(ranks) / len(ranks) - 0.5 > CERTAIN / float(np.sqrt(12 * len(ranks)))
 
 
 def _floor(misfit: Misfit, flagged: NDArray[np.bool_]) -> float:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tam_calibration.effects.excess_variance import Excess
-from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
+from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, LONGEST_BURST, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.effects.misfit import Misfit
 from tam_calibration.effects.neighbours import MOST_NEIGHBOURS
 from tam_calibration.effects.places import row_deviations
@@ -46,6 +46,8 @@ def objection_to(misfit: Misfit, excess: Excess) -> str | None:
     follows = _of_size(deviation / np.sqrt(expected), direction)
     if follows is not None:
         return follows
+    if abs(_sidedness(deviation)) > CERTAIN:
+        return "the excess goes to one side"
     kurtosis = _kurtosis(deviation)
     if kurtosis > HEAVY:
         return "the excess comes as spikes"
@@ -107,6 +109,13 @@ def _told_beyond(values: FloatArray, functions: FloatArray) -> float:
     shifts = np.linspace(0, len(values), _OTHER_TIMES, endpoint=False).astype(int).tolist()
     told = [float(np.sum((basis.T @ np.roll(own, shift)) ** 2)) for own in (course, course[::-1]) for shift in shifts]
     return (told[0] - max(told[1:])) / max(float(course @ course), np.finfo(float).tiny)
+
+
+def _sidedness(deviation: FloatArray) -> float:
+    """Return the sum of the cubes, in standard deviations of what it is where bursts of samples have random signs."""
+    count = len(deviation) // LONGEST_BURST * LONGEST_BURST
+    bursts = np.sum(deviation[:count].reshape(-1, LONGEST_BURST) ** 3, axis=1)
+    return float(bursts.sum() / np.sqrt(np.sum(bursts**2)))
 
 
 def _kurtosis(deviation: FloatArray) -> float:

@@ -20,6 +20,7 @@ from tam_calibration.effects.effect import (
 )
 from tam_calibration.effects.grades import LEAST_SAMPLES
 from tam_calibration.effects.saturation import inside_range
+from tam_calibration.effects.spikes import without_spikes_of_motion
 from tam_calibration.units import FloatArray
 
 _SMOOTHEST = 4
@@ -77,7 +78,7 @@ class ScaleStep(LinearEffect):
         if situation.sample_count < LEAST_SAMPLES:
             return []
         time = situation.time_s[:: _thinning(situation)]
-        paths = list(_paths(inside_range(misfit)))
+        paths = list(_paths(without_spikes_of_motion(inside_range(misfit))))
         found: dict[tuple[int, int], Change] = {}
         for path in paths:
             for change in path.best(-(-len(time) // _COARSE)):

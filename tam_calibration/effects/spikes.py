@@ -89,6 +89,39 @@ def without_spikes(misfit: Misfit) -> Misfit:
     spikes = find_spikes(misfit)
     if isinstance(spikes, str):
         return misfit
+    return _without(misfit, spikes)
+
+
+def come_with_motion(misfit: Misfit, spikes: Spikes) -> bool:
+    """Whether spikes come where what their rows should read changes fastest, or where it stands still.
+
+    Fisher's sum of the logarithms of the parts of the record in which a row changes as fast, or as slowly.
+    """
+    from scipy.ndimage import maximum_filter1d
+    from scipy.stats import chi2
+
+    parts: list[tuple[float, float]] = []
+    for row in np.unique(spikes.rows[spikes.rows < misfit.situation.scalar_row]):
+        sensed = misfit.situation.sensed_T[:, row]
+        change = np.abs(np.diff(sensed, prepend=sensed[0]))
+        struck = spikes.samples[spikes.rows == row]
+        for burst in np.split(struck, np.flatnonzero(np.diff(struck) > 1) + 1):
+            fastest, slowest = (maximum_filter1d(one, len(burst)) for one in (change, -change))
+            fast, slow = change[burst].max(), -change[burst].min()
+            parts.append((float(np.mean(fastest >= fast)), float(np.mean(slowest >= slow))))
+    chances = chi2.sf(-2 * np.sum(np.log(parts), axis=0), 2 * len(parts))
+    return bool(parts) and bool(chances.min() < NEGLIGIBLE)
+
+
+def without_spikes_of_motion(misfit: Misfit) -> Misfit:
+    """Return a misfit in which samples that stand alone do not count where they come with the motion."""
+    spikes = find_spikes(misfit)
+    if isinstance(spikes, str) or not come_with_motion(misfit, spikes):
+        return misfit
+    return _without(misfit, spikes)
+
+
+def _without(misfit: Misfit, spikes: Spikes) -> Misfit:
     is_counted = misfit.is_counted.copy()
     is_counted[spikes.samples] = False
     return replace(misfit, is_counted=is_counted)

@@ -119,6 +119,11 @@ class Checks:
         return tuple(np.flatnonzero(np.any([check.departs for check in self.by_name.values()], axis=0)).tolist())
 
     @property
+    def departures(self) -> int:
+        """The number of statistics that are out of the twin's range in any row."""
+        return sum(bool(check.departs.any()) for check in self.by_name.values())
+
+    @property
     def sentences(self) -> tuple[str, ...]:
         """What departs from the twin, one sentence for each statistic, of the row in which it does so most."""
         return tuple(self._sentences())

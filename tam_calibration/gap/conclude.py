@@ -43,12 +43,14 @@ def conclude(found: Search) -> Gap:
     size = measure(whole_nominal, whole, variance)
     base = found.nominal.base()
     verdict = verdict_on(found, size, variance, noisier is not None)
-    smallest = smallest_gap(whole_nominal.channels().count)
-    chances = probabilities(found, verdict, size, smallest)
-    causes = _causes(found, whole, size, chances, variance)
-    if verdict in ("no_gap", "unexplained"):
-        causes, whole = (), whole_nominal
+    is_named = verdict not in ("no_gap", "unexplained")
+    if not is_named:
+        whole = whole_nominal
         size = measure(whole_nominal, whole, variance)
+    residue = residue_of(whole_nominal, whole, whole_nominal.channels(), variance)
+    checks = checks_of(residue.time_s, residue.direction, residue.after, residue.floor_T)
+    chances = probabilities(found, verdict, checks.departures)
+    causes = _causes(found, whole, size, chances, variance) if is_named else ()
     places = [_places(cause.fitted, base.channels.situation) for cause in causes]
     where = (
         Where((), (), None, None, {})
@@ -56,7 +58,6 @@ def conclude(found: Search) -> Gap:
         else locate(base, places, found.rivals, variance, LEAST_EVIDENCE)
     )
     considered = _considered(found, causes)
-    residue = residue_of(whole_nominal, whole, whole_nominal.channels(), variance)
     return Gap(
         verdict,
         size,
@@ -69,8 +70,8 @@ def conclude(found: Search) -> Gap:
         residue,
         channel_count=whole_nominal.channels().count,
         set_95=set_of(chances, verdict, causes),
-        smallest_gap=smallest,
-        checks=checks_of(residue.time_s, residue.direction, residue.after, residue.floor_T),
+        smallest_gap=smallest_gap(whole_nominal.channels().count),
+        checks=checks,
         remainder=describe(found, verdict, size, residue, variance),
     )
 

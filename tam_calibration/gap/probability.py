@@ -1,9 +1,8 @@
 """The probabilities of the answers, from what each case shows.
 
-How often a cause is right follows from how far what is left stands above the smallest gap that would have been seen,
-from the cause's share, and from how much more speaks for it than for what was not named: a logistic regression on
-recordings with known causes. No gap, and an unknown cause, are as likely as they were right there. The coefficients are
-those that
+How often a cause is right follows from how many of the predictive checks what is left fails, from the cause's share,
+and from how much more speaks for it than for what was not named: a logistic regression on recordings with known causes.
+No gap, and an unknown cause, are as likely as they were right there. The coefficients are those that
 
     python benchmarks/gap_probabilities.py FOLDER ...
 
@@ -12,16 +11,16 @@ prints, of folders that ``tam blind make`` or a world of others wrote and ``tam 
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from math import exp, log
+from math import exp, log, log1p
 
 from tam_calibration.effects.grades import SLIGHT
-from tam_calibration.gap.result import Cause, Size, Verdict
+from tam_calibration.gap.result import Cause, Verdict
 from tam_calibration.gap.shares import energies_of
 from tam_calibration.gap.steps import Search
 from tam_calibration.gap.support import LEAST_EVIDENCE
 
-_COEFFICIENTS = (0.31, -0.63, 2.99, 0.8)
-"""Of one, of the logarithm of what is left over the smallest visible gap, of the share, and of the odds of evidence."""
+_COEFFICIENTS = (1.03, -1.05, 2.26, 0.64)
+"""Of one, of the logarithm of one more than the checks that fail, of the share, and of the odds of evidence."""
 
 _RIGHT: Mapping[Verdict, float] = {"no_gap": 98 / 100, "unexplained": 141 / 148}
 """How often these were right: 97 of 98 and 140 of 146, by Laplace's rule."""
@@ -29,11 +28,11 @@ _RIGHT: Mapping[Verdict, float] = {"no_gap": 98 / 100, "unexplained": 141 / 148}
 _NAMES = {"none_of_these": "unknown"}
 
 
-def probabilities(found: Search, verdict: Verdict, size: Size, smallest: float) -> Mapping[str, float]:
+def probabilities(found: Search, verdict: Verdict, departures: int) -> Mapping[str, float]:
     """Return the probabilities of no gap, of each effect that was weighed, and of none of these.
 
-    They add up to one; where there are several causes each has a probability of its own. The smallest gap is the one
-    that would have been seen.
+    They add up to one; where there are several causes each has a probability of its own. The departures are the
+    predictive checks that fail.
     """
     chances = dict.fromkeys(("no_gap", *(one.effect for one in found.weighed), "none_of_these"), 0.0)
     if verdict in ("no_gap", "unexplained"):
@@ -48,7 +47,7 @@ def probabilities(found: Search, verdict: Verdict, size: Size, smallest: float) 
     rival = max((one.delta_bic for one in found.weighed if one.effect not in named), default=0.0)
     for step in found.steps:
         share = energy[step] / sum(energy.values())
-        own = right(features_of(size.after, smallest, share, step.accepted.delta_bic, rival))
+        own = right(features_of(departures, share, step.accepted.delta_bic, rival))
         chances[step.accepted.effect] = max(own, chances.get(step.accepted.effect, 0.0))
     rest = 1 - min(chances[name] for name in named)
     chances["none_of_these"] = rest / 2
@@ -61,22 +60,19 @@ def right(features: Sequence[float]) -> float:
     return 1 / (1 + exp(-sum(w * value for w, value in zip(_COEFFICIENTS, features, strict=True))))
 
 
-def features_of(
-    after: float, smallest: float, share: float, own: float, rival: float
-) -> tuple[float, float, float, float]:
+def features_of(departures: int, share: float, own: float, rival: float) -> tuple[float, float, float, float]:
     """Return what the probability of a cause is made of, in the order of the coefficients.
 
     Parameters
     ----------
-    after, smallest : float
-        Gap that is left, and the smallest that would have been seen, in noise floors.
+    departures : int
+        Predictive checks that what is left fails.
     share : float
         Of the cause in what closes.
     own, rival : float
         ΔBIC of the cause, and the largest of the effects that were not named.
     """
-    rest = log(max(after, smallest) / smallest)
-    return 1.0, rest, share, log(max(own, LEAST_EVIDENCE) / max(rival, LEAST_EVIDENCE))
+    return 1.0, log1p(departures), share, log(max(own, LEAST_EVIDENCE) / max(rival, LEAST_EVIDENCE))
 
 
 def set_of(chances: Mapping[str, float], verdict: Verdict, causes: Collection[Cause]) -> tuple[str, ...]:

@@ -135,6 +135,24 @@ def make_turning(samples=1200, step_s=0.05, sensors=4, start_s=0.0, attitude=Non
 
 
 @pytest.fixture(scope="session")
+def slew():
+    """Return an amplifier that is too slow for the fastest change of the fourth row."""
+    return Slew()
+
+
+class Slew:
+    """A fourth row that falls behind where it changes fastest, and catches up."""
+
+    name = "slew"
+
+    def add(self, rows_T, situation, fitted, generator):
+        """Return the rows with up to 12 nT less over five samples."""
+        rows, middle = rows_T.copy(), int(np.argmax(np.abs(np.diff(situation.sensed_T[:, 3]))))
+        rows[middle - 2 : middle + 3, 3] -= np.array([4e-9, 8e-9, 12e-9, 12e-9, 5e-9])
+        return rows
+
+
+@pytest.fixture(scope="session")
 def refitted():
     """Return the regression of an effect's own signal, with noise and the calibration as nuisance."""
     return refit

@@ -58,6 +58,14 @@ def test_a_sensor_of_its_own_can_jump(turning, left_by):
     assert min(abs(shape["time_s"] - 31.42) for shape in tried) <= 0.2
 
 
+def test_what_lags_behind_the_fastest_change_is_no_step(turning, left_by, slew):
+    """An amplifier too slow for five samples of a run leaves no change for good or for a time."""
+    situation = turning()
+    tried = list(EFFECT.shapes(situation, left_by(slew, situation, {}, (1, 0, "offset", {"offset": 1.0}))))
+    fastest = situation.time_s[np.argmax(np.abs(np.diff(situation.sensed_T[:, 3])))]
+    assert all(abs(time - fastest) > 0.5 for shape in tried for time in shape.values())
+
+
 def test_few_samples_show_nothing(turning, left_by):
     """A jump needs a before and an after."""
     situation = turning(samples=10)

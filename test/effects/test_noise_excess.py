@@ -118,14 +118,26 @@ def test_noise_for_a_while_counts(bench):
         ),
         (lambda time, direction: 4e-7 * np.gradient(direction) * to_and_fro(time), "follows the rate of the field"),
         (lambda time, direction: 6e-9 * to_and_fro(time), "goes between few values"),
+        (lambda time, direction: 6e-9 * (np.random.default_rng(4).exponential(size=len(time)) - 1), "goes to one side"),
     ],
 )
 def test_what_has_a_regular_cause_is_no_noise(bench, course, sentence):
-    """A jump, a slow drift, a line, a function of the direction, a gain and an offset of two states are no noise."""
+    """A jump, a slow drift, a line, a function of the direction, gains and offsets of two states, pulses: no noise."""
     made = bench(moves=False)
     rows, situation = made.rows_T.copy(), made.situation
     rows[:, 4] += course(situation.time_s, situation.field_T[:, 1] / situation.intensity_T)
     assert sentence in EXCESS.find(made.with_rows(rows).misfit())
+
+
+@pytest.mark.parametrize(("up", "is_noise"), [(0.65, True), (0.85, False)])
+def test_noise_goes_to_both_sides(bench, up, is_noise):
+    """Of 250 pulses 65 % of one sign are two and a half standard deviations from half of them, 85 % are seven."""
+    made, generator = bench(), np.random.default_rng(4)
+    rows = made.rows_T.copy()
+    signs = np.where(generator.random(250) < up, 1, -1)
+    rows[np.sort(generator.choice(2000, 250, replace=False)), 4] += generator.normal(3e-9, 0.5e-9, 250) * signs
+    found = EXCESS.find(made.with_rows(rows).misfit())
+    assert (found == "the excess goes to one side") != is_noise
 
 
 def test_spikes_are_no_noise(bench):

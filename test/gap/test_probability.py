@@ -15,16 +15,16 @@ def cause(name):
 
 def test_what_leaves_less_is_more_likely():
     """So is what makes more of what closes, and what has no rival with as much evidence."""
-    whole = right(features_of(0.1, 0.1, 1.0, 500.0, 50.0))
-    assert right(features_of(1.0, 0.1, 1.0, 500.0, 50.0)) < whole < 1
-    assert right(features_of(0.1, 0.1, 0.3, 500.0, 50.0)) < whole
-    assert right(features_of(0.1, 0.1, 1.0, 500.0, 400.0)) < whole
+    whole = right(features_of(0, 1.0, 500.0, 50.0))
+    assert right(features_of(2, 1.0, 500.0, 50.0)) < whole < 1
+    assert right(features_of(0, 0.3, 500.0, 50.0)) < whole
+    assert right(features_of(0, 1.0, 500.0, 400.0)) < whole
 
 
 def test_what_is_smaller_than_what_would_be_seen_counts_as_that():
     """A rest as the smallest gap, and evidence as the least that counts."""
-    assert features_of(1.0, 0.1, 0.5, 120.0, -40.0) == (1.0, pytest.approx(log(10)), 0.5, pytest.approx(log(10)))
-    assert features_of(0.02, 0.1, 0.5, 12.0, 24.0) == (1.0, 0.0, 0.5, pytest.approx(-log(2)))
+    assert features_of(1, 0.5, 120.0, -40.0) == (1.0, pytest.approx(log(2)), 0.5, pytest.approx(log(10)))
+    assert features_of(0, 0.5, 12.0, 24.0) == (1.0, 0.0, 0.5, pytest.approx(-log(2)))
 
 
 @pytest.mark.parametrize(
