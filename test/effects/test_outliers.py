@@ -134,12 +134,18 @@ def test_added_spikes_have_the_stated_rate_and_size(bench):
     assert not change[:, np.arange(13) != 5].any()
 
 
+def across(made, row):
+    """Return how much a row should change from the sample before each to the one after, of all but the ends."""
+    sensed = made.situation.sensed_T[:, row]
+    return np.abs(sensed[2:] - sensed[:-2])
+
+
 @pytest.mark.parametrize("order", [1, -1])
 def test_spikes_that_come_with_the_motion_are_none(bench, order):
-    """What comes after the fastest changes of an axis, or where it stands still, is no spike of the electronics."""
+    """What comes at the fastest changes of an axis, or where it stands still, is no spike of the electronics."""
     made = bench(moves=False)
-    rows, change = made.rows_T.copy(), np.abs(np.diff(made.situation.sensed_T[:, 4]))
-    rows[1 + np.argsort(order * change)[-20:], 4] += 80e-9
+    rows = made.rows_T.copy()
+    rows[1 + np.argsort(order * across(made, 4))[-20:], 4] += 80e-9
     assert "where the field changes fastest, or where it stands still" in OUTLIERS.find(made.with_rows(rows).misfit())
     anywhere = np.random.default_rng(2).choice(len(rows), 20, replace=False)
     rows = made.rows_T.copy()
@@ -147,13 +153,22 @@ def test_spikes_that_come_with_the_motion_are_none(bench, order):
     assert not isinstance(OUTLIERS.find(made.with_rows(rows).misfit()), str)
 
 
-@pytest.mark.parametrize(("place", "comes_with_motion"), [(10, True), (40, False)])
+@pytest.mark.parametrize(("place", "comes_with_motion"), [(10, True), (40, False), (-1, False)])
 def test_one_spike_comes_with_the_motion_where_one_in_a_hundred_would(bench, place, comes_with_motion):
-    """Of two thousand samples, one at the tenth fastest change does, and one at the fortieth does not."""
+    """Of two thousand samples, one at the tenth fastest change does, one at the fortieth and one at the slowest not."""
     made = bench(moves=False)
-    rows, change = made.rows_T.copy(), np.abs(np.diff(made.situation.sensed_T[:, 4]))
-    rows[1 + np.argsort(-change)[place - 1], 4] += 80e-9
+    rows = made.rows_T.copy()
+    rows[1 + np.argsort(-across(made, 4))[place], 4] += 80e-9
     assert isinstance(OUTLIERS.find(made.with_rows(rows).misfit()), str) == comes_with_motion
+
+
+@pytest.mark.parametrize(("slowest", "stands_still"), [(0.1, True), (0.6, False)])
+def test_spikes_where_an_axis_stands_still_must_be_several(bench, slowest, stands_still):
+    """Six in the slowest tenth of the changes are no chance; six in the slower six tenths are."""
+    made = bench(moves=False)
+    rows, order = made.rows_T.copy(), np.argsort(across(made, 4))
+    rows[1 + order[np.linspace(0, slowest * len(order), 6).astype(int)], 4] += 80e-9
+    assert isinstance(OUTLIERS.find(made.with_rows(rows).misfit()), str) == stands_still
 
 
 def shaped(made, deviations, row=4):
