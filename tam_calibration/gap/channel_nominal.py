@@ -88,7 +88,7 @@ def _courses(recording: Recording) -> FloatArray:
     """Return the channels that change, (N, C), about their medians and in units of their standard deviations."""
     channels = [one for one in (recording.current_A, recording.temperature_C) if one is not None and np.ptp(one) > 0]
     courses = [(channel - np.median(channel)) / np.std(channel) for channel in channels]
-    return np.array(courses).reshape(len(courses), -1).T
+    return np.array(courses).reshape(len(courses), recording.sample_count).T
 
 
 def _of_ellipsoid(points_T: FloatArray, courses: FloatArray) -> _Following:

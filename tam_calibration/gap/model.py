@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.array import Array
 from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, LinearEffect, Shape, Term
-from tam_calibration.effects.grades import NEGLIGIBLE
+from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.effects.removal import attitude_known, filled
 from tam_calibration.effects.term import Key, chosen
@@ -290,7 +290,7 @@ class Model:
     ) -> "Model | None":
         """Fit one sensor in the field of the world, to the recording without the jump that is found.
 
-        None where the length of the field alone tells its bias better.
+        None where the length of the field alone tells its bias much better.
         """
         noisy, _ = complete_noise(array, recording)
         try:
@@ -303,7 +303,8 @@ class Model:
             return None
         base = model.base()
         assert model.world is not None
-        if by_length.calibration_rank == _SPHERE_RANK and bias_variance(by_length) < bias_variance(base):
+        # A disturbance that the array turns in leaves both alike sure; errors of the attitude leave the length alone.
+        if by_length.calibration_rank == _SPHERE_RANK and bias_variance(by_length) < NOTABLE * bias_variance(base):
             return None
         world = replace(model.world, variance_T2=attitude_variance(base.channels, model.world))
         return replace(model, world=world, gross=start.jump)
@@ -451,7 +452,7 @@ class Model:
 
 
 def _most_agreeing(*fits: Model | None) -> Model | None:
-    """Return the first of the fits, each to its own recording, with which most samples agree; None where there is none."""
+    """Return the first of the fits, each to its own recording, with which most samples agree; None where none is."""
     return max((fit for fit in fits if fit is not None), key=lambda fit: fit.agrees.sum(), default=None)
 
 
