@@ -1,9 +1,9 @@
 """The recording without biases that follow its current or temperature, however large: where the nominal fit may start.
 
-A sensor whose bias follows a channel I reads y with |M (y - b - c I)|² = F². This is linear in the monomials of y and
+A sensor whose bias follows a channel I reads y with |M (y - o - c I)|² = F². This is linear in the monomials of y and
 I, yᵀ Q y + 2 qᵀ y + 2 I sᵀ y + r I² + t I = 1 with Q = Mᵀ M but for a factor, so that c = -Q⁻¹ s, as the centre of
 the ellipsoid of Wu 2025 eq. 9 is -Q⁻¹ q. Where the attitude tells the field of one sensor, its readings are linear
-themselves: y = M Rᵀ h + b + c I, in the products of the elements of M and of the field h of the world.
+themselves: y = M Rᵀ h + o + c I, in the products of the elements of M and of the field h of the world.
 """
 
 from collections.abc import Callable
