@@ -46,8 +46,11 @@ class Oriented:
             When no fit is one of a sensor.
         """
         assert recording.attitude is not None
-        readings, turned = recording.readings_T[:, 0], turns(recording.attitude)
-        products = np.column_stack([turned.reshape(len(turned), 9), np.ones(len(turned))])
+        readings, turned, products = (
+            recording.readings_T[:, 0],
+            turns(recording.attitude),
+            products_of(recording.attitude),
+        )
         shape = _gross_jump(recording.time_s, readings, products)
         step = np.empty((len(turned), 0)) if shape is None else _step(recording.time_s, shape)
         values = np.linalg.lstsq(np.column_stack([products, step]), readings, rcond=_OPEN)[0]
@@ -57,6 +60,12 @@ class Oriented:
         )
         errors, world = World.of(start.matrix[None], start.offsets[:1], start.field_T, np.eye(3))
         return cls(errors, world, None if shape is None else _jump(shape, start.offsets[1]))
+
+
+def products_of(attitude: FloatArray) -> FloatArray:
+    """Return (N, 10) what the readings at attitudes (N, 4) are linear in: the turns' elements, and 1 for the offset."""
+    turned = turns(attitude)
+    return np.column_stack([turned.reshape(len(turned), 9), np.ones(len(turned))])
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from tam_calibration.array import Array
 from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, LinearEffect, Shape, Term
-from tam_calibration.effects.grades import NEGLIGIBLE
+from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.effects.removal import attitude_known, filled
 from tam_calibration.effects.term import Key, chosen
 from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.gap.attitude_nominal import Oriented, attitude_variance, bias_variance
+from tam_calibration.gap.channel_nominal import without_channels, without_channels_in_world
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.nominal import starts, steady_parts, stepped, wild_samples, without_jump
@@ -134,7 +135,7 @@ class Model:
     def nominal(cls, recording: Recording, array: Array) -> "Model":
         """Fit the calibration alone, or beside what is so large that the calibration is not found in spite of it.
 
-        That is a few readings beyond all others, or a jump.
+        That is a few readings beyond all others, a bias that follows a recorded channel, or a jump.
         """
         stride = recording.sample_count // ENOUGH_SAMPLES + 1
         is_oriented, wild = attitude_known(recording), wild_samples(recording)
@@ -144,27 +145,56 @@ class Model:
         recording = filled(recording)
         if recording.sensor_count == 1 and recording.scalar_T is None and is_oriented is not None:
             in_world = cls._in_world(recording, array, is_oriented, stride)
+            if in_world is None or in_world._is_gross():
+                rest = without_channels_in_world(recording, is_oriented)
+                following = None if rest is None else cls._in_world(rest, array, is_oriented, stride)
+                in_world = _most_agreeing(in_world, following)
             if in_world is not None:
-                return in_world
+                return replace(in_world, recording=recording)
         noisy, _ = complete_noise(array, recording)
         plain = cls._within_bounds(recording, noisy, stride)
         if plain is not None:
             plain = plain._with_floor(array)
         if plain is not None and not plain._is_gross():
             return plain
-        jump = moved_sphere(recording)
-        beside = None if jump is None else cls._within_bounds(without_jump(recording, jump), noisy, stride)
-        if jump is None or beside is None:
-            if plain is None:
-                part = cls._of_most(recording, noisy, stride) or cls._of_steady(recording, noisy, stride)
-                plain = None if part is None else part._with_floor(array, settled=False)
-            begun = next((cls(recording, noisy, one.errors, one.intensity_T) for one in starts(recording, noisy)), None)
-            if plain is None or (begun is not None and begun._is_found_out_of_bounds):
-                raise Refused(without_calibration(recording, None if begun is None else begun.objection))
-            return plain
-        largest = max(abs(value) for one in jump.contributions for value in one.values.values())
-        jumping = tuple(one for one in jump.contributions if max(map(abs, one.values.values())) > NEGLIGIBLE * largest)
-        return replace(beside._with_floor(array), recording=recording, gross=replace(jump, contributions=jumping))
+        beside = cls._beside(recording, noisy, stride, plain)
+        if beside is not None:
+            return replace(beside._with_floor(array), recording=recording)
+        return cls._of_part(recording, array, stride, plain)
+
+    @classmethod
+    def _beside(cls, recording: Recording, array: Array, stride: int, plain: "Model | None") -> "Model | None":
+        """Return the fit beside a jump, or beside the channels where more samples agree with that, to what they leave.
+
+        None where there is no jump, and no more samples agree than with the plain fit.
+        """
+        jump, rest = moved_sphere(recording), without_channels(recording)
+        jumping = None if jump is None else cls._within_bounds(without_jump(recording, jump), array, stride)
+        if jump is not None and jumping is not None:
+            jumping = replace(jumping, gross=_mostly(jump))
+        following = None if rest is None else cls._within_bounds(rest, array, stride)
+        if jumping is not None:
+            # What a channel tells happens at no time of its own.
+            return _most_agreeing(following, jumping)
+        return following if _most_agreeing(plain, following) is following else None
+
+    @classmethod
+    def _of_part(cls, recording: Recording, array: Array, stride: int, plain: "Model | None") -> "Model":
+        """Return the fit to a part of a recording where there is no plain one to the whole; refuse where none can be.
+
+        Raises
+        ------
+        Refused
+            When there is none, or the readings tell one that no sensor has.
+        """
+        noisy, _ = complete_noise(array, recording)
+        if plain is None:
+            part = cls._of_most(recording, noisy, stride) or cls._of_steady(recording, noisy, stride)
+            plain = None if part is None else part._with_floor(array, settled=False)
+        begun = next((cls(recording, noisy, one.errors, one.intensity_T) for one in starts(recording, noisy)), None)
+        if plain is None or (begun is not None and begun._is_found_out_of_bounds):
+            raise Refused(without_calibration(recording, None if begun is None else begun.objection))
+        return plain
 
     @classmethod
     def _within_bounds(cls, recording: Recording, array: Array, stride: int) -> "Model | None":
@@ -214,10 +244,10 @@ class Model:
                 continue
             if model is not None and not model._is_gross():
                 fits.append(replace(model, recording=recording))
-        best = max(fits, key=lambda one: one._agrees.sum(), default=None)
+        best = max(fits, key=lambda one: one.agrees.sum(), default=None)
         if best is None:
             return None
-        return replace(replace(best, recording=recording.take(best._agrees)).settled(), recording=recording)
+        return replace(replace(best, recording=recording.take(best.agrees)).settled(), recording=recording)
 
     def steady(self) -> "Model | None":
         """Return the model with the calibration of a steady part of a run, of which the whole leaves gross misfits.
@@ -227,7 +257,7 @@ class Model:
         if self.gross is not None or self.world is not None or not self._is_gross():
             return None
         fits = [find(self.recording, self.array, self.stride) for find in (self._of_most, self._of_steady)]
-        best = max((one for one in (self, *fits) if one is not None), key=lambda one: one._agrees.sum())
+        best = max((one for one in (self, *fits) if one is not None), key=lambda one: one.agrees.sum())
         return None if best is self else replace(self, errors=best.errors, intensity_T=best.intensity_T)
 
     def _with_floor(self, stated: Array, settled: bool = True) -> "Model":
@@ -258,7 +288,10 @@ class Model:
     def _in_world(
         cls, recording: Recording, array: Array, is_oriented: NDArray[np.bool_], stride: int
     ) -> "Model | None":
-        """Fit one sensor in the field of the world; None where the length of the field alone tells its bias better."""
+        """Fit one sensor in the field of the world, to the recording without the jump that is found.
+
+        None where the length of the field alone tells its bias much better.
+        """
         noisy, _ = complete_noise(array, recording)
         try:
             start = Oriented.of(recording.take(is_oriented))
@@ -270,10 +303,11 @@ class Model:
             return None
         base = model.base()
         assert model.world is not None
-        if by_length.calibration_rank == _SPHERE_RANK and bias_variance(by_length) < bias_variance(base):
+        # A disturbance that the array turns in leaves both alike sure; errors of the attitude leave the length alone.
+        if by_length.calibration_rank == _SPHERE_RANK and bias_variance(by_length) < NOTABLE * bias_variance(base):
             return None
         world = replace(model.world, variance_T2=attitude_variance(base.channels, model.world))
-        return replace(model, recording=recording, world=world, gross=start.jump)
+        return replace(model, world=world, gross=start.jump)
 
     def _is_gross(self) -> bool:
         """Whether the misfit is no small disturbance of the field."""
@@ -287,7 +321,7 @@ class Model:
         )
 
     @property
-    def _agrees(self) -> NDArray[np.bool_]:
+    def agrees(self) -> NDArray[np.bool_]:
         """(N,) whether the misfit of a sample is a small disturbance of the field."""
         agrees: NDArray[np.bool_] = self._relative_misfit <= NEGLIGIBLE
         return agrees
@@ -415,3 +449,15 @@ class Model:
     def of_all_samples(self) -> "Model":
         """Return the model fitted to every sample."""
         return self if self.stride == 1 else replace(self, stride=1).settled()
+
+
+def _most_agreeing(*fits: Model | None) -> Model | None:
+    """Return the first of the fits, each to its own recording, with which most samples agree; None where none is."""
+    return max((fit for fit in fits if fit is not None), key=lambda fit: fit.agrees.sum(), default=None)
+
+
+def _mostly(jump: FittedEffect) -> FittedEffect:
+    """Return a jump without the axes in which it is negligible."""
+    largest = max(abs(value) for one in jump.contributions for value in one.values.values())
+    moved = (one for one in jump.contributions if max(map(abs, one.values.values())) > NEGLIGIBLE * largest)
+    return replace(jump, contributions=tuple(moved))

@@ -64,6 +64,14 @@ def test_a_poor_attitude_gives_way_to_the_length_of_the_field(lone):
     assert Model.nominal(made.recording, made.array).world is None
 
 
+def test_a_tone_across_the_field_leaves_the_sensor_in_the_world(lone):
+    """Where it is turned little the length hides half of the tone, and is not taken for the surer by that."""
+    made = lone(3000)
+    along = np.abs(made.field_T[:, 2]) > 0.7 * made.world.intensity_T
+    tone = np.outer(20e-6 * np.sin(9.7 * made.recording.time_s), [1, 0, 0])
+    assert Model.nominal(made.with_added(tone).recording.take(along), made.array).world is not None
+
+
 def test_with_a_scalar_lengths_stay_what_they_were(lone):
     """A measured intensity is worth more than an attitude."""
     made = lone()

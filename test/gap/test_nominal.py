@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.array import Array
 from tam_calibration.errors import SensorErrors
 from tam_calibration.gap import diagnose
+from tam_calibration.gap.channel_nominal import without_channels
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.nominal import steady_parts, wild_samples
 from tam_calibration.problems import InputError
@@ -139,21 +140,37 @@ def scattered(time, seed=1):
 
 
 def test_a_current_of_tens_of_microtesla_is_found(run):
-    """A motor runs for most of the time, and no stretch has a fit of sensors: the fit starts where it is off."""
+    """A motor runs for most of the time, and no stretch has a fit of sensors: the fit starts beside the current."""
     made = run(900, 2, has_scalar=False)
     generator = np.random.default_rng(3)
     time = made.recording.time_s
     is_on = scattered(time)
     current = is_on * generator.uniform(1, 8, size=61)[time.astype(int)]
     assert 0.6 < is_on.mean() < 0.8
+    of_ampere = 6e-6 * generator.normal(size=6)
     added = np.zeros((900, made.row_count))
-    added[:, :6] = np.outer(current, 6e-6 * generator.normal(size=6))
+    added[:, :6] = np.outer(current, of_ampere)
     recording = replace(made.with_added(added).recording, current_A=current)
     model = Model.nominal(recording, made.array)
-    assert_allclose(model.errors.bias_T, made.errors.bias_T, atol=0.1e-6)
+    at_median = made.errors.bias_T + np.median(current) * of_ampere.reshape(2, 3)
+    assert_allclose(model.errors.bias_T, at_median, atol=0.1e-6)
     gap = diagnose(recording, made.array)
     assert gap.verdict == "explained"
     assert [cause.fitted.effect for cause in gap.causes] == ["current_interference"]
+
+
+def test_where_no_bias_follows_the_current_the_fit_starts_where_it_is_off(run):
+    """The field of another motor on the same switch, which draws a current of its own."""
+    made = run(900, 2, has_scalar=False)
+    generator = np.random.default_rng(3)
+    time = made.recording.time_s
+    is_on = scattered(time)
+    other, current = is_on * generator.uniform(1, 8, size=(2, 61))[:, time.astype(int)]
+    added = np.zeros((900, made.row_count))
+    added[:, :6] = np.outer(other, 6e-6 * generator.normal(size=6))
+    recording = replace(made.with_added(added).recording, current_A=current)
+    assert without_channels(recording) is None
+    assert_allclose(Model.nominal(recording, made.array).errors.bias_T, made.errors.bias_T, atol=0.1e-6)
 
 
 def test_a_scale_step_of_two_is_found_from_the_steady_half(run):

@@ -1,0 +1,120 @@
+"""The recording without biases that follow its current or temperature, however large: where the nominal fit may start.
+
+A sensor whose bias follows a channel I reads y with |M (y - o - c I)|² = F². This is linear in the monomials of y and
+I, yᵀ Q y + 2 qᵀ y + 2 I sᵀ y + r I² + t I = 1 with Q = Mᵀ M but for a factor, so that c = -Q⁻¹ s, as the centre of
+the ellipsoid of Wu 2025 eq. 9 is -Q⁻¹ q. Where the attitude tells the field of one sensor, its readings are linear
+themselves: y = M Rᵀ h + o + c I, in the products of the elements of M and of the field h of the world.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.effects.moved_sphere import LEAST_FALL
+from tam_calibration.fit import ellipsoid
+from tam_calibration.fit.scale import normalize
+from tam_calibration.gap.attitude_nominal import products_of
+from tam_calibration.problems import InputError
+from tam_calibration.recording import Recording
+from tam_calibration.units import FloatArray
+
+
+def without_channels(recording: Recording) -> Recording | None:
+    """Return the recording without the biases that follow its channels, as the length of the field tells them.
+
+    None where they are not most of what an ellipsoid leaves of the readings.
+
+    Parameters
+    ----------
+    recording : Recording
+        With filled channels, in a field of constant intensity.
+    """
+    data = normalize(recording)
+    points = np.moveaxis(data.points, 0, -1) * data.radius_T
+    return _without(recording, lambda courses: [_of_ellipsoid(of_sensor, courses) for of_sensor in points])
+
+
+def without_channels_in_world(recording: Recording, is_oriented: NDArray[np.bool_]) -> Recording | None:
+    """Return the recording of one sensor without the biases that follow its channels, as its attitudes tell them.
+
+    None where they are not most of what a constant field of the world leaves of the readings.
+
+    Parameters
+    ----------
+    recording : Recording
+        With filled channels.
+    is_oriented : (N,) array of bool
+        Whether the attitude of a sample is known.
+    """
+    oriented = recording.take(is_oriented)
+    assert oriented.attitude is not None
+    products = products_of(oriented.attitude)
+
+    def following(courses: FloatArray) -> list[_Following]:
+        readings_T = oriented.readings_T[:, 0]
+        values, fall = _fit(products, courses[is_oriented], readings_T)
+        return [_Following(values[products.shape[1] :], fall)]
+
+    return _without(recording, following)
+
+
+@dataclass(frozen=True, eq=False)
+class _Following:
+    """By how much a sensor's bias follows each course, (C, 3), tesla, and the squares left without that and with it."""
+
+    slopes_T: FloatArray
+    left: FloatArray
+
+
+def _without(recording: Recording, following: Callable[[FloatArray], list[_Following]]) -> Recording | None:
+    """Return the recording without what follows its channels in each sensor, where squares fall much by that."""
+    courses = _courses(recording)
+    if not courses.size:
+        return None
+    try:
+        found = following(courses)
+    except InputError:
+        return None
+    alone, beside = np.sum([one.left for one in found], axis=0)
+    if alone < LEAST_FALL * beside:
+        return None
+    added_T = np.stack([courses @ one.slopes_T for one in found], axis=1)
+    return replace(recording, readings_T=recording.readings_T - added_T)
+
+
+def _courses(recording: Recording) -> FloatArray:
+    """Return the channels that change, (N, C), about their medians and in units of their standard deviations."""
+    channels = [one for one in (recording.current_A, recording.temperature_C) if one is not None and np.ptp(one) > 0]
+    courses = [(channel - np.median(channel)) / np.std(channel) for channel in channels]
+    return np.array(courses).reshape(len(courses), recording.sample_count).T
+
+
+def _of_ellipsoid(points_T: FloatArray, courses: FloatArray) -> _Following:
+    """Return how the centre of the ellipsoid through the points (3, N) of a sensor follows courses (N, C).
+
+    Raises
+    ------
+    InputError
+        When the points lie on no ellipsoid.
+    """
+    unit_T = np.sqrt(np.mean(points_T**2))
+    points, one = points_T / unit_T, np.ones(len(courses))
+    monomials = ellipsoid.monomial_columns(points, one)[:9].T
+    mixed = np.column_stack([2 * course * axis for course in courses.T for axis in points])
+    squares = [course[:, None] * courses[:, first:] for first, course in enumerate(courses.T)]
+    values, left = _fit(monomials, np.column_stack([mixed, courses, *squares]), one)
+    shape = ellipsoid.symmetric(values[:6])
+    # The readings of no ellipsoid have no square root of their shape.
+    ellipsoid.square_root(shape)
+    products = values[9 : 9 + mixed.shape[1]].reshape(-1, 3)
+    return _Following(-unit_T * np.linalg.solve(shape, products.T).T, left)
+
+
+def _fit(own: FloatArray, added: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the values of the columns own and added that fit a target best, and the squares left by own and by all."""
+    both = np.column_stack([own, added])
+    values = np.linalg.lstsq(both, target)[0]
+    alone = target - own @ np.linalg.lstsq(own, target)[0]
+    return values, np.array([np.sum(alone**2), np.sum((target - both @ values) ** 2)])
