@@ -211,7 +211,7 @@ OUTSIDE = {
     "heading_gear": outside(heading_gear, motions=SWUNG),
     "irregular_strokes": outside(irregular_strokes),
     "drifting_clock": outside(drifting_clock, motions=MOVING),
-    "weak_bit": outside(weak_bit),
+    "weak_bit": outside(weak_bit, named="nonlinearity"),
     "shared_reference": outside(shared_reference),
     "reference_noise": outside(reference_noise),
     "idle_tone": outside(idle_tone),

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from tam_calibration.blind.catalogue import CAUSES
 from tam_calibration.blind.motion import MOTIONS
-from tam_calibration.blind.outside import OUTSIDE
 from tam_calibration.blind.scene import Wish, draw_scene
 
 
@@ -29,7 +29,7 @@ def change_of(draw):
 
     def changing(name, seed, amplitude=1.0, **wish):
         scene = draw(seed, **wish)
-        cause = OUTSIDE[name].draw(np.random.default_rng(seed), scene)
+        cause = CAUSES[name].draw(np.random.default_rng(seed), scene)
         vectors, _ = cause.change(amplitude, (scene.readings_T, scene.intensity_T))
         return scene, cause, vectors[:, cause.sensors[0] - 1]
 

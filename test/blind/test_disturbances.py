@@ -9,7 +9,7 @@ from tam_calibration.blind.material import _bouc_wen, _diffused, _low_pass, _pre
 from tam_calibration.blind.outside import OUTSIDE
 
 DRAWS = {name: entry.draw for name, entry in (CATALOGUE | OUTSIDE).items()}
-AMPLITUDES = {"of the samples": 0.1, "samples a stretch": 8.0}
+AMPLITUDES = {"of the samples": 0.1, "samples a stretch": 8.0, "T of the band": 1e-6}
 """By their units, where neither 1e-4 nor, for what the recorder does, 1e-9 is an amplitude."""
 
 
