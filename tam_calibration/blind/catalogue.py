@@ -7,7 +7,7 @@ from tam_calibration.blind.entry import MOVING, SEVERAL, Entry
 from tam_calibration.blind.jumps import bias_jump
 from tam_calibration.blind.material import eddy_current, flexure, hysteresis, temperature_drift
 from tam_calibration.blind.outside import OUTSIDE
-from tam_calibration.blind.outside_sealed_causes import SEALED
+from tam_calibration.blind.outside_sealed import SEALED
 from tam_calibration.blind.surroundings import (
     ambient_gradient,
     current_interference,

@@ -72,6 +72,6 @@ def outside(
     )
 
 
-def sealed(draw: Draw, motions: tuple[str, ...] = MOTIONS, scalar_needed: bool = False) -> Entry:
-    """Return the entry of a cause of the sealed half, which has no name in the library."""
-    return outside(draw, motions=motions, scalar_needed=scalar_needed, sealed=True)
+def sealed(draw: Draw, named: str = "", motions: tuple[str, ...] = MOTIONS, scalar_needed: bool = False) -> Entry:
+    """Return the entry of a cause of the sealed half."""
+    return outside(draw, named=named, motions=motions, scalar_needed=scalar_needed, sealed=True)

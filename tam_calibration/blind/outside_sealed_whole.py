@@ -1,4 +1,4 @@
-"""Causes outside the library, the sealed half: on the platform. As ``outside_sealed_causes.py``: do not open."""
+"""Causes outside the library, the sealed half: on the platform. As ``outside_sealed.py``: do not open."""
 
 import numpy as np
 from numpy.linalg import norm

@@ -7,7 +7,7 @@ from numpy.random import Generator
 
 from tam_calibration.blind.catalogue import CATALOGUE, CAUSES
 from tam_calibration.blind.outside import OUTSIDE
-from tam_calibration.blind.outside_sealed_causes import SEALED
+from tam_calibration.blind.outside_sealed import SEALED
 
 GAPS = (0.3, 1.0, 3.0)
 """In noise floors: hidden in the noise, as large, and plain to see; figures are asked for at each."""
