@@ -15,7 +15,7 @@ setup(
     maintainer_email="maintainers@tam-calibration.org",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["config/**/*", "report/templates/*"]},
+    package_data={NAME: ["config/**/*", "py.typed", "report/templates/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (SHARE, ["package.xml"]),

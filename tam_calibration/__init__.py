@@ -1,8 +1,76 @@
-"""Calibration of cross arrays of tri-axial magnetometers, on line over ROS 2 and offline."""
+"""Calibration of cross arrays of tri-axial magnetometers, on line over ROS 2 and offline.
 
+From Python: read a recording and its array, ``calibrate`` or ``diagnose``, ``correct``, ``locate``. Names load when
+they are first used, so that importing the package costs nothing.
+"""
+
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tam_calibration.array import Array
+    from tam_calibration.calibration import Calibration
+    from tam_calibration.correction import correct
+    from tam_calibration.files import read_array, read_calibration, read_recording, write_calibration
+    from tam_calibration.files.scenario import read_scenario
+    from tam_calibration.fit import calibrate
+    from tam_calibration.gap import diagnose
+    from tam_calibration.problems import InputError, Refused
+    from tam_calibration.recording import Recording
+    from tam_calibration.simulation import simulate
+    from tam_calibration.survey import locate
+
+__all__ = [
+    "Array",
+    "Calibration",
+    "InputError",
+    "Recording",
+    "Refused",
+    "calibrate",
+    "correct",
+    "diagnose",
+    "locate",
+    "read_array",
+    "read_calibration",
+    "read_recording",
+    "read_scenario",
+    "simulate",
+    "write_calibration",
+]
+
+_HOMES = {
+    "Array": "array",
+    "Calibration": "calibration",
+    "InputError": "problems",
+    "Recording": "recording",
+    "Refused": "problems",
+    "calibrate": "fit",
+    "correct": "correction",
+    "diagnose": "gap",
+    "locate": "survey",
+    "read_array": "files",
+    "read_calibration": "files",
+    "read_recording": "files",
+    "read_scenario": "files.scenario",
+    "simulate": "simulation",
+    "write_calibration": "files",
+}
+"""The module of each public name."""
 
 try:
     __version__ = version("tam_calibration")
 except PackageNotFoundError:  # run from a source tree that was not installed
     __version__ = "unknown"
+
+
+def __getattr__(name: str) -> object:
+    """Return a public name from its module (PEP 562)."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return [*__all__, "__version__"]

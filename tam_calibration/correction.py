@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tam_calibration.calibration import Calibration
+from tam_calibration.calibration import Calibration, Corrected
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.removal import EffectStream, linear_effect, on_sensors
@@ -29,6 +29,30 @@ class CorrectedBatch:
     outputs: FloatArray
     standard_errors: FloatArray
     left_in: tuple[str, ...]
+
+
+def correct(recording: Recording, calibration: Calibration) -> Corrected:
+    """Return the calibrated field at the array's centre and the magnetic gradient tensor of raw readings.
+
+    Parameters
+    ----------
+    recording : Recording
+        Readings (N, K, 3), tesla, of the array that was calibrated.
+    calibration : Calibration
+        Whose errors and effects are taken off.
+
+    Returns
+    -------
+    Corrected
+        (N, 9) outputs in the array frame, tesla and T/m, and the standard error of each column.
+
+    Raises
+    ------
+    InputError
+        When the recording has another number of sensors or lacks a channel that an effect needs, or its readings are
+        not geomagnetic in tesla.
+    """
+    return calibration.correct(recording)
 
 
 def why_left_in(name: str) -> str:

@@ -80,7 +80,7 @@ class ArrayFile(Document):
         )
 
 
-def read_array(path: Path) -> Array:
+def read_array(path: str | Path) -> Array:
     """Read an array file.
 
     Raises

@@ -29,7 +29,7 @@ COVARIANCE_ORDER = (
 )
 
 
-def read_calibration(path: Path) -> Calibration:
+def read_calibration(path: str | Path) -> Calibration:
     """Read a calibration file.
 
     Raises
@@ -41,7 +41,7 @@ def read_calibration(path: Path) -> Calibration:
     return calibration_from_yaml(read_text(path), str(path))
 
 
-def write_calibration(path: Path, calibration: Calibration) -> None:
+def write_calibration(path: str | Path, calibration: Calibration) -> None:
     """Write a calibration file.
 
     Raises
@@ -49,7 +49,7 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     InputError
         When the file cannot be written.
     """
-    with write_whole(path) as beside:
+    with write_whole(Path(path)) as beside:
         beside.write_text(calibration_to_yaml(calibration), encoding="utf-8")
 
 

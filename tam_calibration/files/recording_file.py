@@ -38,7 +38,7 @@ def is_bag(path: Path) -> bool:
         return file.read(16).startswith(_BAG_BEGINNINGS)
 
 
-def read_recording(path: Path, sensor_count: int | None = None, tolerance_s: float = TOLERANCE_S) -> Recording:
+def read_recording(path: str | Path, sensor_count: int | None = None, tolerance_s: float = TOLERANCE_S) -> Recording:
     """Read a recording from a bag or a CSV file; what a bag's topics lost in joining them is logged.
 
     Parameters
@@ -55,7 +55,7 @@ def read_recording(path: Path, sensor_count: int | None = None, tolerance_s: flo
     InputError
         When it cannot be read, or holds no recording.
     """
-    return read_samples(path, sensor_count, tolerance_s).recording
+    return read_samples(Path(path), sensor_count, tolerance_s).recording
 
 
 def read_samples(
