@@ -28,13 +28,13 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.array import OUTPUT_NAMES, Array
 from tam_calibration.calibration import Calibration
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.whole import write_whole
 from tam_calibration.fit import METHODS
 from tam_calibration.fit.attitude_frame import into_array_frame
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.simulation.channels import AttitudeChannel
 from tam_calibration.units import FloatArray, from_degrees, to_nanotesla

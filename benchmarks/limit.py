@@ -26,7 +26,6 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from tam_calibration.errors import SensorErrors
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.whole import write_whole
 from tam_calibration.fit import METHODS
@@ -36,6 +35,7 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.scale import free_scale, normalize
 from tam_calibration.recording import Recording
 from tam_calibration.residuals import measure_residuals
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import Scenario, Simulation, simulate
 from tam_calibration.simulation.attitude import Manoeuvre, Motion
 from tam_calibration.units import FloatArray, from_degrees, from_nanotesla

@@ -19,7 +19,6 @@ from rich.progress import track
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source
 from tam_calibration.localization.background import background_of, turning_of
@@ -30,6 +29,7 @@ from tam_calibration.localization.poses import Poses
 from tam_calibration.localization.spectrum import band_pass_amplitude
 from tam_calibration.localization.tracking import straight_track, track_dipole
 from tam_calibration.reproduce.wu2025_coil import POSITION_M, RADIUS_M
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation.attitude import Manoeuvre
 from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
 

@@ -23,7 +23,6 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.array import Array
 from tam_calibration.effects.effect import LinearEffect, Situation
 from tam_calibration.effects.library import effect_named
-from tam_calibration.errors import SensorErrors
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.whole import write_whole
 from tam_calibration.fit.lossless import estimate
@@ -31,6 +30,7 @@ from tam_calibration.localization.dipole import Dipole
 from tam_calibration.recording import Recording
 from tam_calibration.reproduce.wu2025_coil import AXES, Experiment, directions
 from tam_calibration.residuals import measure_residuals
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import Simulation, simulate
 from tam_calibration.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
 

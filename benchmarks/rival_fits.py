@@ -9,9 +9,9 @@ import numpy as np
 from numpy.linalg import inv, norm
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import lossless, maximum_likelihood
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 MICROTESLA, GAUSS = 1e-6, 1e-4

@@ -32,10 +32,10 @@ from rival_fits import OURS, RIVALS, Correction, Data, Fit, array_of, is_install
 from spread import Row, save
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import maximum_likelihood
 from tam_calibration.fit.bound import bound
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import Scenario, Simulation, simulate
 from tam_calibration.simulation.sources import SinusoidDrift
 from tam_calibration.units import FloatArray, to_nanotesla

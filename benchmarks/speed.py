@@ -26,10 +26,10 @@ from scipy.optimize import minimize
 from spread import Row, show
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import lossless, maximum_likelihood
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
 from tam_calibration.units import FloatArray
 

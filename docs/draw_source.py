@@ -11,13 +11,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.calibration import Calibration
-from tam_calibration.errors import SensorErrors
 from tam_calibration.files import write_calibration, write_recording
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
 from tam_calibration.localization.dipole import Dipole
 from tam_calibration.recording import Recording
 from tam_calibration.report.survey_plots import plot_survey_map
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
 from tam_calibration.survey import locate_steady
 

@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tam_calibration.array import OUTPUT_NAMES, TENSOR_OUTPUTS
-from tam_calibration.errors import SensorErrors
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
 from tam_calibration.report.style import FLOOR_COLOR, STYLE
 from tam_calibration.residuals import residual_series
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
 from tam_calibration.units import to_nanotesla
 

@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from tam_calibration.array import Array
     from tam_calibration.calibration import Calibration
     from tam_calibration.correction import correct
+    from tam_calibration.exceptions import InputError, Refused
     from tam_calibration.files import read_array, read_calibration, read_recording, write_calibration
     from tam_calibration.files.scenario import read_scenario
     from tam_calibration.fit import calibrate
     from tam_calibration.gap import diagnose
-    from tam_calibration.problems import InputError, Refused
     from tam_calibration.recording import Recording
     from tam_calibration.simulation import simulate
     from tam_calibration.survey import locate
@@ -42,9 +42,9 @@ __all__ = [
 _HOMES = {
     "Array": "array",
     "Calibration": "calibration",
-    "InputError": "problems",
+    "InputError": "exceptions",
     "Recording": "recording",
-    "Refused": "problems",
+    "Refused": "exceptions",
     "calibrate": "fit",
     "correct": "correction",
     "diagnose": "gap",

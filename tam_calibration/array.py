@@ -5,8 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.field_bounds import EARTH_FIELD, FieldBounds
-from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
 OUTPUT_NAMES = ("bx", "by", "bz", "gxx", "gxy", "gxz", "gyy", "gyz", "gzz")

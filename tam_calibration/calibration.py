@@ -10,10 +10,10 @@ from tam_calibration.array import Array
 from tam_calibration.calibration_parts import AmbientGradient, EffectSize, KnownSource, Provenance
 from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.effects.removal import added_to, of_sensors, removable
-from tam_calibration.errors import SensorErrors
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.residuals import Residuals
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 __all__ = [

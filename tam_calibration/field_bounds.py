@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import sqrt
 
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.units import FloatArray, to_nanotesla
 
 WEAKEST_FIELD_T = 200e-9

@@ -4,8 +4,8 @@ from datetime import date, datetime
 
 import numpy as np
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.field_bounds import FieldBounds
-from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray, from_nanotesla
 
 MODEL_YEARS = (1900, 2030)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.array import OUTPUT_NAMES
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 

@@ -6,8 +6,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.field_bounds import EARTH_FIELD, FieldBounds
-from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
 CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude")

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.linalg import inv, norm
 
 from tam_calibration.array import TENSOR_OUTPUTS, Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import Block, Recording, SampleSource
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 

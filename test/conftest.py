@@ -7,8 +7,8 @@ import pytest
 from ros_bench import bench, ros_domain  # noqa: F401  fixtures are found by their names here
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import from_degrees, from_nanotesla
 
 # Messages read this when they are imported: a field of the wrong type is then refused, not sent as rubbish.

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.array import OUTPUT_NAMES, TENSOR_OUTPUTS, Array
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 
 GRADIENT_ELEMENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 COMPONENTS = st.floats(-1, 1)

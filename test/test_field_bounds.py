@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.field_bounds import EARTH_FIELD, STRONGEST_FIELD_T, WEAKEST_FIELD_T, FieldBounds
-from tam_calibration.problems import InputError
 
 
 def test_the_earth_has_15_to_100_microtesla():

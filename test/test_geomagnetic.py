@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.geomagnetic import bounds_at, field_at, site_field_T
-from tam_calibration.problems import InputError
 
 FOOT_M = 0.3048
 

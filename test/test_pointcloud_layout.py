@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.pointcloud_layout import FIELD_GRADIENT_COLUMNS, SampleLayout, center_covariance, field_offsets
-from tam_calibration.problems import InputError
 
 FULL = SampleLayout(2, scalar=True, temperature=True, current=True, attitude=True)
 

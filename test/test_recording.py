@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.recording import Recording
 
 SAMPLES, SENSORS = 6, 2

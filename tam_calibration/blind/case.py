@@ -15,7 +15,7 @@ from tam_calibration.blind.plan import Plan
 from tam_calibration.blind.scaling import Scaled, scale_to
 from tam_calibration.blind.scene import Scene, Wish, draw_scene
 from tam_calibration.blind.visible import NominalModel
-from tam_calibration.problems import Refused
+from tam_calibration.exceptions import Refused
 from tam_calibration.units import FloatArray, to_nanotesla
 
 WELL_CONDITIONED = 1e-3

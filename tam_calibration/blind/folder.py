@@ -9,7 +9,7 @@ import numpy as np
 from tam_calibration.blind.case import Case
 from tam_calibration.blind.outcome import Outcome
 from tam_calibration.blind.seal import check_seals
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 
 KEYS = "keys.json"
 COMMITMENTS = "commitments.json"

@@ -26,7 +26,7 @@ from tam_calibration.blind.recorded import RecordedScene, model_of, own_residual
 from tam_calibration.blind.scaling import Scaled, scale_to
 from tam_calibration.blind.scene import Scene
 from tam_calibration.blind.timing import stale_samples
-from tam_calibration.problems import Refused
+from tam_calibration.exceptions import Refused
 from tam_calibration.units import FloatArray, to_nanotesla
 
 TRIES = 20

@@ -20,7 +20,7 @@ from tam_calibration.blind.processes import draw_load, draw_weather
 from tam_calibration.blind.recorded_fit import Fit, fit_attitude, fit_ellipsoids
 from tam_calibration.blind.scene import Scene
 from tam_calibration.blind.visible import NominalModel
-from tam_calibration.problems import Refused
+from tam_calibration.exceptions import Refused
 from tam_calibration.units import FloatArray
 
 FEWEST = 60

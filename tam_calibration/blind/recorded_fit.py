@@ -6,7 +6,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.linalg import LinAlgError, cholesky, det, inv, lstsq, norm, svd
 
-from tam_calibration.problems import Refused
+from tam_calibration.exceptions import Refused
 from tam_calibration.units import FloatArray, from_nanotesla
 
 ROUNDS = 30

@@ -5,7 +5,7 @@ import json
 import secrets
 from typing import Any
 
-from tam_calibration.problems import Refused
+from tam_calibration.exceptions import Refused
 
 
 def seal(key: dict[str, Any]) -> tuple[dict[str, Any], str]:

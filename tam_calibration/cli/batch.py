@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from tam_calibration.cli.terminal import PATH, showing_progress, stdout, tolerance_option
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 
 
 @click.command()

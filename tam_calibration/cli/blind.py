@@ -12,7 +12,7 @@ import click
 from tam_calibration.blind import KINDS
 from tam_calibration.cli.blind_inject import inject
 from tam_calibration.cli.terminal import PATH, showing_progress, stdout, write_together
-from tam_calibration.problems import InputError, Refused
+from tam_calibration.exceptions import InputError, Refused
 
 if TYPE_CHECKING:
     from tam_calibration.blind.plan import Plan

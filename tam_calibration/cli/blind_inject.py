@@ -6,9 +6,9 @@ from pathlib import Path
 import click
 
 from tam_calibration.cli.terminal import PATH, Number, write_together
+from tam_calibration.exceptions import InputError
 from tam_calibration.files import read_array, read_recording
 from tam_calibration.files.csv_recording import write_csv_recording
-from tam_calibration.problems import InputError
 
 EFFECTS = (
     "temperature_drift",

@@ -18,6 +18,7 @@ from tam_calibration.cli.terminal import (
     tolerance_option,
     write_together,
 )
+from tam_calibration.exceptions import InputError
 from tam_calibration.files import (
     calibration_to_mapping,
     calibration_to_yaml,
@@ -30,7 +31,6 @@ from tam_calibration.files.recording_file import is_large, read_stream
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.fit.ambient_gradient import as_if_uniform
 from tam_calibration.geomagnetic import field_at
-from tam_calibration.problems import InputError
 from tam_calibration.recording import SKETCH, Recording, SampleSource
 
 _Fit = Callable[[Recording, Array], Calibration]

@@ -4,8 +4,8 @@ import re
 
 import click
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.nodes import ros_session
-from tam_calibration.problems import InputError
 
 FIND_S = 5.0
 _NAME = re.compile(r"(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tam_calibration.exceptions import Refused
 from tam_calibration.nodes import ros_session
 from tam_calibration.nodes.children import NODES, Children, node_commands
-from tam_calibration.problems import Refused
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -8,9 +8,9 @@ from rich.table import Table
 
 from tam_calibration.array import TENSOR_OUTPUTS
 from tam_calibration.calibration import Calibration
-from tam_calibration.errors import SensorErrors
-from tam_calibration.problems import Refused
+from tam_calibration.exceptions import Refused
 from tam_calibration.residuals import noise_floor
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray, to_degrees, to_nanotesla
 
 if TYPE_CHECKING:

@@ -17,6 +17,7 @@ from tam_calibration.cli.terminal import (
     write_together,
 )
 from tam_calibration.effects.library import effect_named
+from tam_calibration.exceptions import InputError
 from tam_calibration.field_bounds import EARTH_FIELD
 from tam_calibration.files import provenance, read_array, read_calibration, read_samples
 from tam_calibration.files.gap_json import gap_to_mapping
@@ -24,7 +25,6 @@ from tam_calibration.files.json_text import to_json
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.result import Gap
 from tam_calibration.geomagnetic import bounds_at
-from tam_calibration.problems import InputError
 
 _ANSWERS = ("no_gap", "explained")
 """Verdicts that leave nothing open."""

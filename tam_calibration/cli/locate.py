@@ -7,10 +7,10 @@ import numpy as np
 
 from tam_calibration.calibration import Calibration
 from tam_calibration.cli.terminal import PATH, reading, showing_progress, stdout, tolerance_option, write_together
+from tam_calibration.exceptions import InputError
 from tam_calibration.files import read_calibration, read_samples
 from tam_calibration.files.json_text import to_json
 from tam_calibration.geomagnetic import field_at
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.survey import Survey, locate_alternating, locate_steady
 from tam_calibration.units import FloatArray, from_degrees

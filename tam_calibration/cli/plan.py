@@ -10,13 +10,13 @@ from rich.progress import Progress
 from tam_calibration.array import Array
 from tam_calibration.cli.plan_table import Proposal, print_proposal, proposal_to_mapping
 from tam_calibration.cli.terminal import PATH, Number, reading, showing_progress, stdout, tolerance_option
+from tam_calibration.exceptions import InputError
 from tam_calibration.files import read_array, read_calibration, read_samples
 from tam_calibration.files.json_text import to_json
 from tam_calibration.fit.plan import make_plan
 from tam_calibration.fit.reach import Reach, reach_of_turntable, reach_of_vehicle
 from tam_calibration.fit.start import Start, start_from_calibration, start_from_nothing, start_from_recording
 from tam_calibration.geomagnetic import field_at
-from tam_calibration.problems import InputError
 from tam_calibration.units import from_degrees, from_nanotesla, to_degrees, to_nanotesla
 
 ASSUMED_INCLINATION_DEG, ASSUMED_INTENSITY_NT = 60.0, 50_000.0

@@ -7,12 +7,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from tam_calibration.errors import PARAMETER_NAMES
 from tam_calibration.fit.coverage import ENOUGH_STANDARD_ERROR, describe
 from tam_calibration.fit.plan import Plan
 from tam_calibration.fit.reach import Reach
 from tam_calibration.fit.start import Start
 from tam_calibration.report.formatting import number, sentence
+from tam_calibration.sensor_errors import PARAMETER_NAMES
 from tam_calibration.units import FloatArray, to_degrees, to_nanotesla
 
 _GROUPS = (

@@ -8,7 +8,7 @@ import click
 from rich.progress import Progress
 
 from tam_calibration.cli.terminal import PATH, showing_progress, stdout, write_together
-from tam_calibration.problems import InputError, Refused
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.reproduce import PAPERS
 
 if TYPE_CHECKING:

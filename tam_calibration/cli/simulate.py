@@ -11,7 +11,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.cli.terminal import PATH
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray, to_nanotesla
 

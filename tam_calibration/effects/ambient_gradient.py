@@ -14,9 +14,9 @@ from tam_calibration.array import Array
 from tam_calibration.effects.effect import ALL, Coefficient, Limit, LinearEffect, Shape, Situation, SurrogateKind, Term
 from tam_calibration.effects.orientation import LEAST_TURN, to_world, turn_spread
 from tam_calibration.effects.potentials import derivatives, fields
-from tam_calibration.errors import SensorErrors
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 ROWS, COLUMNS = (0, 0, 0, 1, 1), (0, 1, 2, 1, 2)

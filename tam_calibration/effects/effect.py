@@ -16,7 +16,7 @@ from tam_calibration.effects.fitted import ALL, SCALAR, Contribution, FittedEffe
 from tam_calibration.effects.misfit import Misfit
 from tam_calibration.effects.situation import Situation
 from tam_calibration.effects.term import Coefficient, Key, Term
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.units import FloatArray, to_nanotesla
 
 __all__ = [

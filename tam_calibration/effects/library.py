@@ -4,7 +4,7 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from tam_calibration.effects.effect import Effect
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 
 GROUP = "tam_calibration.effects"
 """Entry points of this group name an ``Effect`` class each."""

@@ -5,7 +5,7 @@ import numpy as np
 from tam_calibration.array import Array
 from tam_calibration.effects.effect import FittedEffect, LinearEffect, Situation
 from tam_calibration.effects.library import effect_named
-from tam_calibration.errors import SensorErrors
+from tam_calibration.sensor_errors import SensorErrors
 
 _SAMPLES = 8
 """Samples of any situation; as many as every effect has neighbours for."""

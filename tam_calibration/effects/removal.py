@@ -11,9 +11,9 @@ from tam_calibration.array import Array
 from tam_calibration.effects.effect import SCALAR, FittedEffect, LinearEffect, Situation
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.memory import Memory
-from tam_calibration.errors import SensorErrors
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.recording import BLOCK, Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 _PASSES = 2

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.array import Array
 from tam_calibration.effects.memory import Memory
-from tam_calibration.errors import SensorErrors
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 _HOLE = 3.0

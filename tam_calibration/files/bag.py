@@ -10,13 +10,13 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
 from tam_calibration.batch_synchronisation import BatchSynchroniser
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.bag_blocks import read_blocks
 from tam_calibration.files.bag_sqlite3 import QuickReader
 from tam_calibration.files.bag_topics import StreamTopics, find_topics
 from tam_calibration.files.location import in_file
 from tam_calibration.files.raw_messages import RawMessages
 from tam_calibration.files.samples import Progress, Samples, seconds_of
-from tam_calibration.problems import InputError
 from tam_calibration.stream_batch import IntArray, StreamMessages
 from tam_calibration.units import FloatArray
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from rosbags.interfaces import Connection
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.cdr import read_float64s, read_stamped_doubles
 from tam_calibration.files.raw_messages import IntArray, RawMessages
 from tam_calibration.message_stream import sensor_stream
 from tam_calibration.pointcloud_layout import SampleLayout
-from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
 MAGNETIC_FIELD, FLOAT64 = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64"

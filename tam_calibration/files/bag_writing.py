@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.bag_block_writing import BlockWriter
 from tam_calibration.files.bag_topics import (
     CHANNEL_TOPICS,
@@ -25,7 +26,6 @@ from tam_calibration.files.raw_messages import ByteArray, RawMessages, interleav
 from tam_calibration.files.samples import pieces, stamps_of
 from tam_calibration.files.whole import write_whole
 from tam_calibration.pointcloud_layout import FRAME_ID
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 

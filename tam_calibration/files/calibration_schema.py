@@ -7,12 +7,12 @@ from pydantic import Field
 
 from tam_calibration.calibration import AmbientGradient, Calibration, EffectSize, KnownSource, Provenance
 from tam_calibration.effects.numbers import check_numbers
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.effects_schema import EffectFile
 from tam_calibration.files.yaml_document import Document, check
-from tam_calibration.problems import InputError
 from tam_calibration.residuals import Residuals
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
 
 SCHEMA = "tam_calibration/calibration/1"

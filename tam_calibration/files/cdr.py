@@ -7,8 +7,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.raw_messages import ByteArray, IntArray, RawMessages, windows
-from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
 _BODY = 4

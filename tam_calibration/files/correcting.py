@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.calibration import Calibration, Corrected
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.recording_file import TOLERANCE_S, read_pieces, read_samples
 from tam_calibration.files.samples import Progress
-from tam_calibration.problems import InputError
 
 
 def correct_file(

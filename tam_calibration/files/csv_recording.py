@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.csv_table import read_table, read_table_pieces, write_table
 from tam_calibration.files.exact import nanotesla_to_write
 from tam_calibration.files.location import in_file
 from tam_calibration.pointcloud_layout import CHANNEL_COLUMNS, SampleLayout
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.units import NANOTESLA_PER_TESLA, TESLA_PER_FIELD_UNIT, FloatArray, from_nanotesla
 

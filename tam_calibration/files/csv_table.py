@@ -8,8 +8,8 @@ from typing import TextIO
 
 import numpy as np
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.whole import write_whole
-from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
 _EMPTY_CELL = re.compile(r"(?<=,)[ \t]*(?=,|\r?$)|^[ \t]*(?=,)", re.MULTILINE)

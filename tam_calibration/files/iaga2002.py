@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.location import in_file, read_text
-from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
 
 MISSING_NT = 88_888.0

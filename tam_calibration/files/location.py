@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 
 
 @contextmanager

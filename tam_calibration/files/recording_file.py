@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.calibration import Corrected
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.csv_corrected import write_csv_corrected
 from tam_calibration.files.csv_recording import read_csv_pieces, read_csv_recording, write_csv_recording
 from tam_calibration.files.recording_stream import RecordingStream
 from tam_calibration.files.samples import Progress, Samples, stamps_of
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 
 _BAG_BEGINNINGS = (b"\x89MCAP0\r\n", b"SQLite format 3\0")

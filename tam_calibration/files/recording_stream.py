@@ -9,7 +9,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.recording import BLOCK, CHANNELS, Block, Recording
 from tam_calibration.units import FloatArray
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.calibration_schema import Finite, Tensor, Vector
 from tam_calibration.files.effects_schema import EffectFile
@@ -15,7 +15,7 @@ from tam_calibration.files.iaga2002 import read_iaga2002
 from tam_calibration.files.yaml_document import Document, check
 from tam_calibration.geomagnetic import site_field_T
 from tam_calibration.localization.dipole import Dipole
-from tam_calibration.problems import InputError
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import Scenario, attitude, channels, sources
 from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
 

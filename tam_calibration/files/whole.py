@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 
 
 @contextmanager

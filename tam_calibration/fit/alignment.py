@@ -6,8 +6,8 @@ Every function takes any number of leading axes and treats each of them apart.
 import numpy as np
 from numpy.linalg import inv
 
-from tam_calibration.errors import SensorErrors
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 

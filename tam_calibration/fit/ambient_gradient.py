@@ -8,11 +8,11 @@ from numpy.linalg import norm
 from tam_calibration.array import Array
 from tam_calibration.calibration import AmbientGradient
 from tam_calibration.effects.ambient_gradient import BASIS, require_attitude, without_gradient
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError
 from tam_calibration.fit.attitude_frame import find_turn
 from tam_calibration.fit.channels import Turning
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording, SampleSource
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray, from_degrees, to_degrees
 
 _OPEN = 1e-12

@@ -14,10 +14,10 @@ from numpy.linalg import LinAlgError, inv
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
+from tam_calibration.exceptions import InputError
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import into_frame_of_first
 from tam_calibration.fit.moments import finish, gather
-from tam_calibration.problems import InputError
 from tam_calibration.recording import SampleSource
 from tam_calibration.units import FloatArray
 

@@ -5,9 +5,9 @@ In the world the field stands still while the array turns: attitude and calibrat
 
 import numpy as np
 
-from tam_calibration.errors import SensorErrors
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 FRAME_STATEMENT = (

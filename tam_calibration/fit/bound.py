@@ -3,9 +3,9 @@
 import numpy as np
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.scale import free_scale_gradient
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.calibration import Calibration
+from tam_calibration.exceptions import Refused
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES
 from tam_calibration.fit.scale import normalize, sphere_of_most
-from tam_calibration.problems import Refused
 from tam_calibration.recording import SKETCH, SampleSource
 from tam_calibration.residuals import residual_series
 from tam_calibration.units import FloatArray, to_nanotesla

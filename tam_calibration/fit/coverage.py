@@ -11,9 +11,9 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.scale import sphere_center
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 IntArray = NDArray[np.integer[Any]]

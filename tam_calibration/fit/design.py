@@ -13,9 +13,9 @@ import numpy as np
 from numpy.linalg import inv, norm
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.coverage import ellipsoid_rows
 from tam_calibration.fit.scale import free_scale_gradient
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 _FIRST, _SECOND = np.array([[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])

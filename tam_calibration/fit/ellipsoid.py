@@ -8,7 +8,7 @@ Every function takes any number of leading axes and treats each set of moments a
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.units import FloatArray
 
 NO_ELLIPSOID = (

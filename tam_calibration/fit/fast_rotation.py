@@ -10,12 +10,12 @@ from numpy.linalg import inv
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
+from tam_calibration.exceptions import InputError
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import field_products, into_frame_of_first, procrustes
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.moments import finish, gather
 from tam_calibration.fit.noise import complete_noise
-from tam_calibration.problems import InputError
 from tam_calibration.recording import SKETCH, Recording, SampleSource
 from tam_calibration.units import FloatArray
 

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.likelihood import UNIFORM, Linearization
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.units import FloatArray
 
 _MOST_STEPS = 100

@@ -4,12 +4,12 @@ import numpy as np
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
-from tam_calibration.errors import PARAMETER_NAMES, SensorErrors
+from tam_calibration.exceptions import InputError
 from tam_calibration.fit.bound import bound
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.fit.scale import Normalized, normalize
-from tam_calibration.problems import InputError
 from tam_calibration.recording import SKETCH, SampleSource
+from tam_calibration.sensor_errors import PARAMETER_NAMES, SensorErrors
 from tam_calibration.units import FloatArray
 
 FEWEST_SAMPLES = 9

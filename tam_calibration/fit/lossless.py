@@ -8,7 +8,6 @@ from numpy.linalg import inv
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import field_products, procrustes
 from tam_calibration.fit.moments import Moments, finish, gather
@@ -17,6 +16,7 @@ from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.sandwich import sandwich
 from tam_calibration.fit.scale import free_scale
 from tam_calibration.recording import SampleSource
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 _NAME = "lossless"

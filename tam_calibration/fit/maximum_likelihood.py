@@ -12,7 +12,6 @@ import numpy as np
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
 from tam_calibration.effects.ambient_gradient import require_attitude
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import student
 from tam_calibration.fit.ambient_gradient import (
     gradient_of,
@@ -30,6 +29,7 @@ from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
 from tam_calibration.fit.uniform_likelihood import UniformLikelihood
 from tam_calibration.recording import Recording, SampleSource
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 

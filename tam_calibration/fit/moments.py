@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import FRAME_STATEMENT, Calibration
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.gram import gram
 from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
-from tam_calibration.problems import InputError
 from tam_calibration.recording import BLOCK, Recording, SampleSource
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 IntArray = NDArray[np.integer[Any]]

@@ -6,10 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.fit.design import Information, Model, Rows
 from tam_calibration.fit.identifiability import refuse_open
 from tam_calibration.fit.start import Start
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.units import FloatArray
 
 _IGNORANCE = 1e-9

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.coverage import CELLS, cell_of
 from tam_calibration.recording import Block, SampleSource
 from tam_calibration.residuals import Residuals, ResidualSums
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.units import FloatArray, from_degrees
 
 _STEP = from_degrees(15.0)

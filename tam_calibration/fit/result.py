@@ -6,12 +6,12 @@ import numpy as np
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import FRAME_STATEMENT, AmbientGradient, Calibration
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.ambient_gradient import as_if_uniform
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.fit.quality import measure_chi_square, measure_quality
 from tam_calibration.recording import SampleSource
 from tam_calibration.residuals import noise_floor
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 

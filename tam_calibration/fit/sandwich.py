@@ -9,10 +9,10 @@ before, to about a thousand runs: what neighbouring samples share counts too.
 import numpy as np
 from numpy.linalg import inv
 
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.moments import Moments
 from tam_calibration.fit.scale import Normalized
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 _RUNS = 1000

@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.gram import gram
 from tam_calibration.recording import SampleSource
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 _SAMPLES_FOR_SPHERE = 400

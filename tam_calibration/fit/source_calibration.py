@@ -11,11 +11,11 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.fit.source_readings import SourceReadings
 from tam_calibration.localization.poses import Poses
 from tam_calibration.localization.source import Source
-from tam_calibration.problems import InputError, Refused
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 _STEPS = 30

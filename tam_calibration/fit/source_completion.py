@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from tam_calibration.calibration import Calibration, KnownSource
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import Refused
 from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source
 from tam_calibration.fit.source_recording import amplitudes_of
 from tam_calibration.localization.source import Source
-from tam_calibration.problems import Refused
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 FRAME_STATEMENT = (

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.localization.poses import Poses
 from tam_calibration.localization.source import Source
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 

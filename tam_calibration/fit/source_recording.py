@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.localization.background import background_of
 from tam_calibration.localization.demodulation import demodulate
 from tam_calibration.localization.poses import Poses
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray, from_degrees
 

@@ -7,14 +7,14 @@ from numpy.linalg import inv, norm
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError
 from tam_calibration.fit.coverage import field_of
 from tam_calibration.fit.design import Information, Model
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.noise import complete_noise
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 

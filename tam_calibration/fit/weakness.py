@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.calibration import Calibration
-from tam_calibration.errors import PARAMETER_NAMES
 from tam_calibration.fit.coverage import CELLS, cell_directions, field_of, measure_coverage
 from tam_calibration.fit.design import Model
 from tam_calibration.fit.identifiability import name_open
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import PARAMETER_NAMES
 from tam_calibration.units import FloatArray, to_nanotesla
 
 WEAK_RELATIVE_ERROR = 5.0

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.fleet.result import Result, read_result
 from tam_calibration.fleet.summary import write_summaries
 from tam_calibration.fleet.task import Options, Task
-from tam_calibration.problems import InputError, Refused
 
 Run = Callable[[list[Task]], Iterable[tuple[Task, str]]]
 """Does tasks, and yields each as it is done, with what kept its result from being written."""

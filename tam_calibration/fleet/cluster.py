@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from typing import Any
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.fleet.task import Task, process
-from tam_calibration.problems import InputError
 
 CONNECT_S = 10.0
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from glob import glob, has_magic
 from pathlib import Path
 
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 
 _SUFFIXES = (".csv", ".mcap", ".db3", ".zstd")
 _METADATA = "metadata.yaml"

@@ -13,6 +13,7 @@ from typing import Any
 from tam_calibration import __version__
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.files import (
     array_to_mapping,
     calibration_to_mapping,
@@ -31,7 +32,6 @@ from tam_calibration.files.recording_file import is_bag, is_large, read_stream
 from tam_calibration.fit import calibrate
 from tam_calibration.fleet.result import Result, Seal, Status, read_result, state_of, write_result
 from tam_calibration.gap import diagnose
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import SampleSource
 
 _DIGEST_LETTERS = 8

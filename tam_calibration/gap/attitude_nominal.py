@@ -13,12 +13,12 @@ from tam_calibration.effects.bias_jump import BiasJump
 from tam_calibration.effects.change_points import Path, without
 from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.moved_sphere import LEAST_FALL
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.noise import fast_noise
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.world import World, turns
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 _OPEN = 1e-6

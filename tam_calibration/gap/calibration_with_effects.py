@@ -10,7 +10,7 @@ from tam_calibration.calibration import Calibration, EffectSize
 from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.removal import added_to, on_sensors
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.gap.conclude import conclude
@@ -22,9 +22,9 @@ from tam_calibration.gap.refinement import refined
 from tam_calibration.gap.search import Hypothesis
 from tam_calibration.gap.steps import search
 from tam_calibration.gap.support import LEAST_EVIDENCE
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 from tam_calibration.residuals import measure_residuals
+from tam_calibration.sensor_errors import SensorErrors
 
 AUTO = "auto"
 """In place of effects' names: those that a diagnosis finds."""

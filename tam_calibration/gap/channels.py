@@ -20,12 +20,12 @@ from tam_calibration.effects.fitted import SCALAR, Shape
 from tam_calibration.effects.misfit import Misfit
 from tam_calibration.effects.situation import Situation
 from tam_calibration.effects.term import Term, thinned
-from tam_calibration.errors import SensorErrors
 from tam_calibration.gap.design import Design, calibration_design
 from tam_calibration.gap.normal import Normal
 from tam_calibration.gap.whitening import Whitening
 from tam_calibration.gap.world import World, world_design
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 _PIECE = 8192

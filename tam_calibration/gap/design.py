@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.effect import Situation, Term
-from tam_calibration.errors import SensorErrors
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 

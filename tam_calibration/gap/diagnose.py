@@ -6,6 +6,7 @@ from dataclasses import replace
 from numpy.linalg import LinAlgError
 
 from tam_calibration.array import Array
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.looking import Progress
@@ -13,7 +14,6 @@ from tam_calibration.gap.refusal import open_parameters, refusal_of, require_no_
 from tam_calibration.gap.result import Gap
 from tam_calibration.gap.short import at_rest, is_at_rest, needed_samples, too_short, without_nominal
 from tam_calibration.gap.steps import search
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 
 

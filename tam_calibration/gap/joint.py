@@ -10,7 +10,6 @@ from tam_calibration.calibration import Calibration, EffectSize
 from tam_calibration.effects.fitted import ALL, FittedEffect, Shape
 from tam_calibration.effects.removal import on_sensors
 from tam_calibration.effects.term import Coefficient, Term
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.scale import free_scale
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.design import Design
@@ -18,6 +17,7 @@ from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.nominal import stepped
 from tam_calibration.gap.regression import Base, pseudo_inverse
 from tam_calibration.gap.selection import columns_of
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 _STEP = 0.01

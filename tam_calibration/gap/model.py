@@ -14,7 +14,7 @@ from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.effects.removal import attitude_known, filled
 from tam_calibration.effects.term import Key, chosen
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.fit.noise import complete_noise
 from tam_calibration.gap.attitude_nominal import Oriented, attitude_variance, bias_variance
 from tam_calibration.gap.channel_nominal import without_channels, without_channels_in_world
@@ -27,8 +27,8 @@ from tam_calibration.gap.regression import Base
 from tam_calibration.gap.search import Hypothesis
 from tam_calibration.gap.selection import columns_of
 from tam_calibration.gap.world import World
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 _MOST_STEPS = 8

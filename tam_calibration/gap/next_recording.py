@@ -6,6 +6,7 @@ from numpy.linalg import LinAlgError
 
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.gap.candidates import candidates
 from tam_calibration.gap.expected import Setting, visible_part
 from tam_calibration.gap.hypotheses import CHANNEL_NAMES, Evidence
@@ -24,7 +25,6 @@ from tam_calibration.gap.separation import (
 )
 from tam_calibration.gap.steps import Search
 from tam_calibration.gap.support import LEAST_EVIDENCE
-from tam_calibration.problems import InputError, Refused
 
 _MAY_BE = {"nonlinearity": "hysteresis", "bias_jump": "temperature_drift", "geomagnetic_drift": "temperature_drift"}
 """What a cause may be in truth, where the recording cannot show it."""

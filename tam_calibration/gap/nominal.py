@@ -13,14 +13,14 @@ from tam_calibration.effects.bias_jump import BiasJump
 from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.effects.grades import NEGLIGIBLE
 from tam_calibration.effects.situation import Situation
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.field_bounds import FieldBounds
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.scale import sphere_of_most
 from tam_calibration.gap.design import update
 from tam_calibration.gap.shared_motion import canonical_correlations, sure_correlation
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 _WILD = 4.0

@@ -13,8 +13,8 @@ from math import log, sqrt
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.errors import SensorErrors
 from tam_calibration.field_bounds import FieldBounds
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray, to_degrees
 
 LARGEST_RATIO = 2.0

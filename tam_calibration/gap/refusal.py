@@ -4,11 +4,11 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from tam_calibration.array import Array
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.fit.calibrate import accepted
 from tam_calibration.fit.consistency import require_one_sphere
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 
 ENOUGH_SAMPLES = 8000

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 

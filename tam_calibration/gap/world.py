@@ -11,10 +11,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tam_calibration.effects.effect import Situation
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import Refused
 from tam_calibration.fit.scale import free_scale
 from tam_calibration.gap.design import Design, update
-from tam_calibration.problems import Refused
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 

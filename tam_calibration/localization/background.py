@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.localization.euler import tensors_of
-from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
 _DEGREE = 3

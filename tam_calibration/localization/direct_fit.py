@@ -11,13 +11,13 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.array import Array
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.localization.dipole import Dipole, dipole_field
 from tam_calibration.localization.euler import locate
 from tam_calibration.localization.least_squares import Kernel, Solution, solve
 from tam_calibration.localization.loop import Loop, area_of, loop_field
 from tam_calibration.localization.poses import ONE_POSE, Poses
 from tam_calibration.localization.readings import Readings
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.units import FloatArray
 
 _STARTS, _REWEIGHTINGS = 24, 2

@@ -12,9 +12,9 @@ from functools import partial
 
 import numpy as np
 
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.localization.dipole import moment_of_field
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.units import FloatArray
 
 DIPOLE_INDEX = 3.0

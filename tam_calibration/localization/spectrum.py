@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.localization.background import without
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.units import FloatArray
 
 _PADDING = 4

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.array import Array
+from tam_calibration.exceptions import InputError
 from tam_calibration.localization.direct_fit import SourceFit, fit_dipole
 from tam_calibration.localization.finite_baseline import locate_dipole
 from tam_calibration.localization.poses import Poses
 from tam_calibration.localization.solutions import EulerSolutions
-from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
 

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from importlib.resources import files
 from importlib.util import find_spec
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.nodes import signals
-from tam_calibration.problems import InputError
 
 
 @contextmanager

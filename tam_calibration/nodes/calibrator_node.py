@@ -12,6 +12,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from tam_calibration.calibration import Calibration
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.files import calibration_to_yaml, read_calibration, write_calibration
 from tam_calibration.files.gap_json import write_gap
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
@@ -24,7 +25,6 @@ from tam_calibration.nodes.quality import describe, figures
 from tam_calibration.nodes.signals import Startup
 from tam_calibration.nodes.spinning import spin_nodes
 from tam_calibration.nodes.store import SampleStore
-from tam_calibration.problems import InputError, Refused
 
 RULES = (
     ARRAY_FILE,

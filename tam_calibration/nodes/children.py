@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.nodes import signals
-from tam_calibration.problems import InputError, Refused
 
 GRACE_S = 5.0
 """Time that a process has to end after SIGINT before it is killed."""

@@ -7,11 +7,11 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
+from tam_calibration.exceptions import Refused
 from tam_calibration.nodes.base import RELIABLE_STREAM
 from tam_calibration.nodes.children import NODES, Children
 from tam_calibration.nodes.cloud import read_cloud
 from tam_calibration.nodes.monitor import TURN_S, Monitor
-from tam_calibration.problems import Refused
 from tam_calibration.units import FloatArray
 
 

@@ -13,9 +13,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.nodes.message_writer import STAMP, MessageWriter, to_stamp
 from tam_calibration.pointcloud_layout import FLOAT64_SIZE, POINT_FIELD_FLOAT64, SampleLayout, field_offsets
-from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
 _LITTLE_ENDIAN = b"\0\1"

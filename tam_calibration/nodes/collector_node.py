@@ -12,6 +12,7 @@ from sensor_msgs.msg import Imu, MagneticField, PointCloud2, Temperature
 from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.bag_topics import CHANNEL_TOPICS, sensor_topic
 from tam_calibration.files.cdr import read_float64, read_stamp_and_doubles
 from tam_calibration.files.recording_file import TOLERANCE_S
@@ -24,7 +25,6 @@ from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_o
 from tam_calibration.nodes.signals import Startup
 from tam_calibration.nodes.spinning import spin_nodes
 from tam_calibration.pointcloud_layout import SampleLayout
-from tam_calibration.problems import InputError
 from tam_calibration.synchronisation import Sample, Synchroniser
 
 SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]

@@ -11,6 +11,7 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiAr
 
 from tam_calibration.calibration import Calibration
 from tam_calibration.correction import Correction, why_left_in
+from tam_calibration.exceptions import InputError
 from tam_calibration.files import calibration_from_yaml, read_calibration
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import CloudReader, Rows, cloud_writer, layout_of
@@ -26,7 +27,6 @@ from tam_calibration.pointcloud_layout import (
     SampleLayout,
     center_covariance,
 )
-from tam_calibration.problems import InputError
 from tam_calibration.stream_batch import IntArray
 from tam_calibration.units import FloatArray, to_nanotesla
 

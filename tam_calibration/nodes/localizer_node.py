@@ -14,6 +14,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header, String
 
 from tam_calibration.calibration import Calibration
+from tam_calibration.exceptions import InputError
 from tam_calibration.files import calibration_from_yaml, read_calibration
 from tam_calibration.geomagnetic import field_at
 from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
@@ -28,7 +29,6 @@ from tam_calibration.nodes.signals import Startup
 from tam_calibration.nodes.source_rows import source_rows
 from tam_calibration.nodes.spinning import spin_nodes
 from tam_calibration.pointcloud_layout import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS
-from tam_calibration.problems import InputError
 from tam_calibration.units import FloatArray
 
 SILENCE_S = 2.0

@@ -3,8 +3,8 @@
 import sys
 from importlib import import_module
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.nodes.signals import Startup
-from tam_calibration.problems import InputError
 
 
 def run(module: str) -> int:

@@ -4,8 +4,8 @@ from threading import Lock
 
 import numpy as np
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.pointcloud_layout import SampleLayout
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.units import FloatArray
 

@@ -4,7 +4,7 @@ import rclpy
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from tam_calibration.problems import Refused
+from tam_calibration.exceptions import Refused
 
 TURN_S = 1.0
 

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 from tam_calibration.calibration import Calibration
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.coverage import Coverage, measure_coverage
 from tam_calibration.recording import Recording
 from tam_calibration.residuals import ResidualSeries, residual_series
+from tam_calibration.sensor_errors import SensorErrors
 
 NO_GRADIENT = "The geometry of this array does not determine a gradient tensor, so there is no tensor residual."
 

@@ -1,8 +1,8 @@
 """The parameters with their standard errors as rows of text, for the page and for the terminal."""
 
 from tam_calibration.calibration import Calibration
-from tam_calibration.errors import PARAMETER_NAMES
 from tam_calibration.report.formatting import with_error
+from tam_calibration.sensor_errors import PARAMETER_NAMES
 from tam_calibration.units import to_degrees, to_nanotesla
 
 _KINDS = (("", 1.0, 6), (" (°)", to_degrees(1.0), 5), (" (nT)", to_nanotesla(1.0), 2), (" (°)", to_degrees(1.0), 5))

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.integrated import integrated
 from tam_calibration.recording import Recording
 from tam_calibration.reproduce.cross import SENSORS, SetUp, site_field
 from tam_calibration.reproduce.row import Row, compare, correct_paper
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray, from_nanotesla, to_degrees, to_nanotesla
 
 BASELINE_M = 0.5

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray, from_degrees
 
 SENSORS = tuple(f"sensor {number}" for number in range(1, 5))

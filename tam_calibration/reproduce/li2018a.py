@@ -7,7 +7,6 @@ the platform to the sensor, and noise of 1/√3 nT on each axis of each sensor b
 import numpy as np
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import procrustes, rotation_by_regression
 from tam_calibration.fit.artificial_vector import regress
@@ -15,6 +14,7 @@ from tam_calibration.fit.simplified_linear import simplified_linear
 from tam_calibration.fit.two_step_linear import two_step_linear
 from tam_calibration.reproduce.cross import COMPONENTS, SENSORS, SetUp, grid_of_turns, record, site_field
 from tam_calibration.reproduce.row import Row, compare, correct_paper
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
 
 TURNS = 18

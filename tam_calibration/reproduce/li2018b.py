@@ -8,12 +8,12 @@ determine no calibration; ours is from all poses.
 import numpy as np
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.alignment import procrustes
 from tam_calibration.fit.fast_rotation import count_determined, fast_rotation
 from tam_calibration.fit.simplified_linear import simplified_linear
 from tam_calibration.reproduce.cross import COMPONENTS, SENSORS, SetUp, grid_of_turns, record, site_field
 from tam_calibration.reproduce.row import Row, compare, correct_paper
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
 
 TURNS = 12

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.linalg import inv, norm
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.lossless import lossless
 from tam_calibration.localization.dipole import dipole_field
 from tam_calibration.localization.euler import locate
 from tam_calibration.localization.least_squares import Kernel
 from tam_calibration.localization.loop import area_of, loop_field
 from tam_calibration.reproduce.row import Row, Status, compare_together
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.units import FloatArray, from_degrees, to_degrees
 

@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.bound import bound
 from tam_calibration.fit.fast_rotation import count_determined
 from tam_calibration.fit.lossless import lossless
@@ -17,6 +16,7 @@ from tam_calibration.reproduce import wu2025_coil
 from tam_calibration.reproduce.cross import SENSORS
 from tam_calibration.reproduce.row import Row, compare, compare_together
 from tam_calibration.residuals import measure_residuals
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import Scenario, Simulation, simulate
 from tam_calibration.simulation.attitude import RandomAttitudes
 from tam_calibration.units import FloatArray, to_degrees, to_nanotesla

@@ -9,13 +9,13 @@ from numpy.linalg import norm
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.bound import bound
 from tam_calibration.fit.lossless import lossless
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.recording import Recording
 from tam_calibration.reproduce.sweep import Figures, Plan
 from tam_calibration.residuals import measure_residuals
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import Scenario, Simulation, simulate
 from tam_calibration.simulation.channels import ScalarReference
 from tam_calibration.simulation.sources import SinusoidDrift

@@ -11,7 +11,7 @@ import numpy as np
 
 from tam_calibration.effects.effect import Effect, FittedEffect, LinearEffect, Situation
 from tam_calibration.effects.library import effect_named
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.units import FloatArray
 
 LAST = ("saturation", "quantization")

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.ambient_gradient import gradient_field, turned
 from tam_calibration.effects.situation import Situation
-from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation.effects import add_effects
 from tam_calibration.simulation.scenario import Scenario
 from tam_calibration.units import FloatArray

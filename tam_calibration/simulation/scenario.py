@@ -6,9 +6,9 @@ import numpy as np
 
 from tam_calibration.array import Array
 from tam_calibration.effects.fitted import FittedEffect
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError
 from tam_calibration.localization.dipole import Dipole
-from tam_calibration.problems import InputError
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation.attitude import Motion
 from tam_calibration.simulation.channels import AttitudeChannel, Current, ScalarReference, Temperature
 from tam_calibration.simulation.sources import Drift

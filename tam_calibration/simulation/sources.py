@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.units import FloatArray
 
 

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.calibration import Calibration
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.fit.source_recording import FEWEST_PERIODS, amplitudes_of, poses_of
 from tam_calibration.localization.background import background_of, turning_of
 from tam_calibration.localization.demodulation import demodulate
@@ -11,7 +12,6 @@ from tam_calibration.localization.euler import DIPOLE_INDEX, locate
 from tam_calibration.localization.sample_by_sample import locate_samples, turned
 from tam_calibration.localization.solutions import EulerSolutions
 from tam_calibration.localization.spectrum import Spectrum, find_frequency
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 from tam_calibration.survey.result import ARRAY_FRAME, WORLD_FRAME, Line, Overall, Survey
 from tam_calibration.units import FloatArray

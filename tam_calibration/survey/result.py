@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tam_calibration.exceptions import Refused
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.spectrum import Spectrum
-from tam_calibration.problems import Refused
 from tam_calibration.units import FloatArray
 
 ARRAY_FRAME = "array frame: x forward, y left, z up, from the array's centre"

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from tam_calibration.calibration import Calibration
+from tam_calibration.exceptions import InputError
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.poses import Poses
 from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
 from tam_calibration.localization.tracking import straight_track, track_dipole
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.survey.result import TRACK_FRAME, WORLD_FRAME, Overall, Survey
 from tam_calibration.units import FloatArray

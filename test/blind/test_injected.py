@@ -6,7 +6,7 @@ from scipy.optimize import least_squares
 from tam_calibration.blind.injected import INJECTED, inject
 from tam_calibration.blind.motion import about
 from tam_calibration.cli.blind_inject import EFFECTS
-from tam_calibration.problems import Refused
+from tam_calibration.exceptions import Refused
 
 NOISE_T = 100e-9
 

@@ -1,7 +1,7 @@
 import pytest
 
 from tam_calibration.blind.seal import check_seals, seal
-from tam_calibration.problems import Refused
+from tam_calibration.exceptions import Refused
 
 
 def test_a_sealed_key_opens():

@@ -299,7 +299,7 @@ def test_numbers_out_of_range(folder, value):
 
 def test_a_refusal_is_exit_1(folder, recording, monkeypatch):
     """Sound input whose answer is no ends with exit 1 and the reason."""
-    from tam_calibration.problems import Refused
+    from tam_calibration.exceptions import Refused
 
     def refused(*arguments, **options):
         raise Refused("the sensor was disturbed")

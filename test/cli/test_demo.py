@@ -8,8 +8,8 @@ from click.testing import CliRunner
 
 from tam_calibration.cli import demo_figures
 from tam_calibration.cli.main import main
+from tam_calibration.exceptions import Refused
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.problems import Refused
 from tam_calibration.simulation import simulate
 
 

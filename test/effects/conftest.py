@@ -12,8 +12,8 @@ from tam_calibration.array import Array
 from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.misfit import Misfit
 from tam_calibration.effects.situation import Situation
-from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 
 NOISE_T = 1e-9
 SCALAR_NOISE_T = 0.1e-9

@@ -19,8 +19,8 @@ from tam_calibration.effects.ambient_gradient import (
     without_gradient,
 )
 from tam_calibration.effects.fitted import ALL, Contribution, FittedEffect
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.channels import AttitudeChannel

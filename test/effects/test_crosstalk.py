@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.crosstalk import Crosstalk
 from tam_calibration.effects.fitted import Contribution, FittedEffect
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
-from tam_calibration.problems import InputError
 
 EFFECT = Crosstalk()
 LATE = {"late_y_s": 0.05}

@@ -9,7 +9,7 @@ from tam_calibration.effects.fitted import Contribution
 from tam_calibration.effects.interpolated_samples import InterpolatedSamples, _digit, _exact
 from tam_calibration.effects.situation import Situation
 from tam_calibration.effects.stale_samples import StaleSamples
-from tam_calibration.errors import SensorErrors
+from tam_calibration.sensor_errors import SensorErrors
 
 FILLED = InterpolatedSamples()
 

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.effects.hysteresis import Hysteresis
 from tam_calibration.effects.nonlinearity import Nonlinearity
-from tam_calibration.errors import SensorErrors
+from tam_calibration.sensor_errors import SensorErrors
 
 EFFECT = Nonlinearity()
 SHAPE = {"full_scale_T": 50e-6}

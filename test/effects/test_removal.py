@@ -12,9 +12,9 @@ from tam_calibration.array import Array
 from tam_calibration.effects.effect import ALL, SCALAR, Contribution, FittedEffect, LinearEffect, Situation
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.effects.removal import EffectStream, added_to, agreed_field, filled, of_sensors, on_sensors
-from tam_calibration.errors import SensorErrors
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 
 COUNT = 240
 ARRAY = Array.cross(0.5, 1e-9, 1e-10)

@@ -4,9 +4,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from tam_calibration.array import Array
+from tam_calibration.exceptions import InputError
 from tam_calibration.field_bounds import EARTH_FIELD, FieldBounds
 from tam_calibration.files import read_array, write_array
-from tam_calibration.problems import InputError
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.files import read_recording, read_samples, write_recording
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -11,9 +11,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tam_calibration.array import Array
 from tam_calibration.calibration import AmbientGradient, EffectSize, Provenance
 from tam_calibration.effects.fitted import SCALAR, Contribution, FittedEffect
+from tam_calibration.exceptions import InputError
 from tam_calibration.files import calibration_from_yaml, calibration_to_yaml, read_calibration, write_calibration
 from tam_calibration.fit import calibrate
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 
 

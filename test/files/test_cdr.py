@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.cdr import fill, read_float64, read_float64s, read_stamp_and_doubles, read_stamped_doubles
 from tam_calibration.files.raw_messages import RawMessages
-from tam_calibration.problems import InputError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 FIELD = "sensor_msgs/msg/MagneticField"

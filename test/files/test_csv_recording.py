@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.files import read_recording, write_recording
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 
 

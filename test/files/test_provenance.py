@@ -5,8 +5,8 @@ from hashlib import sha256
 import numpy as np
 import pytest
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.files import provenance, write_recording
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 
 RECORDING = Recording(np.arange(5.0), np.ones((5, 1, 3)))

@@ -4,8 +4,8 @@ import os
 
 import pytest
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.files import write_whole
-from tam_calibration.problems import InputError
 
 
 def test_a_file_appears_when_it_is_whole(tmp_path):

@@ -8,10 +8,10 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.array import Array
+from tam_calibration.exceptions import InputError
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.ambient_gradient import aligned
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.problems import InputError
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Manoeuvre, Tumble
 from tam_calibration.simulation.channels import AttitudeChannel, ScalarReference

@@ -3,10 +3,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError
 from tam_calibration.fit.artificial_vector import regress
-from tam_calibration.problems import InputError
 from tam_calibration.reproduce import li2018a
+from tam_calibration.sensor_errors import SensorErrors
 
 
 @pytest.fixture(scope="module")

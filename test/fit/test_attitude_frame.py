@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.fit.attitude_frame import into_array_frame
 from tam_calibration.fit.integrated import integrated
-from tam_calibration.problems import InputError
 from tam_calibration.reproduce import chi2017
 
 

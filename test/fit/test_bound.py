@@ -3,8 +3,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.bound import bound
+from tam_calibration.sensor_errors import SensorErrors
 
 FIELD_T, NOISE_T = 5e-5, 1e-9
 

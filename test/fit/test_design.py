@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit.bound import bound
 from tam_calibration.fit.design import Model, Rows
 from tam_calibration.fit.scale import free_scale
+from tam_calibration.sensor_errors import SensorErrors
 
 FIELD_T = 5e-5
 

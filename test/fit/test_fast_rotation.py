@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import pytest
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.fit.fast_rotation import count_determined, fast_rotation
-from tam_calibration.problems import InputError
 from tam_calibration.reproduce import li2018b
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.fit.identifiability import require_accurate, require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
 
 FIELD = 54955.83e-9 * np.array([0.42, 0.21, -0.883]) / np.linalg.norm([0.42, 0.21, -0.883])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.integrated import constrained_ellipsoid, integrated
-from tam_calibration.problems import InputError
 from tam_calibration.reproduce import chi2017
 
 

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.array import Array
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.coverage import CELLS, cell_directions
 from tam_calibration.fit.lossless import lossless
@@ -15,7 +16,6 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.plan import make_plan
 from tam_calibration.fit.reach import field_directions, reach_of_turntable, reach_of_vehicle
 from tam_calibration.fit.start import start_from_calibration, start_from_nothing, start_from_recording
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Manoeuvre
 from tam_calibration.simulation.channels import AttitudeChannel

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.errors import SensorErrors
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import field_products, procrustes
 from tam_calibration.fit.lossless import lossless
 from tam_calibration.fit.moments import gather, jackknife
 from tam_calibration.fit.scale import free_scale
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
 
 

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.array import Array
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.files.calibration_yaml import calibration_from_yaml, calibration_to_yaml
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
@@ -18,7 +19,6 @@ from tam_calibration.localization.dipole import Dipole
 from tam_calibration.localization.finite_baseline import locate_dipole
 from tam_calibration.localization.loop import Loop
 from tam_calibration.localization.poses import Poses
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 from tam_calibration.simulation import simulate
 

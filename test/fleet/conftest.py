@@ -5,9 +5,9 @@ from importlib import import_module
 
 import pytest
 
-from tam_calibration.errors import SensorErrors
 from tam_calibration.files import write_array, write_recording
 from tam_calibration.fleet.task import read_options
+from tam_calibration.sensor_errors import SensorErrors
 
 DAY_S = 86_400.0
 

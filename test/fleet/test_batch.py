@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 from matplotlib.figure import Figure
 
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.files import write_recording
 from tam_calibration.fleet.batch import run_batch
 from tam_calibration.fleet.find import find_recordings
 from tam_calibration.fleet.task import Task, process
-from tam_calibration.problems import InputError, Refused
 
 
 @pytest.fixture(autouse=True)

@@ -8,9 +8,9 @@ from contextlib import ExitStack
 
 import pytest
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.fleet.cluster import run_on_cluster
 from tam_calibration.fleet.task import Task, process
-from tam_calibration.problems import InputError
 
 NO_DASK = "Dask is not installed: pip install 'tam_calibration[fleet]'"
 START_S = 60

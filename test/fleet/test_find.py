@@ -2,8 +2,8 @@
 
 import pytest
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.fleet.find import find_recordings
-from tam_calibration.problems import InputError
 
 ALL = ["auv_1/dive_0.csv", "auv_1/dive_1.mcap", "auv_2/damaged.mcap", "auv_2/dive_2", "auv_2/dive_3"]
 

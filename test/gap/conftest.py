@@ -8,11 +8,11 @@ from numpy.linalg import inv, norm
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.world import World
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 
 FIELD_T = np.array([12e-6, 18e-6, -45e-6])
 NOISE_T, SCALAR_NOISE_T = 1e-9, 2e-10

@@ -8,10 +8,10 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.array import Array
 from tam_calibration.effects.fitted import Contribution, FittedEffect
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
 from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.channels import Temperature
 

@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 from tam_calibration.effects.bias_jump import BiasJump
 from tam_calibration.effects.nonlinearity import Nonlinearity
 from tam_calibration.effects.term import Coefficient, Term
-from tam_calibration.errors import SensorErrors
 from tam_calibration.gap import channels as module
 from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.design import Design, calibration_design, update
+from tam_calibration.sensor_errors import SensorErrors
 
 
 @pytest.mark.parametrize("has_scalar", [True, False])

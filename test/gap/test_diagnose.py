@@ -7,9 +7,9 @@ import pytest
 
 from tam_calibration.array import Array
 from tam_calibration.effects.library import installed_effects
+from tam_calibration.exceptions import InputError
 from tam_calibration.fit import calibrate
 from tam_calibration.gap import diagnose
-from tam_calibration.problems import InputError
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,11 @@ from scipy.optimize import least_squares
 from tam_calibration.effects.effect import Finding
 from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.temperature_drift import TemperatureDrift
-from tam_calibration.errors import SensorErrors
 from tam_calibration.gap import diagnose
 from tam_calibration.gap import model as module
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.search import given_form
+from tam_calibration.sensor_errors import SensorErrors
 
 SLOPE_T_PER_K = 30e-9
 DRIFT = FittedEffect(

@@ -8,13 +8,13 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.channel_nominal import without_channels
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.nominal import steady_parts, wild_samples
-from tam_calibration.problems import InputError
 from tam_calibration.recording import Recording
+from tam_calibration.sensor_errors import SensorErrors
 
 FIELD_T = np.array([0.0, 20e-6, -43e-6])
 

@@ -3,9 +3,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.localization.background import background_of, turning_of, without
 from tam_calibration.localization.demodulation import demodulate
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.simulation.attitude import Manoeuvre
 
 TIME_S = np.arange(2000) / 100

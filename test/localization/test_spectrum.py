@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.localization.background import background_of
 from tam_calibration.localization.spectrum import band_pass_amplitude, find_frequency
-from tam_calibration.problems import InputError, Refused
 
 TIME_S = np.arange(2000) / 100
 BACKGROUND = background_of(TIME_S)

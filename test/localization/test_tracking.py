@@ -4,10 +4,10 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.array import Array
+from tam_calibration.exceptions import InputError
 from tam_calibration.localization.dipole import Dipole
 from tam_calibration.localization.poses import Poses
 from tam_calibration.localization.tracking import straight_track, track_dipole, without_regional
-from tam_calibration.problems import InputError
 from tam_calibration.units import from_degrees
 
 ARRAY = Array.cross(0.5, vector_noise_T=1e-9)

@@ -8,9 +8,9 @@ import pytest
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration, Provenance
-from tam_calibration.errors import SensorErrors
 from tam_calibration.recording import Recording
 from tam_calibration.residuals import measure_residuals, noise_floor
+from tam_calibration.sensor_errors import SensorErrors
 
 INTENSITY_T = 50e-6
 

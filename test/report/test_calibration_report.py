@@ -7,7 +7,7 @@ import pytest
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Provenance
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.report import calibration_report, write_calibration_report
 
 VOID = {"meta", "img"}

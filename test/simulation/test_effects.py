@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.array import Array
 from tam_calibration.effects.fitted import ALL, SCALAR, Contribution, FittedEffect
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.problems import InputError
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.simulation.attitude import Tumble
 from tam_calibration.simulation.channels import Current, ScalarReference, Temperature

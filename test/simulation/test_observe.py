@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.array import Array
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError
 from tam_calibration.localization.dipole import Dipole
-from tam_calibration.problems import InputError
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.simulation.attitude import RandomAttitudes, Tumble
 from tam_calibration.simulation.channels import AttitudeChannel, Current, ScalarReference, Temperature

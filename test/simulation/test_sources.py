@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 
+from tam_calibration.exceptions import InputError
 from tam_calibration.localization.dipole import Dipole
-from tam_calibration.problems import InputError
 from tam_calibration.simulation.sources import (
     ObservedDrift,
     RampDrift,

@@ -6,12 +6,12 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
-from tam_calibration.errors import SensorErrors
+from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.localization.dipole import Dipole
 from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.problems import InputError, Refused
 from tam_calibration.recording import Recording
 from tam_calibration.residuals import noise_floor
+from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.survey import Survey, locate_alternating, locate_steady
 from tam_calibration.survey.result import WORLD_FRAME
 

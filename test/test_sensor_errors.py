@@ -8,8 +8,8 @@ from hypothesis.extra.numpy import arrays
 from numpy.linalg import inv
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.errors import PARAMETER_NAMES, SensorErrors
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
+from tam_calibration.sensor_errors import PARAMETER_NAMES, SensorErrors
 
 
 @st.composite

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import inv, norm
 
-from tam_calibration.problems import InputError
+from tam_calibration.exceptions import InputError
 from tam_calibration.units import FloatArray
 
 PARAMETER_NAMES = (
