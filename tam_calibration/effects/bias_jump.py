@@ -37,6 +37,8 @@ class BiasJump(LinearEffect):
     )
     excitation: ClassVar[str] = "turn through the same attitudes before and after the jump"
     is_free_in_time: ClassVar[bool] = True
+    is_step: ClassVar[bool] = True
+    may_repeat: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
     surrogates: ClassVar[SurrogateKind] = "at_other_times"
     shape_units: ClassVar[dict[str, str]] = {"time_s": "s", "end_s": "s"}

@@ -132,6 +132,12 @@ class Effect(ABC):
         What a recording must do to make it visible.
     limits : mapping
         The largest sizes of its values, by the name of a value, or of a term for all values of it.
+    may_repeat : bool
+        Whether it may happen more than once, each time in another form.
+    explains_any_excess : bool
+        Whether it explains whatever exceeds the noise, so that its evidence is worth less than that of a law.
+    is_of_lone_samples : bool
+        Whether it strikes samples here and there, of which there must be few, however often it happens.
     """
 
     name: ClassVar[str]
@@ -140,6 +146,9 @@ class Effect(ABC):
     channels: ClassVar[tuple[str, ...]] = ()
     excitation: ClassVar[str]
     limits: ClassVar[Mapping[str, Limit]] = {}
+    may_repeat: ClassVar[bool] = False
+    explains_any_excess: ClassVar[bool] = False
+    is_of_lone_samples: ClassVar[bool] = False
 
     def oversize(self, situation: Situation, fitted: FittedEffect) -> str | None:
         """Return which value of a fitted effect is larger than any in nature, in one clause; None where none is."""
@@ -180,6 +189,10 @@ class LinearEffect(Effect):
         Whether it belongs to where the recording was made: it does not go with the array to another place.
     is_of_one_sensor : bool
         Whether it is a fault of a single sensor: two that have it have two, each with a shape of its own.
+    is_of_each_sensor : bool
+        Whether each sensor may have it in a form of its own, so that two forms tell what several sensors do.
+    is_step : bool
+        Whether it changes at the times of its shape, and is constant between them.
     has_exact_shapes : bool
         Whether the shapes that it returns are the best ones, and not points of a grid between which to look further.
     within : tuple of str
@@ -197,6 +210,8 @@ class LinearEffect(Effect):
     is_causal: ClassVar[bool] = True
     is_of_site: ClassVar[bool] = False
     is_of_one_sensor: ClassVar[bool] = False
+    is_of_each_sensor: ClassVar[bool] = False
+    is_step: ClassVar[bool] = False
     has_exact_shapes: ClassVar[bool] = False
     within: ClassVar[tuple[str, ...]] = ()
     shape_units: ClassVar[Mapping[str, str]] = {}
@@ -220,6 +235,10 @@ class LinearEffect(Effect):
     def always(self, shape: Shape) -> Shape | None:
         """Return the shape in which what comes and goes at the times of a shape is always there; None where none is."""
         return None
+
+    def is_same(self, shape: Shape, other: Shape, situation: Situation) -> bool:
+        """Whether a recording does not tell two shapes apart, so that they are one cause; by default it does."""
+        return False
 
     @abstractmethod
     def terms(self, situation: Situation, shape: Shape) -> Iterable[Term]:

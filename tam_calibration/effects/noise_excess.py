@@ -40,6 +40,8 @@ class NoiseExcess(FoundEffect):
         "1/f noise of the core (Ripka 2001, Magnetic Sensors and Magnetometers)."
     )
     excitation = "a record of some dozens of samples"
+    may_repeat = True
+    explains_any_excess = True
     units: ClassVar[Mapping[str, str]] = {"standard deviation": "T"}
     limits: ClassVar[Mapping[str, Limit]] = {
         "standard deviation": Limit(

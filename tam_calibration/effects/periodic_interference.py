@@ -66,6 +66,7 @@ class PeriodicInterference(LinearEffect):
         "1976, p. 447)."
     )
     excitation: ClassVar[str] = "record steadily for many periods, with motion that is slower than the interference"
+    may_repeat: ClassVar[bool] = True
     surrogates: ClassVar[SurrogateKind] = "at_other_frequencies"
     shape_units: ClassVar[dict[str, str]] = {"frequency_hz": "Hz", "start_s": "s"}
     limits: ClassVar[Mapping[str, Limit]] = {"line": _AT_WORK, "harmonics": _AT_WORK, _OVERTONES: _DISTORTION}
@@ -82,6 +83,11 @@ class PeriodicInterference(LinearEffect):
             return []
         start = float(situation.time_s[0])
         return [{"frequency_hz": frequency, "start_s": start} for frequency in _lines(misfit)]
+
+    def is_same(self, shape: Shape, other: Shape, situation: Situation) -> bool:
+        """Whether two frequencies lie within the width of a line: a tone that trembles is one."""
+        apart = abs(shape["frequency_hz"] - other["frequency_hz"])
+        return apart * float(np.ptp(situation.time_s)) < SAME_LINE
 
     def sizes(self, situation: Situation, fitted: FittedEffect) -> list[Sized]:
         """Return the amplitudes, and that of the harmonics beside that of the line."""

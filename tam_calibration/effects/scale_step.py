@@ -52,6 +52,8 @@ class ScaleStep(LinearEffect):
     )
     excitation: ClassVar[str] = "turn through the same attitudes before and after the step"
     is_free_in_time: ClassVar[bool] = True
+    is_step: ClassVar[bool] = True
+    may_repeat: ClassVar[bool] = True
     is_of_one_sensor: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
     surrogates: ClassVar[SurrogateKind] = "at_other_times"

@@ -45,6 +45,7 @@ class TemperatureDrift(LinearEffect):
         "(Primdahl, Temperature compensation of fluxgate magnetometers, IEEE Trans. Magn. 6, 1970, p. 819)."
     )
     channels: ClassVar[tuple[str, ...]] = ("temperature_C",)
+    is_of_each_sensor: ClassVar[bool] = True
     excitation: ClassVar[str] = "let the temperature change by some kelvin, up and down, while the array turns"
     surrogates: ClassVar[SurrogateKind] = "of_channel"
     shape_units: ClassVar[dict[str, str]] = {

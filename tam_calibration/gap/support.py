@@ -6,10 +6,9 @@ from math import expm1, log
 
 import numpy as np
 
-from tam_calibration.effects.effect import ALL, Contribution, Finding, FittedEffect
+from tam_calibration.effects.effect import ALL, Contribution, Effect, Finding, FittedEffect
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
-from tam_calibration.effects.periodic_interference import SAME_LINE
 from tam_calibration.gap.abrupt import MOST_STEPS, SHARPEST, standing_of_change
 from tam_calibration.gap.hypotheses import Evidence, examine, rivals
 from tam_calibration.gap.kept import kept
@@ -31,15 +30,6 @@ What only resembles a cause, as another law of the motion does, gains up to four
 
 _PROMISES = 2.0
 """The same while other causes may still be found, which it leaves as well."""
-
-
-NOISE, OUTLIERS, JUMP, TONE = "noise_excess", "outliers", "bias_jump", "periodic_interference"
-_STEPS = {JUMP, "scale_step"}
-_REPEATED = {*_STEPS, TONE, NOISE, OUTLIERS}
-"""Effects that may happen more than once, each time in another form."""
-
-_OF_EACH_SENSOR = {"temperature_drift"}
-"""Effects that each sensor may have in a form of its own, so that two forms tell what several sensors do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +114,16 @@ def beyond_surrogates(one: Evidence, standing: Standing | None) -> float:
 
 
 def _worth(one: Evidence) -> float:
-    """Return the evidence, which that for noise is not worth as much as: noise explains any excess."""
-    return one.delta_bic * (NOTABLE if one.effect == NOISE else 1.0)
+    """Return the evidence, or the part of it that what explains any excess is worth."""
+    return one.delta_bic * (NOTABLE if _effect_of(one).explains_any_excess else 1.0)
+
+
+def _effect_of(one: Evidence) -> Effect:
+    return one.form.effect if isinstance(one.form, Hypothesis) else effect_named(one.effect)
+
+
+def _is_step(one: Evidence) -> bool:
+    return isinstance(one.form, Hypothesis) and one.form.effect.is_step
 
 
 @kept
@@ -202,7 +200,7 @@ def holds(base: Base, cause: Evidence) -> bool:
     """Whether a cause still is supported at the base of all other causes."""
     form = cause.form
     if isinstance(form, Finding):
-        return cause.effect != NOISE or isinstance(examine(base, effect_named(NOISE)), Evidence)
+        return not _effect_of(cause).explains_any_excess or isinstance(examine(base, _effect_of(cause)), Evidence)
     moved = form.moved(base.channels.situation)
     gain, rank = base.project(base.channels.design(moved.terms)).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
@@ -235,27 +233,28 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     if isinstance(candidate.form, Hypothesis) and candidate.form.effect.is_of_one_sensor:
         own = sensors_of(places_of(candidate.form))
         alike = [one for one in alike if own & sensors_of(places_of(one.form))]
-    if candidate.effect in _OF_EACH_SENSOR:
+    if isinstance(candidate.form, Hypothesis) and candidate.form.effect.is_of_each_sensor:
         alike = alike if len(alike) > 1 else [one for one in alike if len(sensors_of(places_of(one.form))) == 1]
-    if alike and candidate.effect not in _REPEATED:
+    if alike and not _effect_of(candidate).may_repeat:
         return False
-    if candidate.effect == TONE and any(_is_same_line(candidate, other, base) for other in alike):
+    if any(_is_same(candidate, other, base) for other in alike):
         return False
     if isinstance(candidate.form, Finding) and not _gives_up_more(candidate.form, base):
         return False
-    if candidate.effect == OUTLIERS and _struck([candidate, *alike]) > SLIGHT:
+    if _effect_of(candidate).is_of_lone_samples and _struck([candidate, *alike]) > SLIGHT:
         return False
     sensors = sensors_of(places_of(candidate.form))
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
     if any(_is_nested(candidate, other) for other in there):
         return False
-    return candidate.effect not in _STEPS or _changes([candidate, *there], base.channels.situation.step_s) <= MOST_STEPS
+    return not _is_step(candidate) or _changes([candidate, *there], base.channels.situation.step_s) <= MOST_STEPS
 
 
-def _is_same_line(one: Evidence, other: Evidence, base: Base) -> bool:
-    """Whether two tones have a frequency that the record does not tell apart: one that trembles is one."""
-    lines = [form.shape["frequency_hz"] for form in (one.form, other.form) if isinstance(form, Hypothesis)]
-    return abs(lines[0] - lines[1]) * float(np.ptp(base.channels.situation.time_s)) < SAME_LINE
+def _is_same(one: Evidence, other: Evidence, base: Base) -> bool:
+    """Whether two forms of an effect are one cause."""
+    if not (isinstance(one.form, Hypothesis) and isinstance(other.form, Hypothesis)):
+        return False
+    return one.form.effect.is_same(one.form.shape, other.form.shape, base.channels.situation)
 
 
 def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
@@ -265,7 +264,7 @@ def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
     sensors = sensors_of(places_of(accepted.form))
     for step in steps:
         before = step.accepted
-        if not isinstance(before.form, Finding) or before.effect == OUTLIERS:
+        if not isinstance(before.form, Finding) or _effect_of(before).is_of_lone_samples:
             continue
         is_of_samples = before.is_certain or before.form.flagged is not None
         if is_of_samples and sensors <= sensors_of(places_of(before.form)):
@@ -307,7 +306,7 @@ def _struck(causes: Sequence[Evidence]) -> float:
 
 def _changes(causes: Sequence[Evidence], step_s: float) -> int:
     """Return the number of times at which biases or scale factors change."""
-    forms = [one.form for one in causes if one.effect in _STEPS]
+    forms = [one.form for one in causes if _is_step(one)]
     times = sorted(time for form in forms if isinstance(form, Hypothesis) for time in form.shape.values())
     return sum(
         later - time > LONGEST_BURST * step_s for time, later in zip(times, [*times[1:], float("inf")], strict=True)
