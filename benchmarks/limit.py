@@ -55,6 +55,8 @@ GROUPS = {
 OUTLIERS_NT = (100.0, 1e3, 1e4)
 OUTLIER_SHARE = 0.05
 WITHIN_95 = 1.959964
+"""Standard deviations within which a normal distribution has 95 %."""
+
 COVERAGE = (0.93, 0.97)
 
 

@@ -15,6 +15,7 @@ from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.units import FloatArray
 
 MICROTESLA, GAUSS = 1e-6, 1e-4
+"""Units of what the rivals read and return, tesla."""
 
 
 @dataclass(frozen=True, eq=False)

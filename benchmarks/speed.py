@@ -42,6 +42,8 @@ METHODS: dict[str, Callable[[Recording, Array], object]] = {
     "published, from its minimum": lambda recording, array: published(recording, from_minimum=True),
 }
 ASKED = {"lossless": 20.0, "maximum_likelihood": 5.0}
+"""How many times as fast as the published fit each must be."""
+
 NOISE_OVER_FIELD = 2e-5
 
 

@@ -98,9 +98,9 @@ def come_with_motion(misfit: Misfit, spikes: Spikes) -> bool:
     Fisher's sum of the logarithms of the parts of the record in which a row changes as much, or as little, over as many
     samples. One spike may be at the fastest change of all; that spikes avoid changes only several can tell.
     """
-    from scipy.stats import chi2, norm
+    from scipy.stats import combine_pvalues, norm
 
-    sensed, parts = misfit.situation.sensed_T, [(1.0, 1.0)]
+    sensed, parts = misfit.situation.sensed_T, list[tuple[float, float]]()
     for row in np.unique(spikes.rows[spikes.rows < misfit.situation.scalar_row]):
         struck = spikes.samples[spikes.rows == row]
         for burst in np.split(struck, np.flatnonzero(np.diff(struck) > 1) + 1):
@@ -109,7 +109,9 @@ def come_with_motion(misfit: Misfit, spikes: Spikes) -> bool:
                 # Of the samples beside it, as the spike is in the field that all sensors agree on.
                 across = np.abs(sensed[after - before :, row] - sensed[: before - after, row])
                 parts.append((float(np.mean(across >= across[before])), float(np.mean(across <= across[before]))))
-    fastest, slowest = chi2.sf(-2 * np.sum(np.log(parts), axis=0), 2 * max(len(parts) - 1, 1))
+    if not parts:
+        return False
+    fastest, slowest = (combine_pvalues(of_one).pvalue for of_one in zip(*parts, strict=True))
     return bool(fastest < NEGLIGIBLE or slowest < norm.sf(CERTAIN))
 
 

@@ -89,7 +89,10 @@ def _check_hands(recording: Recording) -> None:
     is_seen = least > sure_correlation(recording.sample_count)
     for sensor, value in enumerate(determinant):
         if value < 0 and is_seen[sensor]:
-            raise InputError(f"sensor {sensor + 1} has left-handed or dependent axes: check their order and signs")
+            raise InputError(
+                f"sensor {sensor + 1} has left-handed or dependent axes, or a disturbance larger than the field: "
+                "check the axes' order and signs, and what is beside it"
+            )
 
 
 def _mounted(recording: Recording, field: FieldBounds) -> Iterator[Start]:

@@ -8,7 +8,8 @@ from tam_calibration.blind.case import make_case
 from tam_calibration.blind.catalogue import CATALOGUE
 from tam_calibration.blind.entry import MOVING, SWUNG
 from tam_calibration.blind.outside import OUTSIDE
-from tam_calibration.blind.outside_sealed_causes import SEALED, _beaten, _detuned, _quanta
+from tam_calibration.blind.outside_sealed import SEALED
+from tam_calibration.blind.outside_sealed_causes import _beaten, _detuned, _quanta
 from tam_calibration.blind.outside_sealed_whole import _between_stops, _induced, _sea, _snapped, dipole
 from tam_calibration.blind.plan import Plan
 
