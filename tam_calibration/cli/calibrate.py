@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from rich.progress import Progress
 
 from tam_calibration.array import Array
 from tam_calibration.calibration import Calibration
@@ -33,8 +34,7 @@ from tam_calibration.fit.ambient_gradient import as_if_uniform
 from tam_calibration.geomagnetic import field_at
 from tam_calibration.recording import SKETCH, Recording, SampleSource
 
-_Fit = Callable[[Recording, Array], Calibration]
-_StreamFit = Callable[[SampleSource, Array], Calibration]
+_Fit = Callable[[SampleSource, Array], Calibration]
 
 
 @click.command()
@@ -78,16 +78,11 @@ def command(
     to_stdout = json_path == Path("-")
     outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
     with write_together(outputs, [recording, array, *([source] if source else [])]) as beside:
-        fit = partial(calibrate, method=method, ambient_gradient=ambient_gradient)
-        if effects is not None:
-            with_effects = _fit_of_effects(effects, method, ambient_gradient)
-            data, calibration = _calibrate(recording, array, with_effects, place, tolerance_s)
-        elif place is None and is_large(recording):
-            data, calibration = _calibrate_stream(recording, array, fit, tolerance_s)
-        else:
-            data, calibration = _calibrate(recording, array, fit, place, tolerance_s)
-        if source is not None:
-            calibration = _complete(calibration, source, tolerance_s)
+        fit = _fit_of(method, ambient_gradient, effects)
+        with showing_progress() as progress:
+            calibration, data = _calibrate(recording, read_array(array), fit, place, tolerance_s, progress)
+            if source is not None:
+                calibration = _complete(calibration, source, tolerance_s, progress)
         if "yaml" in beside:
             beside["yaml"].write_text(calibration_to_yaml(calibration), encoding="utf-8")
         if "json" in beside:
@@ -102,58 +97,51 @@ def command(
         _print(data, calibration, [path for path in outputs.values() if path])
 
 
-def _fit_of_effects(effects: str, method: str, ambient_gradient: bool) -> _Fit:
-    """Return the fit of the errors together with the effects named."""
+def _fit_of(method: str, ambient_gradient: bool, effects: str | None) -> _Fit:
+    """Return the fit that the options ask for: of the errors alone, or together with effects."""
+    if effects is None:
+        return partial(calibrate, method=method, ambient_gradient=ambient_gradient)
     if method != DEFAULT_METHOD:
         raise InputError(f"{method} cannot fit effects: {DEFAULT_METHOD} can")
     if ambient_gradient:
         raise InputError("name the gradient among the effects instead: --effects ambient_gradient")
-    from tam_calibration.gap.calibration_with_effects import calibrate_with_effects  # late: not every fit needs it
-
     names = [name.strip() for name in effects.split(",") if name.strip()]
     if not names:
         raise InputError("--effects names none: give names such as temperature_drift, or auto")
-    return partial(calibrate_with_effects, effects=names)
+    from tam_calibration.gap.calibration_with_effects import calibrate_with_effects  # late: not every fit needs it
+
+    return lambda samples, array: calibrate_with_effects(samples.whole(), array, names)
 
 
 def _calibrate(
-    path: Path, array_path: Path, fit: _Fit, place: str | None, tolerance_s: float
-) -> tuple[Recording, Calibration]:
-    """Return the calibration, and the recording as it would be without the gradient that was fitted."""
-    array = read_array(array_path)
-    with showing_progress() as progress:
-        recording = read_samples(path, array.sensor_count, tolerance_s, reading(progress)).recording
-        if place is not None:
-            recording = _with_intensity(recording, place)
-        progress.add_task(f"fitting {recording.sample_count} samples", total=None)
-        calibration = fit(recording, array)
-    uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient).whole()
-    return uniform, replace(calibration, source=provenance(path))
+    path: Path, array: Array, fit: _Fit, place: str | None, tolerance_s: float, progress: Progress
+) -> tuple[Calibration, Recording]:
+    """Return the calibration, and what is shown of the recording: without the gradient that was fitted.
+
+    A large recording is kept in files and read anew for each pass; every n-th of its samples is shown.
+    """
+    told = reading(progress)
+    samples: SampleSource
+    if is_large(path):
+        samples = read_stream(path, array.sensor_count, tolerance_s, told)
+    else:
+        samples = read_samples(path, array.sensor_count, tolerance_s, told).recording
+    if place is not None:
+        samples = _with_intensity(samples.whole(), place)
+    progress.add_task(f"fitting {samples.sample_count} samples", total=None)
+    calibration = replace(fit(samples, array), source=provenance(path))
+    shown = samples if isinstance(samples, Recording) else samples.thinned(SKETCH)
+    return calibration, as_if_uniform(shown, calibration.errors, array, calibration.ambient_gradient).whole()
 
 
-def _calibrate_stream(
-    path: Path, array_path: Path, fit: _StreamFit, tolerance_s: float
-) -> tuple[Recording, Calibration]:
-    """Return the calibration of a recording that need not fit into memory, and every n-th sample to show."""
-    array = read_array(array_path)
-    with showing_progress() as progress:
-        recording = read_stream(path, array.sensor_count, tolerance_s, reading(progress))
-        progress.add_task(f"fitting {recording.sample_count} samples", total=None)
-        calibration = fit(recording, array)
-    shown = as_if_uniform(recording.thinned(SKETCH), calibration.errors, array, calibration.ambient_gradient).whole()
-    return shown, replace(calibration, source=provenance(path))
-
-
-def _complete(calibration: Calibration, path: Path, tolerance_s: float) -> Calibration:
+def _complete(calibration: Calibration, path: Path, tolerance_s: float, progress: Progress) -> Calibration:
     """Return the calibration with what the recording of a known source shows."""
     from tam_calibration.files.known_source import read_known_source  # late: few calibrations have a source
     from tam_calibration.fit.source_completion import complete
 
     stated = read_known_source(path)
-    with showing_progress() as progress:
-        sensors = calibration.array.sensor_count
-        seen = read_samples(stated.recording, sensors, tolerance_s, reading(progress)).recording
-        return complete(calibration, seen, stated.source, stated.frequency_hz)
+    seen = read_samples(stated.recording, calibration.array.sensor_count, tolerance_s, reading(progress)).recording
+    return complete(calibration, seen, stated.source, stated.frequency_hz)
 
 
 def _with_intensity(recording: Recording, place: str) -> Recording:
