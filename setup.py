@@ -58,11 +58,11 @@ setup(
     entry_points={
         "console_scripts": [
             f"tam = {NAME}.cli.main:main",
-            f"collector = {NAME}.nodes.collector:main",
-            f"calibrator = {NAME}.nodes.calibrator:main",
-            f"corrector = {NAME}.nodes.corrector:main",
-            f"localizer = {NAME}.nodes.localizer:main",
-            f"stream = {NAME}.nodes.stream:main",
+            f"collector = {NAME}.nodes.start:collector",
+            f"calibrator = {NAME}.nodes.start:calibrator",
+            f"corrector = {NAME}.nodes.start:corrector",
+            f"localizer = {NAME}.nodes.start:localizer",
+            f"stream = {NAME}.nodes.start:stream",
         ],
         f"{NAME}.effects": [
             f"temperature_drift = {NAME}.effects.temperature_drift:TemperatureDrift",

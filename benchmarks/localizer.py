@@ -95,7 +95,7 @@ def main(seconds: float) -> None:
     os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
     array = read_array(CROSS)
     attitude, outputs, errors = samples(array, round(seconds * RATE_HZ))
-    command = ["-m", "tam_calibration.nodes.localizer", "--ros-args", "-p", f"regional:='{PLACE}'"]
+    command = ["-m", "tam_calibration.nodes.start", "localizer", "--ros-args", "-p", f"regional:='{PLACE}'"]
     with TemporaryDirectory() as logs, ros_session(), Children({"localizer": command}, Path(logs)) as children:
         bench = Bench()
         limit = time.perf_counter() + START_S

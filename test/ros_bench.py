@@ -81,7 +81,7 @@ class Bench:
     def start_nodes(self, **parameters):
         """Start nodes, each with its parameters, and wait until they are seen."""
         commands = {
-            name: ["-m", f"tam_calibration.nodes.{name}", "--ros-args"]
+            name: ["-m", "tam_calibration.nodes.start", name, "--ros-args"]
             + [part for key, value in own.items() for part in ("-p", f"{key}:={value}")]
             for name, own in parameters.items()
         }

@@ -22,8 +22,6 @@ from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STAL
 from tam_calibration.nodes.cloud import CloudReader
 from tam_calibration.nodes.parameters import ARRAY_FILE, Rule, array_of
 from tam_calibration.nodes.quality import describe, figures
-from tam_calibration.nodes.signals import Startup
-from tam_calibration.nodes.spinning import spin_nodes
 from tam_calibration.nodes.store import SampleStore
 
 RULES = (
@@ -198,8 +196,3 @@ def _figures_of(gap: Gap | None) -> dict[str, object]:
         "gap_after_T": f"{gap.size.after_T:.4g}",
         "gap_floor_T": f"{gap.size.floor_T:.4g}",
     }
-
-
-def spin(startup: Startup) -> None:
-    """Run the calibrator until it is told to end."""
-    spin_nodes(startup, [Calibrator])

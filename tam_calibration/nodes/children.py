@@ -23,7 +23,9 @@ BAD_INPUT = 2
 
 NODES = ("collector", "calibrator", "corrector", "localizer")
 PROCESSES = ("stream", "calibrator", "localizer")
-"""The modules that run them all; ``stream`` runs collector and corrector."""
+"""The entry points that run them all; ``stream`` runs collector and corrector."""
+
+START = ("-m", "tam_calibration.nodes.start")
 
 
 def node_commands(
@@ -37,7 +39,14 @@ def node_commands(
     own = {"calibrator": {"calibration_file": calibration, "method": method}}
     shared = ["--params-file", str(params_file)] if params_file else []
     return {
-        name: ["-m", f"tam_calibration.nodes.{name}", "--ros-args", *shared, *_settings(everywhere | own.get(name, {}))]
+        name: [
+            "-m",
+            "tam_calibration.nodes.start",
+            name,
+            "--ros-args",
+            *shared,
+            *_settings(everywhere | own.get(name, {})),
+        ]
         for name in PROCESSES
     }
 

@@ -22,8 +22,6 @@ from tam_calibration.nodes.base import ERROR, OK, RELIABLE_STREAM, STALE, STREAM
 from tam_calibration.nodes.cloud import cloud_writer, make_cloud
 from tam_calibration.nodes.message_writer import to_stamp
 from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
-from tam_calibration.nodes.signals import Startup
-from tam_calibration.nodes.spinning import spin_nodes
 from tam_calibration.pointcloud_layout import SampleLayout
 from tam_calibration.synchronisation import Sample, Synchroniser
 
@@ -203,8 +201,3 @@ def _count(synchroniser: Synchroniser) -> dict[str, object]:
     }
     overall = {"samples": synchroniser.delivered, "restarts": synchroniser.restarts}
     return overall | {"losses": synchroniser.explain_losses()} | by_stream
-
-
-def spin(startup: Startup) -> None:
-    """Run the collector until it is told to end."""
-    spin_nodes(startup, [Collector])

@@ -18,8 +18,6 @@ from tam_calibration.nodes.cloud import CloudReader, Rows, cloud_writer, layout_
 from tam_calibration.nodes.message_writer import MessageWriter
 from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 from tam_calibration.nodes.quality import figures
-from tam_calibration.nodes.signals import Startup
-from tam_calibration.nodes.spinning import spin_nodes
 from tam_calibration.pointcloud_layout import (
     FIELD_GRADIENT_COLUMNS,
     GRADIENT_DIMENSIONS,
@@ -215,8 +213,3 @@ _GRADIENT_ROW_MAJOR = np.array(GRADIENT_ROW_MAJOR)
 _GRADIENT_LAYOUT = MultiArrayLayout(
     dim=[MultiArrayDimension(label=label, size=size, stride=stride) for label, size, stride in GRADIENT_DIMENSIONS]
 )
-
-
-def spin(startup: Startup) -> None:
-    """Run the corrector until it is told to end."""
-    spin_nodes(startup, [Corrector])

@@ -25,9 +25,7 @@ from tam_calibration.nodes.cloud import CloudReader, cloud_writer, layout_of
 from tam_calibration.nodes.localizer_rules import FITTED, NONE, RULES
 from tam_calibration.nodes.message_writer import MessageWriter, from_stamp, to_stamp
 from tam_calibration.nodes.parameters import array_of
-from tam_calibration.nodes.signals import Startup
 from tam_calibration.nodes.source_rows import source_rows
-from tam_calibration.nodes.spinning import spin_nodes
 from tam_calibration.pointcloud_layout import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS
 from tam_calibration.units import FloatArray
 
@@ -227,8 +225,3 @@ class Localizer(TamNode):
         if self._estimate.get_subscription_count():
             for stamp, row in zip(stamps, source_rows(solutions), strict=True):
                 self._estimate.publish(self._estimate_writer.message(stamp, row.tobytes()))
-
-
-def spin(startup: Startup) -> None:
-    """Run the localizer until it is told to end."""
-    spin_nodes(startup, [Localizer])

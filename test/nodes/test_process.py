@@ -35,7 +35,7 @@ def test_unusable_parameter_ends_the_node_with_a_sentence(ros_domain):
     }
     processes = {
         sentence: subprocess.Popen(
-            [sys.executable, "-m", f"tam_calibration.nodes.{name}", "--ros-args", "-p", parameter],
+            [sys.executable, "-m", "tam_calibration.nodes.start", name, "--ros-args", "-p", parameter],
             stderr=subprocess.PIPE,
             text=True,
         )
@@ -49,7 +49,7 @@ def test_unusable_parameter_ends_the_node_with_a_sentence(ros_domain):
 
 def test_unusable_arguments_end_the_node_with_a_sentence(ros_domain):
     """A file of parameters that is not there is not a traceback."""
-    arguments = ["-m", "tam_calibration.nodes.collector", "--ros-args", "--params-file", "/nowhere.yaml"]
+    arguments = ["-m", "tam_calibration.nodes.start", "collector", "--ros-args", "--params-file", "/nowhere.yaml"]
     ended = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, timeout=20)
     assert ended.returncode == 2
     assert "tam: the arguments of ROS cannot be used" in ended.stderr and "Traceback" not in ended.stderr
@@ -59,7 +59,7 @@ def test_shipped_parameters_are_known(bench):
     """Every node takes the shipped file of parameters, which names all its parameters with their defaults."""
     path = files("tam_calibration") / "config" / "tam.yaml"
     commands = {
-        name: ["-m", f"tam_calibration.nodes.{name}", "--ros-args", "--params-file", str(path)] for name in NODES
+        name: ["-m", "tam_calibration.nodes.start", name, "--ros-args", "--params-file", str(path)] for name in NODES
     }
     bench.start(commands)
     bench.spin_until(lambda: set(NODES) <= set(bench.node.get_node_names()), "the nodes are seen")
@@ -71,7 +71,7 @@ def test_shipped_parameters_are_known(bench):
 
 def test_namespace_moves_the_topics(bench):
     """Relative names follow the namespace, so that two arrays can live side by side."""
-    bench.start({"collector": ["-m", "tam_calibration.nodes.collector", "--ros-args", "-r", "__ns:=/auv"]})
+    bench.start({"collector": ["-m", "tam_calibration.nodes.start", "collector", "--ros-args", "-r", "__ns:=/auv"]})
     wanted = {"/auv/tam_1/magnetic_field", "/auv/samples", "/diagnostics"}
     topics = bench.node.get_topic_names_and_types
     bench.spin_until(lambda: wanted <= {name for name, _ in topics()}, "the topics are in the namespace")
