@@ -12,10 +12,10 @@ from bag_making import RATE_HZ, make_recording
 from bag_reading import iterate
 from spread import Row, measure
 
-from tam_calibration.array import Array
 from tam_calibration.cli.main import main as tam
 from tam_calibration.files import read_array, write_calibration, write_recording
 from tam_calibration.fit import calibrate
+from tam_calibration.model.array import Array
 
 HOUR = 3600 * RATE_HZ
 LARGE = 1_250_000

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 from spread import Row, measure
 
-from tam_calibration.calibration import Corrected
+from tam_calibration.correction.calibration import Corrected
 from tam_calibration.files import write_corrected
 from tam_calibration.files.bag_writing import TYPESTORE
-from tam_calibration.pointcloud_layout import (
+from tam_calibration.messages.point_cloud import (
     FIELD_GRADIENT_COLUMNS,
     FRAME_ID,
     GRADIENT_DIMENSIONS,

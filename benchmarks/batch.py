@@ -31,10 +31,10 @@ from process_times import ProcessTimes
 from rich.progress import track
 from spread import Row, show
 
-from tam_calibration.array import Array
 from tam_calibration.files import write_array, write_recording
-from tam_calibration.fleet.local import run_here
+from tam_calibration.fleet.execution import run_here
 from tam_calibration.fleet.task import Task, read_options
+from tam_calibration.model.array import Array
 
 RATE_HZ = 100
 ASKED = 1.7

@@ -18,11 +18,11 @@ from tempfile import TemporaryDirectory
 import click
 from rich.console import Console
 
-from tam_calibration.blind.folder import TIMES, read_json, read_keys, read_outcomes
-from tam_calibration.blind.score import Score
-from tam_calibration.cli.blind_page import draw_confusion, draw_reliability
-from tam_calibration.cli.blind_table import HEADER, cells, effects, print_score, remarks
-from tam_calibration.files.whole import write_whole
+from tam_calibration.files.text_files import write_whole
+from tam_calibration.validation.blind.folder import TIMES, read_json, read_keys, read_outcomes
+from tam_calibration.validation.blind.page import draw_confusion, draw_reliability
+from tam_calibration.validation.blind.score import Score
+from tam_calibration.validation.blind.table import HEADER, cells, effects, print_score, remarks
 
 RESULTS = Path(__file__).parent / "results"
 DOCS = Path(__file__).parents[1] / "docs"

@@ -24,14 +24,14 @@ from asked import ANYTHING, Figure, show
 from rich.progress import track
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.array import Array
-from tam_calibration.blind.case import make_case
-from tam_calibration.blind.folder import write_case
-from tam_calibration.blind.plan import Plan
 from tam_calibration.files import read_array, read_samples
-from tam_calibration.files.whole import write_whole
+from tam_calibration.files.text_files import write_whole
 from tam_calibration.gap import diagnose
-from tam_calibration.recording import Recording
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
+from tam_calibration.validation.blind.case import make_case
+from tam_calibration.validation.blind.folder import write_case
+from tam_calibration.validation.blind.plan import CasePlan
 
 SIZES = (500, 1_000, 2_000, 4_000, 8_000, 16_000)
 ASKED_SIZE, ASKED_SECONDS = 4_000, 3.0
@@ -96,7 +96,7 @@ def recordings(kind: Kind, size: int, cases: int) -> Iterator[tuple[Recording, A
         for number in count(1):
             if not cases:
                 return
-            write_case(Path(name), make_case(Plan(*kind.plan, size), SEED, number))
+            write_case(Path(name), make_case(CasePlan(*kind.plan, size), SEED, number))
             array = read_array(Path(name) / "spec.yaml")
             if array.sensor_count == 4:
                 cases -= 1

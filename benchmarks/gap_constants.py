@@ -33,17 +33,17 @@ from constants import (
 )
 from rich.progress import track
 
-from tam_calibration.array import Array
-from tam_calibration.blind.case import make_case
-from tam_calibration.blind.folder import write_case
-from tam_calibration.blind.judgement import is_mixture_told
-from tam_calibration.blind.outcome import Outcome
-from tam_calibration.blind.plan import Plan
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.files import read_array, read_recording, write_whole
-from tam_calibration.files.gap_json import gap_to_mapping
+from tam_calibration.files.results_json import gap_to_mapping
 from tam_calibration.gap import diagnose
-from tam_calibration.recording import Recording
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
+from tam_calibration.validation.blind.case import make_case
+from tam_calibration.validation.blind.figures import is_mixture_told
+from tam_calibration.validation.blind.folder import write_case
+from tam_calibration.validation.blind.outcome import Outcome
+from tam_calibration.validation.blind.plan import CasePlan
 
 RESULTS = Path(__file__).parent / "results" / "gap_constants.csv"
 PAGE = Path(__file__).parents[1] / "docs" / "gap_constants.md"
@@ -67,12 +67,12 @@ SINGLES = {
 """Effects by the noise floors of their gap."""
 
 PLANS = (
-    *(Plan("single", (effect,), (gap,), SAMPLES) for gap, effects in SINGLES.items() for effect in effects),
-    *(Plan("clean", (), (), SAMPLES) for _ in range(2)),
-    *(Plan("outside", (effect,), (1.0,), SAMPLES) for effect in ("random_walk_bias", "stiction", "gain_wander")),
-    *(Plan("mixed", (effect, "gain_wander"), (2.0, 1.0), SAMPLES) for effect in ("temperature_drift", "bias_jump")),
-    Plan("pair", ("bias_jump", "current_interference"), (1.5, 1.5), SAMPLES),
-    Plan("pair", ("nonlinearity", "outliers"), (1.5, 1.5), SAMPLES),
+    *(CasePlan("single", (effect,), (gap,), SAMPLES) for gap, effects in SINGLES.items() for effect in effects),
+    *(CasePlan("clean", (), (), SAMPLES) for _ in range(2)),
+    *(CasePlan("outside", (effect,), (1.0,), SAMPLES) for effect in ("random_walk_bias", "stiction", "gain_wander")),
+    *(CasePlan("mixed", (effect, "gain_wander"), (2.0, 1.0), SAMPLES) for effect in ("temperature_drift", "bias_jump")),
+    CasePlan("pair", ("bias_jump", "current_interference"), (1.5, 1.5), SAMPLES),
+    CasePlan("pair", ("nonlinearity", "outliers"), (1.5, 1.5), SAMPLES),
 )
 """Single causes, two recordings without any, three with one outside the library, two with one beside, two pairs."""
 
@@ -131,7 +131,7 @@ def measure(constants: Sequence[Constant]) -> Iterator[dict[str, str]]:
             yield row_of(constant, "halved", [], [])
 
 
-def make(plan: Plan, number: int) -> Given:
+def make(plan: CasePlan, number: int) -> Given:
     """Make one recording, as ``tam blind make`` does."""
     case = make_case(plan, SEED, number)
     with TemporaryDirectory() as folder:

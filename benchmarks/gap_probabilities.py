@@ -15,11 +15,11 @@ import click
 import numpy as np
 from scipy.optimize import minimize
 
-from tam_calibration.blind.folder import read_json, read_keys, read_outcomes
-from tam_calibration.blind.outcome import NO_GAP, UNEXPLAINED, Outcome
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap.probability import features_of
-from tam_calibration.units import FloatArray
+from tam_calibration.model.units import FloatArray
+from tam_calibration.validation.blind.folder import read_json, read_keys, read_outcomes
+from tam_calibration.validation.blind.outcome import NO_GAP, UNEXPLAINED, Outcome
 
 OTHER_NAMES = {
     "late_windows": "stale_samples",

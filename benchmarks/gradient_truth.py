@@ -26,18 +26,18 @@ from rich.progress import track
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.array import OUTPUT_NAMES, Array
-from tam_calibration.calibration import Calibration
-from tam_calibration.exceptions import InputError, Refused
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.files.whole import write_whole
+from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import METHODS
-from tam_calibration.fit.attitude_frame import into_array_frame
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.fit.attitude import into_array_frame
+from tam_calibration.model.array import OUTPUT_NAMES, Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
 from tam_calibration.simulation import Scenario, simulate
-from tam_calibration.simulation.channels import AttitudeChannel
-from tam_calibration.units import FloatArray, from_degrees, to_nanotesla
+from tam_calibration.simulation.instruments import AttitudeChannel
 
 RESULTS = Path(__file__).parent / "results" / "gradient_truth.csv"
 FIGURES = ("b", *OUTPUT_NAMES[3:], "I1", "I2", "worst by itself")

@@ -28,11 +28,11 @@ from click.testing import CliRunner
 from tam_calibration.cli.main import main as tam
 from tam_calibration.files import read_array, write_array
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.files.whole import write_whole
+from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import METHODS, calibrate
-from tam_calibration.recording import Recording
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import to_nanotesla
 from tam_calibration.simulation import simulate
-from tam_calibration.units import to_nanotesla
 
 IN_MEMORY = 1_000_000
 ON_DISK = (1_000_000, 3_000_000, 10_000_000)

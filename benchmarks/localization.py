@@ -32,17 +32,17 @@ from rich.progress import track
 from rich.table import Table
 
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.files.whole import write_whole
+from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.localization.dipole import Dipole, dipole_field
 from tam_calibration.localization.direct_fit import fit_loop
 from tam_calibration.localization.euler import locate
 from tam_calibration.localization.finite_baseline import locate_dipole
-from tam_calibration.localization.loop import Loop
 from tam_calibration.localization.solutions import EulerSolutions
-from tam_calibration.reproduce.wu2025_coil import POSITION_M, RADIUS_M
+from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation import simulate
-from tam_calibration.units import FloatArray
+from tam_calibration.sources.dipole import Dipole, dipole_field
+from tam_calibration.sources.loop import Loop
+from tam_calibration.validation.papers.wu2025_coil import POSITION_M, RADIUS_M
 
 RESULTS = Path(__file__).parent / "results" / "localization.csv"
 

@@ -18,20 +18,19 @@ from numpy.linalg import inv, norm
 from rich.progress import track
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.array import Array
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source
-from tam_calibration.localization.background import background_of, turning_of
-from tam_calibration.localization.demodulation import demodulate
-from tam_calibration.localization.dipole import Dipole
-from tam_calibration.localization.loop import Loop
-from tam_calibration.localization.poses import Poses
-from tam_calibration.localization.spectrum import band_pass_amplitude
-from tam_calibration.localization.tracking import straight_track, track_dipole
-from tam_calibration.reproduce.wu2025_coil import POSITION_M, RADIUS_M
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.localization.steady import straight_track, track_dipole
+from tam_calibration.model.array import Array
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.sources.demodulation import background_of, demodulate, turning_of
+from tam_calibration.sources.dipole import Dipole
+from tam_calibration.sources.loop import Loop
+from tam_calibration.sources.poses import Poses
+from tam_calibration.sources.spectrum import band_pass_amplitude
+from tam_calibration.validation.papers.wu2025_coil import POSITION_M, RADIUS_M
 
 
 def source_calibration(generator: np.random.Generator, runs: int) -> Iterable[Figure]:

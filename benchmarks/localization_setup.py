@@ -5,12 +5,12 @@ from asked import Figure
 from numpy.linalg import norm
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.array import Array
-from tam_calibration.localization.dipole import Dipole
-from tam_calibration.localization.loop import Loop
-from tam_calibration.localization.poses import Poses
-from tam_calibration.reproduce.wu2025_coil import AMPERE_TURNS, HEADINGS_DEG, POSITION_M, RADIUS_M
-from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.model.array import Array
+from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.sources.dipole import Dipole
+from tam_calibration.sources.loop import Loop
+from tam_calibration.sources.poses import Poses
+from tam_calibration.validation.papers.wu2025_coil import AMPERE_TURNS, HEADINGS_DEG, POSITION_M, RADIUS_M
 
 AMPLITUDE_NOISE_T = from_nanotesla(0.05)
 SENSOR_NOISE_T = from_nanotesla(1.0)

@@ -24,19 +24,19 @@ from sensor_msgs.msg import PointCloud2
 from spread import machine
 from std_msgs.msg import Header
 
-from tam_calibration.array import Array
 from tam_calibration.files import read_array
-from tam_calibration.files.whole import write_whole
-from tam_calibration.geomagnetic import field_at
-from tam_calibration.localization.dipole import Dipole
+from tam_calibration.files.text_files import write_whole
 from tam_calibration.localization.sample_by_sample import Regional, locate_samples
+from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SampleLayout
+from tam_calibration.model.array import Array
+from tam_calibration.model.geomagnetic_field import field_at
+from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes import ros_session
 from tam_calibration.nodes.base import RELIABLE_STREAM
 from tam_calibration.nodes.children import Children
 from tam_calibration.nodes.cloud import make_cloud, read_cloud
-from tam_calibration.nodes.source_rows import source_rows
-from tam_calibration.pointcloud_layout import FIELD_GRADIENT_COLUMNS, SampleLayout
-from tam_calibration.units import FloatArray
+from tam_calibration.nodes.localizer_node import source_rows
+from tam_calibration.sources.dipole import Dipole
 
 RATE_HZ = 100.0
 PLACE = "47.37,8.54,2026-06-01"

@@ -20,19 +20,20 @@ from rich.progress import track
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.array import Array
-from tam_calibration.effects.effect import LinearEffect, Situation
+from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.situation import Covariates
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.files.whole import write_whole
+from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.lossless import estimate
-from tam_calibration.localization.dipole import Dipole
-from tam_calibration.recording import Recording
-from tam_calibration.reproduce.wu2025_coil import AXES, Experiment, directions
-from tam_calibration.residuals import measure_residuals
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.residuals import measure_residuals
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
 from tam_calibration.simulation import Simulation, simulate
-from tam_calibration.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
+from tam_calibration.sources.dipole import Dipole
+from tam_calibration.validation.papers.wu2025_coil import AXES, Experiment, directions
 
 RESULTS = Path(__file__).parent / "results" / "papers_gap.csv"
 PRINTED_T, PRINTED_ALIKE = from_nanotesla(95.5), 98.5 / 91.9
@@ -59,7 +60,7 @@ def of_library(effect_name: str, term_names: Sequence[str], shape: dict[str, flo
     def signal(run: Simulation, generator: np.random.Generator) -> FloatArray:
         recording = run.recording
         time_s = recording.time_s
-        situation = Situation(
+        covariates = Covariates(
             time_s,
             run.center_field_T,
             run.errors,
@@ -70,8 +71,8 @@ def of_library(effect_name: str, term_names: Sequence[str], shape: dict[str, flo
         )
         effect = effect_named(effect_name)
         assert isinstance(effect, LinearEffect)
-        rows = np.zeros((len(time_s), situation.scalar_row + 1))
-        for term in effect.terms(situation, shape or {}):
+        rows = np.zeros((len(time_s), covariates.scalar_row + 1))
+        for term in effect.terms(covariates, shape or {}):
             if term.name in term_names:
                 spread = np.sqrt(np.mean(term.features**2, axis=0))
                 size = np.array([spread[term.columns == column].max() for column in range(len(term.coefficients))])

@@ -22,11 +22,11 @@ from sensor_msgs.msg import MagneticField
 from spread import machine
 from streaming_bench import SENSOR_TOPICS
 
-from tam_calibration.files.whole import write_whole
+from tam_calibration.files.text_files import write_whole
 from tam_calibration.nodes import ros_session
 from tam_calibration.nodes.base import STREAM, waiting
 from tam_calibration.nodes.children import Children
-from tam_calibration.nodes.message_writer import MessageWriter, to_stamp
+from tam_calibration.nodes.cloud import MessageWriter, to_stamp
 
 RESULTS = Path(__file__).parent / "results" / "receivers.csv"
 WARM_S = 2.0

@@ -8,11 +8,11 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.linalg import inv, norm
 
-from tam_calibration.array import Array
 from tam_calibration.fit import lossless, maximum_likelihood
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 MICROTESLA, GAUSS = 1e-6, 1e-4
 """Units of what the rivals read and return, tesla."""

@@ -25,13 +25,13 @@ from rich.progress import track
 from scipy.optimize import minimize
 from spread import Row, show
 
-from tam_calibration.array import Array
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import lossless, maximum_likelihood
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation import simulate
-from tam_calibration.units import FloatArray
 
 SIZES = (360, 1_000, 10_000, 100_000)
 METHODS: dict[str, Callable[[Recording, Array], object]] = {

@@ -13,8 +13,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from tam_calibration.files.whole import write_whole
-from tam_calibration.units import FloatArray
+from tam_calibration.files.text_files import write_whole
+from tam_calibration.model.units import FloatArray
 
 HEADER = ("case", "figure", "median", "10 %", "90 %", "asked", "met")
 RESULTS = Path(__file__).parent / "results"

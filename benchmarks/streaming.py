@@ -24,10 +24,10 @@ from sensor_msgs.msg import MagneticField, PointCloud2
 from spread import machine
 from streaming_bench import IMU_TOPIC, SENSOR_TOPICS, Bench, in_pieces, run, samples
 
-from tam_calibration.calibration import Calibration
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files import write_array, write_calibration
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.files.whole import write_whole
+from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
 from tam_calibration.nodes import ros_session
 from tam_calibration.nodes.children import Children

@@ -15,13 +15,13 @@ from rclpy.subscription import Subscription
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu, MagneticField
 
-from tam_calibration.calibration import Calibration
-from tam_calibration.files.bag_topics import CHANNEL_TOPICS, sensor_topic
-from tam_calibration.geomagnetic import field_at
-from tam_calibration.localization.dipole import Dipole
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.messages.topics import CHANNEL_TOPICS, sensor_topic
+from tam_calibration.model.geomagnetic_field import field_at
+from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.children import Children
-from tam_calibration.nodes.message_writer import STAMP, MessageWriter, from_stamp, to_stamp
-from tam_calibration.units import FloatArray
+from tam_calibration.nodes.cloud import STAMP, MessageWriter, from_stamp, to_stamp
+from tam_calibration.sources.dipole import Dipole
 
 SENSOR_TOPICS = [*(sensor_topic(sensor) for sensor in (1, 2, 3, 4)), CHANNEL_TOPICS["scalar"]]
 IMU_TOPIC = CHANNEL_TOPICS["attitude"]

@@ -18,16 +18,16 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from tam_calibration.calibration import Calibration
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.files.whole import write_whole
-from tam_calibration.fit.bound import bound
+from tam_calibration.files.text_files import write_whole
+from tam_calibration.fit.information import bound
 from tam_calibration.fit.lossless import lossless
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.residuals import measure_residuals
+from tam_calibration.model.residuals import measure_residuals
+from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.simulation import Simulation, simulate
 from tam_calibration.simulation.sources import SinusoidDrift
-from tam_calibration.units import FloatArray, to_nanotesla
 
 DRIFT_T = 8.26e-9
 METHODS = {

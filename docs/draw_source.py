@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.calibration import Calibration
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files import write_calibration, write_recording
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
-from tam_calibration.localization.dipole import Dipole
-from tam_calibration.recording import Recording
+from tam_calibration.localization.steady import locate_steady
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.report.survey_plots import plot_survey_map
-from tam_calibration.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
-from tam_calibration.survey import locate_steady
+from tam_calibration.sources.dipole import Dipole
 
 TARGET = Path(__file__).parent / "images" / "source.png"
 WRECK = Dipole(np.array([30.0, 2.5, -2.3]), np.array([40.0, -60.0, 150.0]))

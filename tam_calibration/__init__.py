@@ -9,17 +9,17 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tam_calibration.array import Array
-    from tam_calibration.calibration import Calibration
-    from tam_calibration.correction import correct
-    from tam_calibration.exceptions import InputError, Refused
+    from tam_calibration.correction.calibration import Calibration
+    from tam_calibration.correction.streaming import correct
     from tam_calibration.files import read_array, read_calibration, read_recording, write_calibration
     from tam_calibration.files.scenario import read_scenario
     from tam_calibration.fit import calibrate
     from tam_calibration.gap import diagnose
-    from tam_calibration.recording import Recording
+    from tam_calibration.localization.locate import locate
+    from tam_calibration.model.array import Array
+    from tam_calibration.model.exceptions import InputError, Refused
+    from tam_calibration.model.recording import Recording
     from tam_calibration.simulation import simulate
-    from tam_calibration.survey import locate
 
 __all__ = [
     "Array",
@@ -40,15 +40,15 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Array": "array",
-    "Calibration": "calibration",
-    "InputError": "exceptions",
-    "Recording": "recording",
-    "Refused": "exceptions",
+    "Array": "model.array",
+    "Calibration": "correction.calibration",
+    "InputError": "model.exceptions",
+    "Recording": "model.recording",
+    "Refused": "model.exceptions",
     "calibrate": "fit",
-    "correct": "correction",
+    "correct": "correction.streaming",
     "diagnose": "gap",
-    "locate": "survey",
+    "locate": "localization.locate",
     "read_array": "files",
     "read_calibration": "files",
     "read_recording": "files",

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from ros_bench import bench, ros_domain  # noqa: F401  fixtures are found by their names here
 
-from tam_calibration.array import Array
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import from_degrees, from_nanotesla
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import from_degrees, from_nanotesla
 
 # Messages read this when they are imported: a field of the wrong type is then refused, not sent as rubbish.
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
@@ -56,7 +56,7 @@ def passing(true_errors, cross):
     """Return 600 samples of a platform that passes a dipole at 1.5 m/s eastwards while it turns, 3.4 m away at best."""
     from scipy.spatial.transform import Rotation
 
-    from tam_calibration.localization.dipole import Dipole
+    from tam_calibration.sources.dipole import Dipole
 
     time = np.arange(600) / 20
     place = np.outer(time, [1.5, 0, 0])
@@ -72,8 +72,8 @@ def passing(true_errors, cross):
 @pytest.fixture(scope="session")
 def gap():
     """Return the gap of 400 samples of a cross whose sensor 2 drifts with a temperature that rises by 10 °C."""
-    from tam_calibration.effects.fitted import Contribution, FittedEffect
     from tam_calibration.gap.result import Cause, Considered, Gap, Residue, Size, Where
+    from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
     rng = np.random.default_rng(8)
     direction = rng.normal(size=(400, 3))
@@ -120,8 +120,8 @@ def wu2025_sweeps():
     from importlib import import_module
 
     from tam_calibration.files.scenario import read_scenario
-    from tam_calibration.reproduce.sweep import sweeps_of, tasks_of
-    from tam_calibration.reproduce.wu2025_sweeps import plans, score
+    from tam_calibration.validation.papers.sweep import sweeps_of, tasks_of
+    from tam_calibration.validation.papers.wu2025_sweeps import plans, score
 
     planned = plans(read_scenario("wu_table_1"))
     with pytest.MonkeyPatch.context() as patch:

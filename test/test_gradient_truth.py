@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.array import Array
 from tam_calibration.files.scenario import read_scenario
+from tam_calibration.model.array import Array
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.channels import AttitudeChannel
+from tam_calibration.simulation.instruments import AttitudeChannel
 
 BENCHMARK = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "gradient_truth.py"))
 SOURCES, METHODS = BENCHMARK["SOURCES"], BENCHMARK["methods"]()

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tam_calibration.exceptions import Refused
 from tam_calibration.files import read_array, read_recording
 from tam_calibration.fit import calibrate
+from tam_calibration.model.exceptions import Refused
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 RECORDINGS = SHARED / "recordings"

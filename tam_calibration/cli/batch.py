@@ -1,13 +1,38 @@
 """`tam batch`: many recordings through calibration, diagnosis and correction."""
 
 import os
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import click
+from rich.console import Console
+from rich.table import Table
 
 from tam_calibration.cli.terminal import PATH, showing_progress, stdout, tolerance_option
-from tam_calibration.exceptions import InputError
+from tam_calibration.fleet.parameters import all_drifts
+from tam_calibration.fleet.result import Result
+from tam_calibration.fleet.rows import COUNTS_HEADER, DRIFT_HEADER, count_rows, drift_row, largest, open_points
+from tam_calibration.model.exceptions import InputError
+
+
+def print_batch(console: Console, results: Sequence[Result]) -> None:
+    """Print counts by platform, the drift of each kind of parameter that stands out most, and what is open."""
+    console.print(_table("What was found", COUNTS_HEADER, count_rows(results)))
+    drifts = [drift_row(found)[:-1] for found in largest(all_drifts(results))]
+    if drifts:
+        console.print(_table("Largest drift of each kind, ± standard errors", DRIFT_HEADER[:-1], drifts))
+    for point in open_points(results):
+        console.print(point)
+
+
+def _table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    table = Table(header[0], title=title)
+    for name in header[1:]:
+        table.add_column(name, justify="right")
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 @click.command()
@@ -40,11 +65,8 @@ def command(
     recording lies in names its platform. Exits 0 when all is done and no gap is open, 1 when something was refused,
     failed or stays unexplained, 2 on bad input.
     """
-    from tam_calibration.cli.batch_table import print_batch  # late, as they bring the fits with them
-    from tam_calibration.fleet.batch import run_batch
-    from tam_calibration.fleet.cluster import run_on_cluster
-    from tam_calibration.fleet.find import find_recordings
-    from tam_calibration.fleet.local import run_here
+    from tam_calibration.fleet.batch import find_recordings, run_batch
+    from tam_calibration.fleet.execution import run_here, run_on_cluster
     from tam_calibration.fleet.task import read_options
 
     if jobs is not None and scheduler is not None:

@@ -3,19 +3,83 @@
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tam_calibration.blind import KINDS
-from tam_calibration.cli.blind_inject import inject
-from tam_calibration.cli.terminal import PATH, showing_progress, stdout, write_together
-from tam_calibration.exceptions import InputError, Refused
+from tam_calibration.cli.terminal import PATH, Number, showing_progress, stdout, write_together
+from tam_calibration.files import read_array, read_recording
+from tam_calibration.files.csv_files import write_csv_recording
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.validation.blind import KINDS
 
 if TYPE_CHECKING:
-    from tam_calibration.blind.plan import Plan
+    from tam_calibration.validation.blind.plan import CasePlan
+
+EFFECTS = (
+    "temperature_drift",
+    "current_interference",
+    "bias_jump",
+    "time_skew",
+    "periodic_interference",
+    "outliers",
+    "noise_excess",
+    "hysteresis",
+    "nonlinearity",
+    "quantization",
+    "saturation",
+    "stale_samples",
+)
+
+
+@click.command()
+@click.argument("recording", type=PATH)
+@click.option("--array", type=PATH, required=True, help="Array YAML of the recording.")
+@click.option("--effect", type=click.Choice(EFFECTS), required=True)
+@click.option(
+    "--times",
+    type=Number(0, 1e6, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="Visible size over what the recording leaves by itself.",
+)
+@click.option("-o", "--output", type=PATH, required=True, help="CSV to write; the truth goes to .key.json beside it.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+def inject(recording: Path, array: Path, effect: str, times: float, output: Path, seed: int) -> None:
+    """Put an effect into a real RECORDING, made by the check's own physics and not the library's.
+
+    Its visible size is so many times the residual that the recording leaves by itself. Where the effect follows a
+    temperature or a current, the column is made up and added.
+    """
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
+    from tam_calibration.validation.blind.folder import write_json
+    from tam_calibration.validation.blind.injected import inject as put
+
+    if output.suffix != ".csv":
+        raise InputError(f"{output} must end in .csv")
+    real = read_recording(recording)
+    sensors = read_array(array).sensor_count
+    if sensors != real.sensor_count:
+        raise InputError(f"{recording} holds {real.sensor_count} sensors, but {array} describes {sensors}")
+    attitude = real.attitude if real.attitude is not None and np.isfinite(real.attitude).all() else None
+    to_world = None if attitude is None else Rotation.from_quat(attitude).as_matrix()
+    made = put(real.time_s, real.readings_T, to_world, effect, times, seed)
+    channels = {"temperature_C": made.temperature_C, "current_A": made.current_A}
+    own = {name: values for name, values in channels.items() if values is not None}
+    with write_together({"data": output, "key": output.with_suffix(".key.json")}, [recording, array]) as beside:
+        write_csv_recording(beside["data"], replace(real, readings_T=made.readings_T, **own))
+        write_json(beside["key"], {"recording": recording.name, **made.key})
+    visible_nT, own_nT = made.key["visible_nT"], made.key["own_residual_nT"]
+    click.echo(
+        f"{effect} of {visible_nT:.3g} nT in {output}, {times:g} times the {own_nT:.3g} nT that the recording leaves "
+        f"by itself; the truth is in {output.with_suffix('.key.json')}"
+    )
+
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -47,9 +111,8 @@ command.add_command(inject)
 @jobs_option
 def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], outside: str, jobs: int) -> None:
     """Make recordings in OUT, with their sealed keys in keys.json and what commits to those in commitments.json."""
-    from tam_calibration.blind.folder import COMMITMENTS, KEYS, case_name, write_json
-    from tam_calibration.blind.plan import plan_cases
-    from tam_calibration.blind.seal import seal
+    from tam_calibration.validation.blind.folder import COMMITMENTS, KEYS, case_name, seal, write_json
+    from tam_calibration.validation.blind.plan import plan_cases
 
     if folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder} is not empty: name a new folder, so that no case is mixed with an older one")
@@ -64,9 +127,9 @@ def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], outside: s
     click.echo(f"{cases} cases in {folder}, their keys in {folder / KEYS}: keep those apart until the score")
 
 
-def _make_one(task: tuple[Path, "Plan", int, int]) -> tuple[int, dict[str, Any]]:
-    from tam_calibration.blind.case import make_case
-    from tam_calibration.blind.folder import case_name, write_case
+def _make_one(task: tuple[Path, "CasePlan", int, int]) -> tuple[int, dict[str, Any]]:
+    from tam_calibration.validation.blind.case import make_case
+    from tam_calibration.validation.blind.folder import case_name, write_case
 
     folder, plan, seed, number = task
     case = make_case(plan, seed, number)
@@ -84,7 +147,7 @@ def answer(folder: Path, jobs: int, without_effect: bool, keys_path: Path | None
 
     With --without-effect it goes to answer_without.json, and only single effects are tried.
     """
-    from tam_calibration.blind.folder import TIMES, case_folders, read_keys, write_json
+    from tam_calibration.validation.blind.folder import TIMES, case_folders, read_keys, write_json
 
     tasks: list[tuple[Path, str]] = [(case, "") for case in case_folders(folder)]
     if without_effect:
@@ -104,8 +167,8 @@ def _answer_one(task: tuple[Path, str]) -> tuple[str, float]:
     """Run tam diagnose on a case, and return its name and the processor time."""
     from time import process_time
 
-    from tam_calibration.blind.folder import write_json
     from tam_calibration.cli.main import main
+    from tam_calibration.validation.blind.folder import write_json
 
     case, without = task
     path = case / ("answer_without.json" if without else "answer.json")
@@ -143,10 +206,10 @@ def _run_quietly(main: click.Command, arguments: list[str]) -> str:
 @click.option("--failures", is_flag=True, help="List the cases that went wrong, key against answer, one in a line.")
 def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: Path | None, failures: bool) -> None:
     """Open the keys of DIR, hold them against their commitments, and say how many answers are right."""
-    from tam_calibration.blind.folder import TIMES, read_json, read_keys, read_outcomes
-    from tam_calibration.blind.score import Score
-    from tam_calibration.cli.blind_table import print_score, score_to_mapping
-    from tam_calibration.files.json_text import to_json
+    from tam_calibration.files.text_files import to_json
+    from tam_calibration.validation.blind.folder import TIMES, read_json, read_keys, read_outcomes
+    from tam_calibration.validation.blind.score import Score
+    from tam_calibration.validation.blind.table import print_score, score_to_mapping
 
     keys = read_keys(folder, keys_path)
     result = Score(read_outcomes(folder, keys, "answer.json"), read_outcomes(folder, keys, "answer_without.json"))
@@ -157,7 +220,7 @@ def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: 
         if "json" in beside:
             beside["json"].write_text(to_json(score_to_mapping(result, times)) + "\n", encoding="utf-8")
         if "report" in beside:
-            from tam_calibration.cli.blind_page import write_page
+            from tam_calibration.validation.blind.page import write_page
 
             write_page(beside["report"], result, folder.name)
     if failures:

@@ -7,32 +7,122 @@ from pathlib import Path
 
 import click
 import numpy as np
+from rich.console import Console
 from rich.progress import Progress
+from rich.table import Table
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import Calibration
-from tam_calibration.cli.terminal import (
-    PATH,
-    reading,
-    showing_progress,
-    stdout,
-    tolerance_option,
-    write_together,
-)
-from tam_calibration.exceptions import InputError
+from tam_calibration.cli.terminal import PATH, reading, showing_progress, stdout, tolerance_option, write_together
+from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration, KnownSource
 from tam_calibration.files import (
+    FORMULA,
     calibration_to_mapping,
     calibration_to_yaml,
     provenance,
     read_array,
     read_samples,
 )
-from tam_calibration.files.json_text import to_json
 from tam_calibration.files.recording_file import is_large, read_stream
+from tam_calibration.files.text_files import to_json
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
-from tam_calibration.fit.ambient_gradient import as_if_uniform
-from tam_calibration.geomagnetic import field_at
-from tam_calibration.recording import SKETCH, Recording, SampleSource
+from tam_calibration.fit.attitude import as_if_uniform
+from tam_calibration.fit.coverage import Coverage
+from tam_calibration.fit.identifiability import Weakness
+from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS, Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.geomagnetic_field import field_at
+from tam_calibration.model.recording import SKETCH, Recording, SampleSource
+from tam_calibration.model.residuals import Residuals
+from tam_calibration.model.units import to_degrees, to_nanotesla
+from tam_calibration.report.calibration_rows import NUMBERS_HEADER, effect_number_rows, parameter_rows
+from tam_calibration.report.formatting import number, sentence, with_error
+
+
+def print_calibration(console: Console, calibration: Calibration, coverage: Coverage, weakness: Weakness) -> None:
+    """Print parameters, residuals, coverage, what to know, and how to apply the calibration by hand."""
+    console.print(_parameters(calibration))
+    if calibration.effects:
+        console.print(_effects(calibration))
+    console.print(_residuals(calibration))
+    intensity = number(to_nanotesla(calibration.intensity_T), 6)
+    reference = "from the scalar reference" if calibration.has_scalar_reference else "fitted, on an unknown scale"
+    console.print(f"Field: {intensity} nT, {reference}. Samples: {calibration.samples}.")
+    if calibration.ambient_gradient is not None:
+        console.print(_gradient(calibration.ambient_gradient))
+    if calibration.known_source is not None:
+        console.print(_known_source(calibration.known_source))
+    console.print(f"Coverage: {calibration.coverage:.0%} of the sphere. {sentence(coverage.advice)}")
+    if weakness.parameters:
+        console.print(str(weakness))
+    if calibration.noise_is_estimated:
+        console.print("Noise: not stated in the array file, estimated from the recording's fast differences.")
+    for warning in calibration.warnings:
+        console.print(f"Warning: {sentence(warning)}", style="bold")
+    for statement in calibration.statements:
+        console.print(statement)
+    console.print(f"By hand: {FORMULA}")
+
+
+def _parameters(calibration: Calibration) -> Table:
+    table = Table("parameter", title=f"Errors of the sensors ± standard errors ({calibration.method})")
+    for sensor in range(calibration.errors.sensor_count):
+        table.add_column(f"sensor {sensor + 1}", justify="right")
+    for row in parameter_rows(calibration):
+        table.add_row(*row)
+    return table
+
+
+def _effects(calibration: Calibration) -> Table:
+    table = Table(*NUMBERS_HEADER, title="Effects beside the errors ± standard errors")
+    for row in effect_number_rows(calibration):
+        table.add_row(*row)
+    return table
+
+
+def _known_source(found: KnownSource) -> str:
+    degrees = zip(to_degrees(found.rotation), to_degrees(found.rotation_standard_errors), strict=True)
+    turn = ", ".join(with_error(float(value), float(error), 3) for value, error in degrees)
+    return (
+        f"Known source: baselines {with_error(found.baseline_scale, found.baseline_scale_standard_error, 4)} times "
+        f"those stated; frame turned by {turn}° about x, y, z; places of the axes to "
+        f"{number(1e3 * float(found.axis_offsets_standard_errors_m.max()))} mm; reduced χ² "
+        f"{number(found.reduced_chi_square)}."
+    )
+
+
+def _gradient(gradient: AmbientGradientEstimate) -> str:
+    values, errors = to_nanotesla(gradient.tensor_T_per_m), to_nanotesla(gradient.standard_errors_T_per_m)
+    parts = (
+        f"{name} {with_error(float(values[place]), float(errors[place]), 2)}"
+        for name, place in zip(OUTPUT_NAMES[3:], zip(*np.triu_indices(3), strict=True), strict=True)
+    )
+    return f"Gradient of the field in the world of the attitude (nT/m): {', '.join(parts)}."
+
+
+def _residuals(calibration: Calibration) -> Table:
+    columns = {
+        "before": calibration.before,
+        "in sample": calibration.in_sample,
+        "held out": calibration.held_out,
+        "noise floor": calibration.floor,
+    }
+    present = {name: _rows(residuals) for name, residuals in columns.items() if residuals is not None}
+    table = Table("RMS residual", title="Residuals in a uniform field")
+    for name in present:
+        table.add_column(name, justify="right")
+    for quantity in present["before"]:
+        table.add_row(quantity, *(number(rows[quantity], 4) for rows in present.values()))
+    return table
+
+
+def _rows(residuals: Residuals) -> dict[str, float]:
+    rows = {f"|B| of sensor {k} (nT)": value for k, value in enumerate(residuals.sensor_intensity_T, start=1)}
+    rows["|B| at the centre (nT)"] = residuals.center_intensity_T
+    if np.isfinite(residuals.tensor_rmse_T_per_m):
+        names = (f"{OUTPUT_NAMES[index]} (nT/m)" for index in TENSOR_OUTPUTS)
+        rows |= dict(zip(names, residuals.tensor_T_per_m, strict=True))
+        rows["tensor, root of the sum of squares (nT/m)"] = residuals.tensor_rmse_T_per_m
+    return {name: to_nanotesla(float(value)) for name, value in rows.items()}
+
 
 _Fit = Callable[[SampleSource, Array], Calibration]
 
@@ -88,7 +178,7 @@ def command(
         if "json" in beside:
             beside["json"].write_text(to_json(calibration_to_mapping(calibration)), encoding="utf-8")
         if "report" in beside:
-            from tam_calibration.report import write_calibration_report  # late, as it brings matplotlib with it
+            from tam_calibration.report import write_calibration_report
 
             write_calibration_report(beside["report"], calibration, data)
     if to_stdout:
@@ -108,7 +198,7 @@ def _fit_of(method: str, ambient_gradient: bool, effects: str | None) -> _Fit:
     names = [name.strip() for name in effects.split(",") if name.strip()]
     if not names:
         raise InputError("--effects names none: give names such as temperature_drift, or auto")
-    from tam_calibration.gap.calibration_with_effects import calibrate_with_effects  # late: not every fit needs it
+    from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
 
     return lambda samples, array: calibrate_with_effects(samples.whole(), array, names)
 
@@ -136,7 +226,7 @@ def _calibrate(
 
 def _complete(calibration: Calibration, path: Path, tolerance_s: float, progress: Progress) -> Calibration:
     """Return the calibration with what the recording of a known source shows."""
-    from tam_calibration.files.known_source import read_known_source  # late: few calibrations have a source
+    from tam_calibration.files.known_source import read_known_source
     from tam_calibration.fit.source_completion import complete
 
     stated = read_known_source(path)
@@ -152,9 +242,8 @@ def _with_intensity(recording: Recording, place: str) -> Recording:
 
 
 def _print(recording: Recording, calibration: Calibration, written: list[Path]) -> None:
-    from tam_calibration.cli.calibration_table import print_calibration
     from tam_calibration.fit.coverage import field_of, measure_coverage
-    from tam_calibration.fit.weakness import find_weakness
+    from tam_calibration.fit.identifiability import find_weakness
 
     console = stdout()
     coverage = measure_coverage(field_of(recording, calibration.errors))

@@ -4,7 +4,7 @@ import re
 
 import click
 
-from tam_calibration.exceptions import InputError
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes import ros_session
 
 FIND_S = 5.0
@@ -18,6 +18,6 @@ def command(service: str) -> None:
     if not _NAME.fullmatch(service):
         raise InputError(f"{service!r} is no name of a service: give one such as calibrator/calibrate")
     with ros_session(exit_code=1):
-        from tam_calibration.nodes.trigger import call
+        from tam_calibration.nodes.client import call
 
         click.echo(call(service, FIND_S))

@@ -9,14 +9,14 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.array import OUTPUT_NAMES
-from tam_calibration.calibration import Calibration, Corrected
 from tam_calibration.cli.terminal import PATH, reading, showing_progress, tolerance_option, working
-from tam_calibration.exceptions import InputError
+from tam_calibration.correction.calibration import Calibration, Corrected
 from tam_calibration.files import read_array, read_calibration, write_corrected_pieces
-from tam_calibration.files.correcting import correct_file
-from tam_calibration.files.json_text import to_json
-from tam_calibration.units import FloatArray, to_nanotesla
+from tam_calibration.files.recording_file import correct_file
+from tam_calibration.files.text_files import to_json
+from tam_calibration.model.array import OUTPUT_NAMES
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 
 @click.command()

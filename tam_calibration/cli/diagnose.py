@@ -5,26 +5,94 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
+from rich.console import Console
 from rich.progress import Progress
+from rich.table import Table
 
-from tam_calibration.array import Array
-from tam_calibration.cli.terminal import (
-    PATH,
-    reading,
-    showing_progress,
-    stdout,
-    tolerance_option,
-    write_together,
-)
+from tam_calibration.cli.terminal import PATH, reading, showing_progress, stdout, tolerance_option, write_together
 from tam_calibration.effects.library import effect_named
-from tam_calibration.exceptions import InputError
-from tam_calibration.field_bounds import EARTH_FIELD
 from tam_calibration.files import provenance, read_array, read_calibration, read_samples
-from tam_calibration.files.gap_json import gap_to_mapping
-from tam_calibration.files.json_text import to_json
+from tam_calibration.files.results_json import gap_to_mapping
+from tam_calibration.files.text_files import to_json
 from tam_calibration.gap import diagnose
-from tam_calibration.gap.result import Gap
-from tam_calibration.geomagnetic import bounds_at
+from tam_calibration.gap.result import Cause, Gap
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.geomagnetic_field import EARTH_FIELD, bounds_at
+from tam_calibration.report.formatting import sentence
+from tam_calibration.report.gap_rows import (
+    CAUSES_HEADER,
+    NOISE_HEADER,
+    SIZE_HEADER,
+    cause_row,
+    cause_words,
+    closed_words,
+    noise_rows,
+    parameter_rows,
+    place,
+    set_words,
+    size_rows,
+    unseen_words,
+    where_words,
+)
+
+_ROWS = 12
+_LEFT = "What is left with the causes, and the simulated twin does not have:"
+
+
+def print_gap(console: Console, gap: Gap) -> None:
+    """Print the verdict, the size, where it lies, its causes, what became of each hypothesis, and what to record."""
+    sensor_count = len(gap.residue.floor_T) // 3
+    for remark in gap.remarks:
+        console.print(remark, soft_wrap=True)
+    console.print(gap.headline, style="bold", soft_wrap=True)
+    if gap.verdict != "not_identifiable":
+        console.print(_table(SIZE_HEADER, size_rows(gap.size)))
+    if gap.floor is not None:
+        console.print(_table(NOISE_HEADER, noise_rows(gap.floor)))
+    if gap.where.sensors:
+        console.print(f"Where: {where_words(gap.where, sensor_count)}.")
+    if gap.causes:
+        console.print(f"{sentence(closed_words(gap.size))}")
+        console.print(_table(CAUSES_HEADER, [cause_row(cause, sensor_count) for cause in gap.causes]))
+    for cause in gap.causes:
+        _print_parameters(console, cause, place(cause.sensors, cause.axes, sensor_count))
+        for words in cause_words(cause):
+            console.print(f"  {words}", soft_wrap=True)
+    if gap.remainder:
+        console.print(f"What no cause explains: {gap.remainder}", soft_wrap=True)
+    for words in (*set_words(gap), *unseen_words(gap)):
+        console.print(words, soft_wrap=True)
+    if gap.checks is not None and gap.checks.sentences:
+        console.print("What the simulated twin does not have:" if not gap.causes else _LEFT)
+        for words in gap.checks.sentences:
+            console.print(f"  {words}", soft_wrap=True)
+    console.print("Hypotheses:")
+    for considered in gap.considered:
+        status = considered.status.replace("_", " ")
+        console.print(f"  {considered.effect}: {status}, {considered.why}", soft_wrap=True)
+    if gap.next_recording:
+        console.print(f"Next recording: {sentence(gap.next_recording)}")
+
+
+def _print_parameters(console: Console, cause: Cause, where: str) -> None:
+    rows = parameter_rows(cause)
+    if not rows:
+        return
+    console.print(f"{cause.fitted.effect} of {where}:")
+    console.print(_table(("parameter", "value ± standard error", "unit"), rows[:_ROWS]))
+    if len(rows) > _ROWS:
+        console.print(f"… and {len(rows) - _ROWS} more: --json and --report have all.")
+
+
+def _table(header: tuple[str, ...], rows: list[list[str]]) -> Table:
+    table = Table(header[0])
+    for name in header[1:]:
+        table.add_column(name, justify="left" if name in ("where", "unit", "cannot be told from") else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
 
 _ANSWERS = ("no_gap", "explained")
 """Verdicts that leave nothing open."""
@@ -75,7 +143,7 @@ def command(
         if "json" in beside:
             beside["json"].write_text(content, encoding="utf-8")
         if "report" in beside:
-            from tam_calibration.report.gap_report import write_gap_report  # late, as it brings matplotlib with it
+            from tam_calibration.report.gap_report import write_gap_report
 
             write_gap_report(beside["report"], gap, source)
     if to_stdout:
@@ -115,7 +183,6 @@ def _diagnosing(progress: Progress) -> Callable[[str, float], None]:
 
 
 def _print(gap: Gap, written: list[Path]) -> None:
-    from tam_calibration.cli.gap_table import print_gap
 
     print_gap(stdout(), gap)
     for path in written:

@@ -4,16 +4,41 @@ from pathlib import Path
 
 import click
 import numpy as np
+from rich.console import Console
+from rich.table import Column, Table
 
-from tam_calibration.calibration import Calibration
 from tam_calibration.cli.terminal import PATH, reading, showing_progress, stdout, tolerance_option, write_together
-from tam_calibration.exceptions import InputError
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files import read_calibration, read_samples
-from tam_calibration.files.json_text import to_json
-from tam_calibration.geomagnetic import field_at
-from tam_calibration.recording import Recording
-from tam_calibration.survey import Survey, locate_alternating, locate_steady
-from tam_calibration.units import FloatArray, from_degrees
+from tam_calibration.files.text_files import to_json
+from tam_calibration.localization.alternating import locate_alternating
+from tam_calibration.localization.steady import locate_steady
+from tam_calibration.localization.survey import Survey
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.geomagnetic_field import field_at
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray, from_degrees
+from tam_calibration.report.survey_rows import HEADER, overall_rows, sample_rows, statements
+
+
+def print_survey(console: Console, survey: Survey) -> None:
+    """Print the source of all samples, of each, and what holds for them."""
+    if survey.overall is not None:
+        table = Table("", *_right("x", "y", "z", "size"), title="The source ± standard errors")
+        for row in overall_rows(survey.overall):
+            table.add_row(*row)
+        console.print(table)
+    if rows := sample_rows(survey):
+        table = Table(*_right(*HEADER), title="Poses" if survey.line else "Samples by themselves")
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)
+    for words in statements(survey):
+        console.print(words)
+
+
+def _right(*names: str) -> list[Column]:
+    return [Column(name, justify="right") for name in names]
 
 
 @click.command()
@@ -70,7 +95,7 @@ def command(
                 velocity_m_per_s=speed,
             )
         if "report" in beside:
-            from tam_calibration.report.survey_report import write_survey_report  # late, as it brings matplotlib
+            from tam_calibration.report.survey_report import write_survey_report
 
             write_survey_report(beside["report"], survey, recording.name)
     _print(survey, as_json, report)
@@ -100,11 +125,10 @@ def _read(path: Path, calibration: Calibration, tolerance_s: float) -> Recording
 
 def _print(survey: Survey, as_json: bool, report: Path | None) -> None:
     if as_json:
-        from tam_calibration.files.survey_json import survey_to_mapping
+        from tam_calibration.files.results_json import survey_to_mapping
 
         click.echo(to_json(survey_to_mapping(survey)))
         return
-    from tam_calibration.cli.survey_table import print_survey
 
     print_survey(stdout(), survey)
     if report is not None:

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from tam_calibration import __version__
-from tam_calibration.exceptions import InputError, Refused
+from tam_calibration.model.exceptions import InputError, Refused
 
 SUBCOMMANDS = {
     "simulate": "Make a recording of a known array and field, with the truth beside it.",

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import click
 
 from tam_calibration.cli.terminal import PATH, Number
-from tam_calibration.exceptions import InputError
 from tam_calibration.files.recording_file import is_bag
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes import ros_session
 
 if TYPE_CHECKING:

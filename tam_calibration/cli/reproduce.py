@@ -8,12 +8,12 @@ import click
 from rich.progress import Progress
 
 from tam_calibration.cli.terminal import PATH, showing_progress, stdout, write_together
-from tam_calibration.exceptions import InputError, Refused
-from tam_calibration.reproduce import PAPERS
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.validation.papers import PAPERS
 
 if TYPE_CHECKING:
-    from tam_calibration.reproduce.row import Row
-    from tam_calibration.reproduce.sweep import Sweep
+    from tam_calibration.validation.papers.row import PrintedNumber
+    from tam_calibration.validation.papers.sweep import Sweep
 
 RESULTS = Path("benchmarks/results")
 SWEPT = "wu2025"
@@ -39,8 +39,7 @@ def command(paper: str, experiment: str | None, runs: int, report: Path | None, 
     if experiment is not None:
         _reproduce_coil(paper, report, _folder(output_dir))
         return
-    from tam_calibration.cli.reproduction_csv import rows_to_csv, sweeps_to_csv
-    from tam_calibration.cli.reproduction_table import print_rows, summary
+    from tam_calibration.validation.papers.tables import print_rows, rows_to_csv, summary, sweeps_to_csv
 
     papers = list(PAPERS) if paper == "all" else [paper]
     folder = _folder(output_dir)
@@ -55,7 +54,7 @@ def command(paper: str, experiment: str | None, runs: int, report: Path | None, 
         if "figures" in beside:
             beside["figures"].write_text(sweeps_to_csv(sweeps, _command(SWEPT, runs)), encoding="utf-8")
         if "report" in beside:
-            from tam_calibration.report.reproduction_report import write_reproduction_report
+            from tam_calibration.validation.papers.report import write_reproduction_report
 
             write_reproduction_report(beside["report"], rows, sweeps)
     for name in papers:
@@ -68,11 +67,10 @@ def command(paper: str, experiment: str | None, runs: int, report: Path | None, 
 
 
 def _reproduce_coil(paper: str, report: Path | None, folder: Path) -> None:
-    from tam_calibration.cli.reproduction_csv import coil_sweeps_to_csv, rows_to_csv
-    from tam_calibration.cli.reproduction_table import print_rows, summary
     from tam_calibration.files.scenario import read_scenario
-    from tam_calibration.reproduce import wu2025_coil
-    from tam_calibration.reproduce.wu2025_coil_sweeps import sweeps
+    from tam_calibration.validation.papers import wu2025_coil
+    from tam_calibration.validation.papers.tables import coil_sweeps_to_csv, print_rows, rows_to_csv, summary
+    from tam_calibration.validation.papers.wu2025_coil_sweeps import sweeps
 
     if paper != SWEPT:
         raise InputError(f"the experiment {COIL!r} is one of {SWEPT}, not of {paper}")
@@ -92,7 +90,7 @@ def _reproduce_coil(paper: str, report: Path | None, folder: Path) -> None:
         beside["rows"].write_text(rows_to_csv(rows, call), encoding="utf-8")
         beside["sweeps"].write_text(coil_sweeps_to_csv(grown, call), encoding="utf-8")
         if "report" in beside:
-            from tam_calibration.report.reproduction_report import write_reproduction_report
+            from tam_calibration.validation.papers.report import write_reproduction_report
 
             write_reproduction_report(beside["report"], {SWEPT: rows}, {}, grown)
     print_rows(stdout(), PAPERS[SWEPT], rows)
@@ -109,8 +107,8 @@ def _folder(output_dir: Path | None) -> Path:
     return output_dir or (RESULTS if RESULTS.is_dir() else Path())
 
 
-def _reproduce(papers: list[str], runs: int) -> tuple[dict[str, list["Row"]], dict[str, "Sweep"]]:
-    rows: dict[str, list[Row]] = {}
+def _reproduce(papers: list[str], runs: int) -> tuple[dict[str, list["PrintedNumber"]], dict[str, "Sweep"]]:
+    rows: dict[str, list[PrintedNumber]] = {}
     sweeps: dict[str, Sweep] = {}
     with showing_progress() as progress:
         for name in papers:
@@ -118,13 +116,13 @@ def _reproduce(papers: list[str], runs: int) -> tuple[dict[str, list["Row"]], di
                 rows[name], sweeps = _sweep(runs, progress)
             else:
                 progress.add_task(name, total=None)
-                rows[name] = import_module(f"tam_calibration.reproduce.{name}").results()
+                rows[name] = import_module(f"tam_calibration.validation.papers.{name}").results()
     return rows, sweeps
 
 
-def _sweep(runs: int, progress: Progress) -> tuple[list["Row"], dict[str, "Sweep"]]:
+def _sweep(runs: int, progress: Progress) -> tuple[list["PrintedNumber"], dict[str, "Sweep"]]:
     from tam_calibration.files.scenario import read_scenario
-    from tam_calibration.reproduce import wu2025
+    from tam_calibration.validation.papers import wu2025
 
     task = progress.add_task(SWEPT, total=None)
 
@@ -138,7 +136,7 @@ def _command(paper: str, runs: int) -> str:
     return f"tam reproduce {paper} --runs {runs}" if paper == SWEPT else f"tam reproduce {paper}"
 
 
-def _require_record(rows: list["Row"]) -> None:
+def _require_record(rows: list["PrintedNumber"]) -> None:
     other = [row.name for row in rows if not row.is_as_recorded]
     if other:
         numbers = "1 number" if len(other) == 1 else f"{len(other)} numbers"

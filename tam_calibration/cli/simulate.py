@@ -11,9 +11,9 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.cli.terminal import PATH
-from tam_calibration.exceptions import InputError
-from tam_calibration.recording import Recording
-from tam_calibration.units import FloatArray, to_nanotesla
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 
 @click.command()

@@ -11,10 +11,10 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from tam_calibration.exceptions import InputError
 from tam_calibration.files import write_whole
 from tam_calibration.files.recording_file import TOLERANCE_S
-from tam_calibration.files.samples import Progress as ProgressCallback
+from tam_calibration.messages.samples import Progress as ProgressCallback
+from tam_calibration.model.exceptions import InputError
 
 PIPE_WIDTH = 120
 

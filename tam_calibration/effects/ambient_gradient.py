@@ -10,22 +10,16 @@ from typing import ClassVar
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.array import Array
-from tam_calibration.effects.effect import ALL, Coefficient, Limit, LinearEffect, Shape, Situation, SurrogateKind, Term
-from tam_calibration.effects.orientation import LEAST_TURN, to_world, turn_spread
-from tam_calibration.effects.potentials import derivatives, fields
-from tam_calibration.exceptions import InputError
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
-
-ROWS, COLUMNS = (0, 0, 0, 1, 1), (0, 1, 2, 1, 2)
-"""Where the five independent components xx, xy, xz, yy, yz stand in a tensor."""
-
-BASIS = np.zeros((5, 3, 3))
-"""(5, 3, 3) symmetric, trace-free tensors of which one component each is 1."""
-BASIS[range(5), ROWS, COLUMNS] = BASIS[range(5), COLUMNS, ROWS] = 1
-BASIS[(0, 3), 2, 2] = -1
+from tam_calibration.core.harmonics import derivatives, fields
+from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
+from tam_calibration.effects.situation import LEAST_TURN, Covariates, to_world, turn_spread
+from tam_calibration.effects.term import Coefficient, Term
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import ALL, Shape
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 
 def turned(tensors: FloatArray, attitude: FloatArray) -> FloatArray:
@@ -125,30 +119,30 @@ class AmbientGradient(LinearEffect):
         for degree, unit in _DEGREES.items()
     }
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that all sensors are at the centre or that the array was not turned, where it is so."""
-        if not situation.array.positions_m.any() and not _has_distant_scalar(situation.array):
+        if not covariates.array.positions_m.any() and not _has_distant_scalar(covariates.array):
             return "all sensors are at the centre of rotation"
-        turn = turn_spread(situation)
+        turn = turn_spread(covariates)
         if turn < LEAST_TURN:
             return f"the attitude changes by {turn:.2f} rad only"
         return None
 
-    def terms(self, situation: Situation, shape: Shape) -> Iterator[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
         """Yield the harmonic potentials of degree 2, 3 and 4, by their derivatives in the world at the centre."""
-        array = situation.array
-        rotation = np.ascontiguousarray(to_world(situation).transpose(1, 2, 0))
+        array = covariates.array
+        rotation = np.ascontiguousarray(to_world(covariates).transpose(1, 2, 0))
         places = [
             (position, matrix[:, :, None])
-            for position, matrix in zip(array.positions_m, situation.errors.matrix, strict=True)
+            for position, matrix in zip(array.positions_m, covariates.errors.matrix, strict=True)
         ]
         if array.scalar_position_m is not None and _has_distant_scalar(array):
-            places.append((array.scalar_position_m, (situation.field_T.T / situation.intensity_T)[None]))
+            places.append((array.scalar_position_m, (covariates.field_T.T / covariates.intensity_T)[None]))
         for degree, unit in _DEGREES.items():
             names = ["".join(np.repeat(list("xyz"), orders)) for orders in derivatives(degree)]
             row_count = sum(len(matrix) for _, matrix in places)
             rows, columns = np.divmod(np.arange(row_count * len(names)), len(names))
-            features = np.empty((len(rows), situation.sample_count))
+            features = np.empty((len(rows), covariates.sample_count))
             stop = 0
             for position, matrix in places:
                 start, stop = stop, stop + len(matrix) * len(names)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.grades import LONGEST_BURST
-from tam_calibration.units import FloatArray
+from tam_calibration.model.units import FloatArray
 
 _ROUNDS = 3
 """Turns in which two times of a pair are sought, each beside the other."""

@@ -17,10 +17,10 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.effects.grades import NOTABLE
-from tam_calibration.effects.misfit import Misfit
+from tam_calibration.effects.motion import is_chance
 from tam_calibration.effects.other_sensors import AgainstOthers
-from tam_calibration.effects.within_motion import is_chance
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.term import WhitenedResiduals
+from tam_calibration.model.units import FloatArray
 
 _ROUNDS = 5
 """Fits of the hinge to the samples beyond it, which settle in two or three."""
@@ -58,11 +58,11 @@ class ClippedCore:
     left_T: FloatArray
 
 
-def find_clipped_cores(misfit: Misfit) -> list[ClippedCore]:
+def find_clipped_cores(residuals: WhitenedResiduals) -> list[ClippedCore]:
     """Return the cores that are cut off, which one sensor alone does not tell."""
-    count, found = misfit.situation.sensor_count, []
+    count, found = residuals.covariates.sensor_count, []
     for sensor in range(count if count > 1 else 0):
-        against = AgainstOthers.of(misfit, sensor).recalibrated()
+        against = AgainstOthers.of(residuals, sensor).recalibrated()
         for axis in range(3):
             hinge = _Hinge(against, axis)
             core = hinge.fitted()

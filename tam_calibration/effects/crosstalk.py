@@ -5,11 +5,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Limit, LinearEffect
 from tam_calibration.effects.grades import LEAST_SAMPLES
 from tam_calibration.effects.motion import jumps
+from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
+from tam_calibration.model.fitted_effect import Shape
+from tam_calibration.model.units import FloatArray
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -49,18 +52,18 @@ class Crosstalk(LinearEffect):
         "bleed": Limit(1.0, "an input that nothing drives keeps the whole charge of the one before it; Kester 2005")
     }
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the recording is too short, where it is."""
-        if situation.sample_count < LEAST_SAMPLES:
-            return f"{situation.sample_count} samples are too few to tell a motion or windows"
+        if covariates.sample_count < LEAST_SAMPLES:
+            return f"{covariates.sample_count} samples are too few to tell a motion or windows"
         return None
 
-    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return how late it is, where there is continuous motion, and the windows in which an axis bleeds most."""
-        is_continuous = jumps(situation) is None
-        late = [{name: steps * situation.step_s} for name in _SHAPES for steps in _LATE if is_continuous]
-        windows = _windows(situation, misfit)
-        on = {} if windows is None else windows.shape(situation)
+        is_continuous = jumps(covariates) is None
+        late = [{name: steps * covariates.step_s} for name in _SHAPES for steps in _LATE if is_continuous]
+        windows = _windows(covariates, residuals)
+        on = {} if windows is None else windows.shape(covariates)
         return [*late, *({name: 0.0, **on} for name in _SHAPES if on)]
 
     def always(self, shape: Shape) -> Shape | None:
@@ -68,27 +71,27 @@ class Crosstalk(LinearEffect):
         late = {name: late_s for name, late_s in shape.items() if name in _SHAPES}
         return {**late, "on_1_s": -np.inf} if "on_1_s" in shape else None
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return what each axis gets of the late channel: its change, or all of it in windows."""
         name = next((name for name in _SHAPES if name in shape), " or ".join(_SHAPES))
         source = _SHAPES.get(name, 0)
-        bled = _change(situation, source, shape[name])
+        bled = _change(covariates, source, shape[name])
         if "on_1_s" in shape:
-            bled = np.where(in_windows(situation, shape), situation.field_T[:, source] + bled, 0.0)
+            bled = np.where(in_windows(covariates, shape), covariates.field_T[:, source] + bled, 0.0)
         return [
-            Term.of_row(situation, row, f"from {'xyz'[source]}", [_BLEED], bled[:, None])
-            for row in range(situation.scalar_row)
+            Term.of_row(covariates, row, f"from {'xyz'[source]}", [_BLEED], bled[:, None])
+            for row in range(covariates.scalar_row)
         ]
 
 
-def _change(situation: Situation, axis: int, late_s: float) -> FloatArray:
+def _change(covariates: Covariates, axis: int, late_s: float) -> FloatArray:
     """Return the field (N,) along an axis so long before, less the present one."""
     from scipy.interpolate import CubicSpline
 
-    time, change = situation.time_s, np.zeros(situation.sample_count)
-    for stretch in situation.stretches:
+    time, change = covariates.time_s, np.zeros(covariates.sample_count)
+    for stretch in covariates.stretches:
         if stretch.stop - stretch.start > 1:
-            field = situation.field_T[stretch]
+            field = covariates.field_T[stretch]
             course, before = CubicSpline(time[stretch], field), time[stretch] - late_s
             past = np.where(before[:, None] < time[stretch.start], _turned(course, before), course(before))
             change[stretch] = (past - field)[:, axis]
@@ -105,27 +108,27 @@ def _turned(course: "CubicSpline", time_s: FloatArray) -> FloatArray:
     return turned
 
 
-def _windows(situation: Situation, misfit: Misfit) -> Switching | None:
+def _windows(covariates: Covariates, residuals: WhitenedResiduals) -> Switching | None:
     """Return the windows of the axis in which a part of the field that comes and goes explains most."""
     levels = [
-        Level.of_row(misfit, row, situation.field_T @ _bleeding(situation, misfit, row))
-        for row in range(situation.scalar_row)
+        Level.of_row(residuals, row, covariates.field_T @ _bleeding(covariates, residuals, row))
+        for row in range(covariates.scalar_row)
     ]
     states, level, _ = settled_strongest(levels)
     return states if level.is_switching(states) else None
 
 
-def _bleeding(situation: Situation, misfit: Misfit, row: int) -> FloatArray:
+def _bleeding(covariates: Covariates, residuals: WhitenedResiduals, row: int) -> FloatArray:
     """Return the part of the field (3,) that comes and goes in a row.
 
     In blocks of time the row follows the field by a response that the calibration took the mean of; where that comes
     and goes as a whole, the responses of all blocks lie along one direction.
     """
-    count = situation.sample_count // _BLOCK
+    count = covariates.sample_count // _BLOCK
     blocks = slice(count * _BLOCK)
-    field = (situation.field_T[blocks] / np.median(situation.intensity_T)).reshape(count, _BLOCK, 3)
-    information = (misfit.is_counted * misfit.row_information[:, row])[blocks].reshape(count, _BLOCK, 1)
-    shift = misfit.row_shift_T[blocks, row].reshape(count, _BLOCK)
+    field = (covariates.field_T[blocks] / np.median(covariates.intensity_T)).reshape(count, _BLOCK, 3)
+    information = (residuals.is_counted * residuals.row_information[:, row])[blocks].reshape(count, _BLOCK, 1)
+    shift = residuals.row_shift_T[blocks, row].reshape(count, _BLOCK)
     size = np.einsum("bni,bnj->bij", information * field, field)
     score = np.einsum("bni,bn->bi", information * field, shift)
     response = np.einsum("bij,bj->bi", np.linalg.pinv(size + size.mean(axis=0), hermitian=True), score)

@@ -5,18 +5,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import (
-    Coefficient,
-    Limit,
-    LinearEffect,
-    Misfit,
-    Shape,
-    Situation,
-    SurrogateKind,
-    Term,
-)
+from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
 from tam_calibration.effects.grades import NEGLIGIBLE
-from tam_calibration.effects.lag import lagged
+from tam_calibration.effects.recursions import lagged
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
+from tam_calibration.model.fitted_effect import Shape
 
 _AT_A_MILLIMETRE = Limit(2e-4, "a straight wire at 1 mm, by the law of Biot and Savart: µ0/(2π r)", "T/A")
 """Field per current."""
@@ -45,33 +39,33 @@ class CurrentInterference(LinearEffect):
         "quadratic": Limit(2e-4, "the field of iron that a current magnetises, at most that of the current", "T/A²"),
     }
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the current is constant, where it is."""
-        assert situation.current_A is not None
-        low, high = np.quantile(situation.current_A, (0.01, 0.99))
+        assert covariates.current_A is not None
+        low, high = np.quantile(covariates.current_A, (0.01, 0.99))
         if high - low <= NEGLIGIBLE * max(abs(low), abs(high)):
             return f"the current changes by {high - low:.2g} A only"
         return None
 
-    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the field without a lagged part, then with one."""
-        assert situation.current_A is not None
-        reference = {"reference_A": float(np.mean(situation.current_A))}
-        return [reference, *({**reference, "time_constant_s": lag * situation.step_s} for lag in _LAGS)]
+        assert covariates.current_A is not None
+        reference = {"reference_A": float(np.mean(covariates.current_A))}
+        return [reference, *({**reference, "time_constant_s": lag * covariates.step_s} for lag in _LAGS)]
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return the field of the current at each axis and along the field at the scalar, its second order and lag."""
-        assert situation.current_A is not None
-        current = situation.current_A - shape["reference_A"]
+        assert covariates.current_A is not None
+        current = covariates.current_A - shape["reference_A"]
         features = [("field", "T/A", current[:, None]), ("quadratic", "T/A²", current[:, None] ** 2)]
         if "time_constant_s" in shape:
-            late = current - lagged(current, situation.time_s, shape["time_constant_s"], situation.memory)
+            late = current - lagged(current, covariates.time_s, shape["time_constant_s"], covariates.memory)
             features.append(("lagged", "T/A", late[:, None]))
         terms = [
-            Term.of_row(situation, row, name, [Coefficient(name, unit)], feature)
+            Term.of_row(covariates, row, name, [Coefficient(name, unit)], feature)
             for name, unit, feature in features
-            for row in range(situation.scalar_row)
+            for row in range(covariates.scalar_row)
         ]
-        along = situation.field_T / situation.intensity_T[:, None] * current[:, None]
+        along = covariates.field_T / covariates.intensity_T[:, None] * current[:, None]
         parts = [Coefficient(f"field {axis}", "T/A") for axis in "xyz"]
-        return [*terms, Term.of_row(situation, situation.scalar_row, "field", parts, along)]
+        return [*terms, Term.of_row(covariates, covariates.scalar_row, "field", parts, along)]

@@ -13,10 +13,12 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
-from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, Misfit
+from tam_calibration.effects.effect import Finding
+from tam_calibration.effects.motion import is_chance
 from tam_calibration.effects.other_sensors import AgainstOthers
-from tam_calibration.effects.within_motion import is_chance
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.term import WhitenedResiduals
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.model.units import FloatArray
 
 NOWHERE_T = 1.0
 """A displacement that no reading has, for samples that cannot be displaced."""
@@ -93,14 +95,14 @@ class Explained:
 
 
 def finding_of(
-    effect: str, misfit: Misfit, found: Mapping[int, Explained], nats: float, is_certain: bool = False
+    effect: str, residuals: WhitenedResiduals, found: Mapping[int, Explained], nats: float, is_certain: bool = False
 ) -> Finding:
     """Return what displacements of some sensors explain together; the samples are given up.
 
     Parameters
     ----------
     effect : str
-    misfit : Misfit
+    residuals : WhitenedResiduals
     found : mapping of int to Explained
         By sensor.
     nats : float
@@ -109,14 +111,14 @@ def finding_of(
         See ``Finding``.
     """
     flagged = np.any([one.samples for one in found.values()], axis=0)
-    shift = np.zeros((len(flagged), len(misfit.directions)))
+    shift = np.zeros((len(flagged), len(residuals.directions)))
     for sensor, one in found.items():
-        shift[:, 3 * sensor : 3 * sensor + 3] = AgainstOthers.of(misfit, sensor).beyond_T - one.left_T
-    used = misfit.is_counted | flagged
-    count = float(misfit.channel_count[used].sum())
+        shift[:, 3 * sensor : 3 * sensor + 3] = AgainstOthers.of(residuals, sensor).beyond_T - one.left_T
+    used = residuals.is_counted | flagged
+    count = float(residuals.channel_count[used].sum())
     return Finding(
         FittedEffect(effect, {}, tuple(one.contribution for one in found.values())),
-        gain=count * float(np.log(misfit.energy[used].sum() / misfit.energy_without(shift)[used].sum())),
+        gain=count * float(np.log(residuals.energy[used].sum() / residuals.energy_without(shift)[used].sum())),
         parameter_count=len(found) + int(np.ceil(2 * nats / np.log(count))),
         flagged=flagged,
         is_certain=is_certain,

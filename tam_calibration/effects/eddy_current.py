@@ -5,10 +5,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
-from tam_calibration.effects.lag import lagged_smooth
+from tam_calibration.effects.effect import Limit, LinearEffect
 from tam_calibration.effects.motion import jumps, rates
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.recursions import lagged_smooth
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
+from tam_calibration.model.fitted_effect import Shape
+from tam_calibration.model.units import FloatArray
 
 _SHORTEST = 0.3
 """Steps of time; currents that decay faster follow the field within a sample."""
@@ -47,42 +50,42 @@ class EddyCurrent(LinearEffect):
     shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s"}
     limits: ClassVar[Mapping[str, Limit]] = {"first mode": _LIMIT, "slower mode": _LIMIT}
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no continuous motion, where there is none."""
-        return jumps(situation)
+        return jumps(covariates)
 
-    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return time constants from part of a step of time to seconds.
 
         Currents that decay more slowly than the field turns change the scale factor, and a lag of it is a slow drift.
         """
-        shortest = _SHORTEST * situation.step_s
-        change = np.diff(situation.field_T, axis=0)
-        turning = np.sum(change**2) / np.sum(np.diff(situation.time_s)) / situation.step_s
-        spread = np.mean(np.sum((situation.field_T - situation.field_T.mean(axis=0)) ** 2, axis=1))
+        shortest = _SHORTEST * covariates.step_s
+        change = np.diff(covariates.field_T, axis=0)
+        turning = np.sum(change**2) / np.sum(np.diff(covariates.time_s)) / covariates.step_s
+        spread = np.mean(np.sum((covariates.field_T - covariates.field_T.mean(axis=0)) ** 2, axis=1))
         slowest = float(np.sqrt(spread / turning))
         longest = max(min(_LONGEST_S, slowest), 2 * shortest)
         return [{"time_constant_s": float(constant)} for constant in np.geomspace(shortest, longest, _COUNT)]
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return what each sensor gets of the currents, and of a second mode that decays more slowly."""
         constant = shape["time_constant_s"]
         columns = np.arange(9)
         terms = []
-        late, later = _late(situation, constant), _late(situation, _SLOWER * constant)
-        for name, change in (("first mode", situation.field_T - late), ("slower mode", late - later)):
+        late, later = _late(covariates, constant), _late(covariates, _SLOWER * constant)
+        for name, change in (("first mode", covariates.field_T - late), ("slower mode", late - later)):
             features = np.tile(change, 3)
             parts = tuple(Coefficient(f"{name}, {of}", "1") for of in _NAMES)
-            for sensor in range(situation.sensor_count):
+            for sensor in range(covariates.sensor_count):
                 terms.append(Term(sensor, None, name, parts, features, 3 * sensor + columns // 3, columns))
         return terms
 
 
-def _late(situation: Situation, time_constant_s: float) -> FloatArray:
+def _late(covariates: Covariates, time_constant_s: float) -> FloatArray:
     """Return the field after a first-order lag, settled anew behind every hole."""
-    field, rate = situation.field_T, rates(situation)
+    field, rate = covariates.field_T, rates(covariates)
     parts = [
-        lagged_smooth(field[stretch], rate[stretch], situation.time_s[stretch], time_constant_s)
-        for stretch in situation.stretches
+        lagged_smooth(field[stretch], rate[stretch], covariates.time_s[stretch], time_constant_s)
+        for stretch in covariates.stretches
     ]
     return np.concatenate(parts)

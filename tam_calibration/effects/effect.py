@@ -12,30 +12,29 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.fitted import ALL, SCALAR, Contribution, FittedEffect, Shape
-from tam_calibration.effects.misfit import Misfit
-from tam_calibration.effects.situation import Situation
-from tam_calibration.effects.term import Coefficient, Key, Term
-from tam_calibration.exceptions import InputError
-from tam_calibration.units import FloatArray, to_nanotesla
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import Coefficient, Key, Term, WhitenedResiduals
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect, Shape
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 __all__ = [
     "ALL",
     "SCALAR",
     "Coefficient",
     "Contribution",
+    "Covariates",
     "Effect",
     "Finding",
     "FittedEffect",
     "FoundEffect",
     "Limit",
     "LinearEffect",
-    "Misfit",
     "Shape",
-    "Situation",
     "Sized",
     "SurrogateKind",
     "Term",
+    "WhitenedResiduals",
 ]
 
 
@@ -150,11 +149,11 @@ class Effect(ABC):
     explains_any_excess: ClassVar[bool] = False
     is_of_lone_samples: ClassVar[bool] = False
 
-    def oversize(self, situation: Situation, fitted: FittedEffect) -> str | None:
+    def oversize(self, covariates: Covariates, fitted: FittedEffect) -> str | None:
         """Return which value of a fitted effect is larger than any in nature, in one clause; None where none is."""
-        return next((sized.excess for sized in self.sizes(situation, fitted) if sized.excess), None)
+        return next((sized.excess for sized in self.sizes(covariates, fitted) if sized.excess), None)
 
-    def sizes(self, situation: Situation, fitted: FittedEffect) -> list[Sized]:
+    def sizes(self, covariates: Covariates, fitted: FittedEffect) -> list[Sized]:
         """Return the sizes of a fitted effect of which nature has a largest one."""
         largest: dict[str, Sized] = {}
         for one in fitted.contributions:
@@ -164,13 +163,13 @@ class Effect(ABC):
                     largest[name] = Sized(name, value, limit)
         return list(largest.values())
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return why a recording that has the channels cannot show this effect, in one clause; None where it can."""
         return None
 
     @abstractmethod
     def add(
-        self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
+        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
     ) -> FloatArray:
         """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
 
@@ -217,18 +216,18 @@ class LinearEffect(Effect):
     shape_units: ClassVar[Mapping[str, str]] = {}
     largest_signal: ClassVar[Limit | None] = None
 
-    def sizes(self, situation: Situation, fitted: FittedEffect) -> list[Sized]:
+    def sizes(self, covariates: Covariates, fitted: FittedEffect) -> list[Sized]:
         """Return the sizes of a fitted effect, values and the whole, of which nature has a largest one."""
-        sizes = super().sizes(situation, fitted)
+        sizes = super().sizes(covariates, fitted)
         if self.largest_signal is None:
             return sizes
-        size = float(np.sqrt(np.mean(self.signal(situation, fitted) ** 2, axis=0)).max())
+        size = float(np.sqrt(np.mean(self.signal(covariates, fitted) ** 2, axis=0)).max())
         if self.largest_signal.unit == "1":
-            intensity_T = float(np.sqrt(np.mean(situation.intensity_T**2)))
+            intensity_T = float(np.sqrt(np.mean(covariates.intensity_T**2)))
             return [*sizes, Sized("part of the field", size / intensity_T, self.largest_signal)]
         return [*sizes, Sized("size", size, self.largest_signal)]
 
-    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the shapes to try; by default the one without parameters."""
         return ({},)
 
@@ -236,15 +235,15 @@ class LinearEffect(Effect):
         """Return the shape in which what comes and goes at the times of a shape is always there; None where none is."""
         return None
 
-    def is_same(self, shape: Shape, other: Shape, situation: Situation) -> bool:
+    def is_same(self, shape: Shape, other: Shape, covariates: Covariates) -> bool:
         """Whether a recording does not tell two shapes apart, so that they are one cause; by default it does."""
         return False
 
     @abstractmethod
-    def terms(self, situation: Situation, shape: Shape) -> Iterable[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> Iterable[Term]:
         """Return all that the effect could add, at all sensors that it could act on; once, and in the same order."""
 
-    def signal(self, situation: Situation, fitted: FittedEffect) -> FloatArray:
+    def signal(self, covariates: Covariates, fitted: FittedEffect) -> FloatArray:
         """Return what the effect adds to the rows, (N, 3K + 1), tesla.
 
         Raises
@@ -252,10 +251,10 @@ class LinearEffect(Effect):
         InputError
             When the shape lacks a parameter, or there is no such term or coefficient.
         """
-        row_count = situation.scalar_row + 1
-        total = np.zeros((situation.sample_count, row_count))
+        row_count = covariates.scalar_row + 1
+        total = np.zeros((covariates.sample_count, row_count))
         try:
-            terms = {term.key: term for term in self.terms(situation, fitted.shape)}
+            terms = {term.key: term for term in self.terms(covariates, fitted.shape)}
         except KeyError as missing:
             raise InputError(f"the effect {self.name} needs the value {missing}") from None
         for contribution in fitted.contributions:
@@ -265,10 +264,10 @@ class LinearEffect(Effect):
         return total
 
     def add(
-        self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
+        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
     ) -> FloatArray:
         """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
-        return rows_T + self.signal(situation, fitted)
+        return rows_T + self.signal(covariates, fitted)
 
 
 def _term_of(contribution: Contribution, terms: Mapping[Key, Term], effect: str) -> Term:
@@ -292,5 +291,5 @@ class FoundEffect(Effect):
     """An effect that is found in the readings or the residual by another test than regression."""
 
     @abstractmethod
-    def find(self, misfit: Misfit) -> Finding | str:
+    def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return what was found, or why nothing was, in one clause."""

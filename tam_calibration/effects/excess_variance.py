@@ -18,10 +18,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.effect import SCALAR, Misfit, Situation
 from tam_calibration.effects.grades import MINOR
-from tam_calibration.effects.places import Place, places, row_scores
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import Place, WhitenedResiduals, places, row_scores
+from tam_calibration.model.fitted_effect import SCALAR
+from tam_calibration.model.units import FloatArray
 
 _CELLS = 48
 """Cells of directions on half the sphere, twenty degrees wide, within which the mean of AᵀA serves.
@@ -46,7 +47,7 @@ _STEP = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class Moments:
+class ChannelMoments:
     """Second moments of the whitened channels, as far as excess noise of rows shows in them, by cells of directions.
 
     Parameters
@@ -68,22 +69,24 @@ class Moments:
     channel_count: float
 
     @classmethod
-    def of(cls, misfit: Misfit) -> "Moments":
+    def of(cls, residuals: WhitenedResiduals) -> "ChannelMoments":
         """Return the moments of the samples that count."""
-        counted = misfit.is_counted
-        cell = _cells(misfit)[counted]
-        scores, slope = row_scores(misfit)[counted], misfit.row_slope[counted]
-        slope = np.where(np.isfinite(misfit.common_mode[counted])[:, None], slope, 0.0)
+        counted = residuals.is_counted
+        cell = _cells(residuals)[counted]
+        scores, slope = row_scores(residuals)[counted], residuals.row_slope[counted]
+        slope = np.where(np.isfinite(residuals.common_mode[counted])[:, None], slope, 0.0)
         row_count = slope.shape[1]
         coupling = np.zeros((row_count, row_count))
-        coupling[:-1, :-1] = misfit.directions @ misfit.directions.T
+        coupling[:-1, :-1] = residuals.directions @ residuals.directions.T
         order = np.argsort(cell, kind="stable")
         starts = np.unique(cell[order], return_index=True)[1]
         groups = np.split(order, starts[1:])
         count = np.array([len(group) for group in groups], dtype=float)
         gram = np.array([coupling + slope[group].T @ slope[group] / len(group) for group in groups])
         score = np.array([scores[group].T @ scores[group] for group in groups])
-        return cls(count, gram, score, float(misfit.energy[counted].sum()), float(misfit.channel_count[counted].sum()))
+        return cls(
+            count, gram, score, float(residuals.energy[counted].sum()), float(residuals.channel_count[counted].sum())
+        )
 
     @property
     def row_count(self) -> int:
@@ -152,12 +155,12 @@ class Excess:
         return self.gain - self.parameter_count * float(np.log(channel_count))
 
 
-def best_excess(moments: Moments, situation: Situation) -> Excess | None:
+def best_excess(moments: ChannelMoments, covariates: Covariates) -> Excess | None:
     """Return the excess with the best BIC among all places, None where none has any."""
-    stated = _stated_variance(situation)
+    stated = _stated_variance(covariates)
     single = np.array([_scaled(moments, (row,), np.ones(1))[0] for row in range(moments.row_count)])
     best, best_bic = None, 0.0
-    for place in places(situation.sensor_count):
+    for place in places(covariates.sensor_count):
         rows = list(place.rows)
         if len(rows) * moments.sample_count >= moments.channel_count:
             continue  # a floor could not be told from the excess
@@ -178,7 +181,7 @@ def best_excess(moments: Moments, situation: Situation) -> Excess | None:
     return best
 
 
-def _scaled(moments: Moments, rows: tuple[int, ...], weight: FloatArray) -> FloatArray:
+def _scaled(moments: ChannelMoments, rows: tuple[int, ...], weight: FloatArray) -> FloatArray:
     """Return the excess of rows over the floor that has the given proportions, at its best size."""
     largest = float(moments.gram[:, rows, rows].max())
     if largest == 0:
@@ -202,26 +205,26 @@ def relative_error(profile: Callable[[float], float]) -> float:
     return float(np.sqrt(2 * _STEP**2 / max(low - 2 * middle + high, np.finfo(float).tiny)))
 
 
-def _stated_variance(situation: Situation) -> FloatArray:
+def _stated_variance(covariates: Covariates) -> FloatArray:
     """Return the (3K + 1,) variance of the rows as the array states it, T²."""
-    stated = situation.array.vector_noise_T
-    vector = np.zeros(situation.scalar_row) if stated is None else np.repeat(stated, 3) ** 2
-    return np.append(vector, (situation.array.scalar_noise_T or 0.0) ** 2)
+    stated = covariates.array.vector_noise_T
+    vector = np.zeros(covariates.scalar_row) if stated is None else np.repeat(stated, 3) ** 2
+    return np.append(vector, (covariates.array.scalar_noise_T or 0.0) ** 2)
 
 
-def _cells(misfit: Misfit) -> NDArray[np.intp]:
+def _cells(residuals: WhitenedResiduals) -> NDArray[np.intp]:
     """Return the cell of each sample: half the sphere in equal parts, and one for samples without reference."""
     from scipy.spatial import cKDTree
 
-    counted = misfit.is_counted
-    excess = misfit.energy[counted].sum() / max(misfit.channel_count[counted].sum(), 1)
+    counted = residuals.is_counted
+    excess = residuals.energy[counted].sum() / max(residuals.channel_count[counted].sum(), 1)
     count = int(np.clip(_CELLS * excess, _CELLS, _MOST_CELLS))
     index = np.arange(count) + 0.5
     height = 1 - index / count
     azimuth = np.pi * (1 + np.sqrt(5)) * index
     level = np.sqrt(1 - height**2)
     centers = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), height], axis=1)
-    direction = misfit.situation.field_T / misfit.situation.intensity_T[:, None]
+    direction = residuals.covariates.field_T / residuals.covariates.intensity_T[:, None]
     nearest = cKDTree(np.concatenate([centers, -centers])).query(direction)[1] % count
-    cells: NDArray[np.intp] = np.where(np.isfinite(misfit.common_mode), nearest, count)
+    cells: NDArray[np.intp] = np.where(np.isfinite(residuals.common_mode), nearest, count)
     return cells

@@ -5,8 +5,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Shape, Situation, SurrogateKind, Term
-from tam_calibration.effects.orientation import LEAST_TURN, upwards
+from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
+from tam_calibration.effects.situation import LEAST_TURN, Covariates, upwards
+from tam_calibration.effects.term import Coefficient, Term
+from tam_calibration.model.fitted_effect import Shape
 
 
 class Flexure(LinearEffect):
@@ -25,21 +27,21 @@ class Flexure(LinearEffect):
         "turn": Limit(0.1, "elastic beams bend by small slopes; Timoshenko 1955, chapter 5", "rad")
     }
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the array was not tilted, or that its sensor has none to turn against, where it is so."""
-        if situation.sensor_count < 2 and not situation.follows_attitude:
+        if covariates.sensor_count < 2 and not covariates.follows_attitude:
             return "a turn of a single sensor does not change the length of the field"
-        up = upwards(situation)
+        up = upwards(covariates)
         tilt = float(np.sqrt(np.mean(np.sum((up - up.mean(axis=0)) ** 2, axis=1))))
         if tilt < LEAST_TURN:
             return f"the array is tilted by {tilt:.2f} rad only"
         return None
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return the nine elements of C of each sensor."""
-        up, field = upwards(situation), situation.field_T
+        up, field = upwards(covariates), covariates.field_T
         terms = []
-        for sensor, matrix in enumerate(situation.errors.matrix):
+        for sensor, matrix in enumerate(covariates.errors.matrix):
             # (ω × b) for ω along each axis, as the sensor reads it: (N, row, ω).
             turned = np.stack([np.cross(axis, field) @ matrix.T for axis in np.eye(3)], axis=2)
             features = (turned[:, :, :, None] * up[:, None, None, :]).reshape(len(up), 27)

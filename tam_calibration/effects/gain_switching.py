@@ -7,20 +7,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.effect import (
-    Coefficient,
-    Limit,
-    LinearEffect,
-    Misfit,
-    Shape,
-    Situation,
-    SurrogateKind,
-    Term,
-)
+from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
 from tam_calibration.effects.grades import LEAST_SAMPLES
-from tam_calibration.effects.memory import Memory
+from tam_calibration.effects.recursions import Memory
+from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
+from tam_calibration.model.fitted_effect import Shape
+from tam_calibration.model.units import FloatArray
 
 _QUANTILES, _COARSE = np.linspace(0, 1, 41), 8
 """Of the readings at which the gain changes, among which thresholds are sought; first every so many of them."""
@@ -57,41 +51,42 @@ class GainSwitching(LinearEffect):
         )
     }
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the recording is too short, where it is."""
-        if situation.sample_count < LEAST_SAMPLES:
-            return f"{situation.sample_count} samples are too few to tell two states"
+        if covariates.sample_count < LEAST_SAMPLES:
+            return f"{covariates.sample_count} samples are too few to tell two states"
         return None
 
-    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the windows of the axis in which two states explain most, or the thresholds that make them.
 
         None where as much follows from the samples around each: what changes slowly is no switching.
         """
-        if situation.sample_count < LEAST_SAMPLES:
+        if covariates.sample_count < LEAST_SAMPLES:
             return []
-        levels = [Level.of_row(misfit, row, situation.sensed_T[:, row]) for row in range(situation.scalar_row)]
+        levels = [Level.of_row(residuals, row, covariates.sensed_T[:, row]) for row in range(covariates.scalar_row)]
         states, level, row = settled_strongest(levels)
-        return [_shape(situation, level, states, row)] if level.is_switching(states) else []
+        return [_shape(covariates, level, states, row)] if level.is_switching(states) else []
 
     def always(self, shape: Shape) -> Shape | None:
         """Return a window without an end; None for what depends on the reading."""
         return {"on_1_s": -np.inf} if "on_1_s" in shape else None
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return the change of each axis' gain, by which the bias is amplified too."""
-        states = _states(situation, shape)
-        amplified = np.where(states, situation.sensed_T + situation.errors.bias_T.ravel(), 0.0)
+        states = _states(covariates, shape)
+        amplified = np.where(states, covariates.sensed_T + covariates.errors.bias_T.ravel(), 0.0)
         return [
-            Term.of_row(situation, row, "gain", [_GAIN], amplified[:, row, None]) for row in range(situation.scalar_row)
+            Term.of_row(covariates, row, "gain", [_GAIN], amplified[:, row, None])
+            for row in range(covariates.scalar_row)
         ]
 
 
-def _shape(situation: Situation, level: Level, states: Switching, row: int) -> Shape:
+def _shape(covariates: Covariates, level: Level, states: Switching, row: int) -> Shape:
     """Return the thresholds that make the states, where some do as well for their number, or else the windows."""
-    price = 2 * states.scale * np.log(situation.sample_count)
-    best, least = states.shape(situation), states.gain - price * len(states.flips)
-    size = _sizes(situation)
+    price = 2 * states.scale * np.log(covariates.sample_count)
+    best, least = states.shape(covariates), states.gain - price * len(states.flips)
+    size = _sizes(covariates)
     of_sensor = size[:, row // 3 * 3 : row // 3 * 3 + 3].max(axis=1)
     for own, names in ((size[:, row], ("upper_T", "lower_T")), (of_sensor, ("sensor_upper_T", "sensor_lower_T"))):
         thresholds, gain = _thresholds(own, level, states)
@@ -117,21 +112,21 @@ def _thresholds(size: FloatArray, level: Level, states: Switching) -> tuple[tupl
     return best, gain(best)
 
 
-def _states(situation: Situation, shape: Shape) -> NDArray[np.bool_]:
+def _states(covariates: Covariates, shape: Shape) -> NDArray[np.bool_]:
     """Return whether each row (N, 3K) has its other gain."""
-    size = _sizes(situation)
+    size = _sizes(covariates)
     if "upper_T" in shape:
-        return np.column_stack([_relay(own, shape["upper_T"], shape["lower_T"], situation.memory) for own in size.T])
+        return np.column_stack([_relay(own, shape["upper_T"], shape["lower_T"], covariates.memory) for own in size.T])
     if "sensor_upper_T" in shape:
         largest = size.reshape(len(size), -1, 3).max(axis=2)
         thresholds = shape["sensor_upper_T"], shape["sensor_lower_T"]
-        return np.repeat(np.column_stack([_relay(own, *thresholds, situation.memory) for own in largest.T]), 3, axis=1)
-    return np.broadcast_to(in_windows(situation, shape)[:, None], size.shape)
+        return np.repeat(np.column_stack([_relay(own, *thresholds, covariates.memory) for own in largest.T]), 3, axis=1)
+    return np.broadcast_to(in_windows(covariates, shape)[:, None], size.shape)
 
 
-def _sizes(situation: Situation) -> FloatArray:
+def _sizes(covariates: Covariates) -> FloatArray:
     """Return the size (N, 3K) of the readings, on which an automatic gain depends."""
-    sizes: FloatArray = np.abs(situation.sensed_T + situation.errors.bias_T.ravel())
+    sizes: FloatArray = np.abs(covariates.sensed_T + covariates.errors.bias_T.ravel())
     return sizes
 
 

@@ -6,19 +6,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.effect import (
-    Coefficient,
-    FittedEffect,
-    Limit,
-    LinearEffect,
-    Misfit,
-    Shape,
-    Situation,
-    Sized,
-    SurrogateKind,
-    Term,
-)
+from tam_calibration.effects.effect import Limit, LinearEffect, Sized, SurrogateKind
 from tam_calibration.effects.grades import LONGEST_BURST
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
+from tam_calibration.model.fitted_effect import FittedEffect, Shape
 
 ORDERS = ((1, 2), (3, 4), (5, 8), (9, 16), (17, 32))
 """Orders of the functions of a free course in time that stand or fall together, by octaves."""
@@ -54,31 +46,31 @@ class GeomagneticDrift(LinearEffect):
     shape_units: ClassVar[dict[str, str]] = {"start_s": "s", "span_s": "s"}
     limits: ClassVar[Mapping[str, Limit]] = {_RATE: _STORM}
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the recording is too short, where it is."""
-        if situation.sample_count < LONGEST_BURST * ORDERS[0][1]:
-            return f"{situation.sample_count} samples are too few for a free function of time"
+        if covariates.sample_count < LONGEST_BURST * ORDERS[0][1]:
+            return f"{covariates.sample_count} samples are too few for a free function of time"
         return None
 
-    def sizes(self, situation: Situation, fitted: FittedEffect) -> list[Sized]:
+    def sizes(self, covariates: Covariates, fitted: FittedEffect) -> list[Sized]:
         """Return how fast the drift is beside the fastest storm: the root of the mean square of its rate."""
-        drift = self.signal(situation, fitted)[:, -1]
-        rate = np.diff(drift) / np.diff(situation.time_s)
+        drift = self.signal(covariates, fitted)[:, -1]
+        rate = np.diff(drift) / np.diff(covariates.time_s)
         return [Sized(_RATE, float(np.sqrt(np.mean(rate**2))), _STORM)] if len(rate) else []
 
-    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the span of time of the recording."""
-        start, stop = float(situation.time_s[0]), float(situation.time_s[-1])
+        start, stop = float(covariates.time_s[0]), float(covariates.time_s[-1])
         return ({"start_s": start, "span_s": stop - start},)
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return Legendre polynomials of time, held at their last value outside the span."""
-        phase = np.clip(2 * (situation.time_s - shape["start_s"]) / shape["span_s"] - 1, -1, 1)
+        phase = np.clip(2 * (covariates.time_s - shape["start_s"]) / shape["span_s"] - 1, -1, 1)
         functions = legvander(phase, ORDERS[-1][1])
-        row = situation.scalar_row
+        row = covariates.scalar_row
         return [
             Term.of_row(
-                situation,
+                covariates,
                 row,
                 f"orders {first} to {last}",
                 [Coefficient(f"order {order}", "T") for order in range(first, last + 1)],

@@ -6,12 +6,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Limit, LinearEffect
 from tam_calibration.effects.grades import MINOR
-from tam_calibration.effects.lag import follow
-from tam_calibration.effects.memory import Memory
 from tam_calibration.effects.nonlinearity import full_scale
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.recursions import Memory, follow
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
+from tam_calibration.model.fitted_effect import Shape
+from tam_calibration.model.units import FloatArray
 
 _PLAYS = (0.15, 0.4)
 """Fields that must be turned back before a sharp loop closes, as parts of the full scale: narrow and wide."""
@@ -58,41 +60,41 @@ class Hysteresis(LinearEffect):
         "strapdown magnetometers in magnetic field domain, J. Aerosp. Eng. 19, 2006, p. 87",
     )
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the field was not turned back along any axis, where it was not."""
-        size = full_scale(situation)
+        size = full_scale(covariates)
         width = MINOR * size / 2
-        state = play(situation.sensed_T, np.array([width]))[:, :, 0]
+        state = play(covariates.sensed_T, np.array([width]))[:, :, 0]
         movement = np.diff(state, axis=0)
         if not ((movement > 0).any(axis=0) & (movement < 0).any(axis=0)).any():
             return "the field along no axis was turned up and back down"
         return None
 
-    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the largest field as the full scale, alone and with directions of soft iron."""
-        scale = full_scale(situation)
+        scale = full_scale(covariates)
         shapes: list[Shape] = [{"full_scale_T": scale}]
         for x, y, z in _DIRECTIONS.tolist():
             elevation = float(np.arctan2(z, np.hypot(x, y)))
             shapes.append({"full_scale_T": scale, "azimuth_rad": float(np.arctan2(y, x)), "elevation_rad": elevation})
         return shapes
 
-    def terms(self, situation: Situation, shape: Shape) -> Iterator[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
         """Yield loops of each axis in its own field, or in the field along a direction of the array."""
         scale = shape["full_scale_T"]
-        drives = situation.sensed_T
+        drives = covariates.sensed_T
         if "azimuth_rad" in shape:
             azimuth, elevation = shape["azimuth_rad"], shape["elevation_rad"]
             flat = np.cos(elevation)
             direction = flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)
-            drives = situation.field_T @ np.array(direction)[:, None]
-        states = play(drives, scale * np.array([_STILL, *_PLAYS]), situation.memory)
-        rounded = [rounded_loop(states[:, :, 0], scale * width, situation.memory) for width in _ROUNDED]
-        for row in range(situation.scalar_row):
+            drives = covariates.field_T @ np.array(direction)[:, None]
+        states = play(drives, scale * np.array([_STILL, *_PLAYS]), covariates.memory)
+        rounded = [rounded_loop(states[:, :, 0], scale * width, covariates.memory) for width in _ROUNDED]
+        for row in range(covariates.scalar_row):
             if row < drives.shape[1]:
                 loops = _loops(scale, drives[:, [row]], states[:, row, 1:], [loop[:, [row]] for loop in rounded])
             for (name, parts), features in zip(_LOOPS.items(), loops, strict=True):
-                yield Term.of_row(situation, row, name, parts, features)
+                yield Term.of_row(covariates, row, name, parts, features)
 
 
 def _loops(scale: float, drive: FloatArray, plays: FloatArray, rounded: Sequence[FloatArray]) -> list[FloatArray]:

@@ -13,18 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.displaced import NOWHERE_T, Displaced, Explained, finding_of
-from tam_calibration.effects.effect import (
-    Contribution,
-    Finding,
-    FittedEffect,
-    FoundEffect,
-    Misfit,
-    Situation,
-)
+from tam_calibration.effects.effect import Finding, FoundEffect
 from tam_calibration.effects.grades import FEWEST, NEGLIGIBLE
 from tam_calibration.effects.other_sensors import AgainstOthers
-from tam_calibration.effects.places import rows_of
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import WhitenedResiduals, rows_of
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.model.units import FloatArray
 
 _ROUNDING = 1e-13
 """Of the largest reading: steps below are those of floating numbers, not of the last digit that is written."""
@@ -43,40 +38,40 @@ class InterpolatedSamples(FoundEffect):
     excitation = "turn the array steadily, with two sensors or more"
     units: ClassVar[Mapping[str, str]] = {"rate": "1", "burst": "1"}
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no other sensor, where that is so."""
-        return "one sensor alone does not tell how the field went" if situation.sensor_count == 1 else None
+        return "one sensor alone does not tell how the field went" if covariates.sensor_count == 1 else None
 
-    def find(self, misfit: Misfit) -> Finding | str:
+    def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the samples that were filled, flagged, or why there are none."""
         found, is_certain = {}, False
-        for sensor in range(misfit.situation.sensor_count):
-            against = AgainstOthers.of(misfit, sensor).recalibrated()
-            exact = _exact(misfit.recording.readings_T[:, sensor], misfit.situation)
+        for sensor in range(residuals.covariates.sensor_count):
+            against = AgainstOthers.of(residuals, sensor).recalibrated()
+            exact = _exact(residuals.recording.readings_T[:, sensor], residuals.covariates)
             is_certain |= bool(exact)
             windows = exact or _curved(against)
             if windows:
                 found[sensor] = _explained(against, windows)
         if not found:
             return "no sensor reads along straight lines where the others see the field turn"
-        return finding_of(self.name, misfit, found, 0.0, is_certain)
+        return finding_of(self.name, residuals, found, 0.0, is_certain)
 
     def add(
-        self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
+        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
     ) -> FloatArray:
         """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
-        rows, count = rows_T.copy(), situation.sample_count
+        rows, count = rows_T.copy(), covariates.sample_count
         for part in fitted.contributions:
             burst = max(1, round(part.values["burst"]))
             starts = np.flatnonzero(generator.random(count) < part.values["rate"] / burst)
             for start in starts[(starts > 0) & (starts + burst < count)]:
                 filled, ends = np.arange(start, start + burst), [start - 1, start + burst]
-                for row in rows_of(part, situation):
+                for row in rows_of(part, covariates):
                     rows[filled, row] = np.interp(filled, ends, rows_T[ends, row])
         return rows
 
 
-def _exact(readings_T: FloatArray, situation: Situation) -> list[NDArray[np.intp]]:
+def _exact(readings_T: FloatArray, covariates: Covariates) -> list[NDArray[np.intp]]:
     """Return the samples of each row that goes straight in all axes and is longer than chance lets one be.
 
     Chance is that of the samples of which some axes go straight, and others do not.
@@ -84,7 +79,7 @@ def _exact(readings_T: FloatArray, situation: Situation) -> list[NDArray[np.intp
     count = len(readings_T)
     digit = np.array([_digit(axis) for axis in readings_T.T])
     bend, step = np.full((count, 3), np.inf), np.zeros((count, 3))
-    for stretch in situation.stretches:
+    for stretch in covariates.stretches:
         if stretch.stop - stretch.start > 2:
             bend[stretch.start + 1 : stretch.stop - 1] = np.diff(readings_T[stretch], 2, axis=0)
             step[stretch.start + 1 : stretch.stop] = np.diff(readings_T[stretch], axis=0)
@@ -115,7 +110,7 @@ def _curved(against: AgainstOthers) -> list[NDArray[np.intp]]:
 def _curvatures(against: AgainstOthers) -> tuple[FloatArray, FloatArray]:
     """Return by how much the curvature of the readings (N, 3) is off, and by how much (1, N, 3) that of a line is."""
     beyond, bent = np.zeros_like(against.beyond_T), np.full_like(against.beyond_T, NOWHERE_T)
-    for stretch in against.misfit.situation.stretches:
+    for stretch in against.residuals.covariates.stretches:
         inner = slice(stretch.start + 1, stretch.stop - 1)
         if inner.stop > inner.start:
             beyond[inner] = np.diff(against.beyond_T[stretch], 2, axis=0)

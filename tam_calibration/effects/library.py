@@ -1,10 +1,16 @@
-"""All effects that are installed: ours, and those that other packages bring by an entry point."""
+"""All effects that are installed, ours and those that other packages bring by an entry point, and their numbers."""
 
 from functools import cache
 from importlib.metadata import entry_points
 
-from tam_calibration.effects.effect import Effect
-from tam_calibration.exceptions import InputError
+import numpy as np
+
+from tam_calibration.effects.effect import Effect, LinearEffect
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.sensor_errors import SensorErrors
 
 GROUP = "tam_calibration.effects"
 """Entry points of this group name an ``Effect`` class each."""
@@ -45,3 +51,41 @@ def effect_named(name: str) -> Effect:
     if name not in effects:
         raise InputError(f"there is no effect {name!r}: choose one of {', '.join(effects)}")
     return effects[name]
+
+
+_SAMPLES = 8
+"""Samples of any situation; as many as every effect has neighbours for."""
+
+_FIELD_T = 5e-5
+"""Tesla; a field of usual size, of which names and units do not depend."""
+
+
+def units_of(fitted: FittedEffect, errors: SensorErrors, array: Array) -> dict[str, str]:
+    """Return the SI unit of each coefficient and parameter of the shape, by name."""
+    effect = effect_named(fitted.effect)
+    if not isinstance(effect, LinearEffect):
+        units: dict[str, str] = dict(getattr(effect, "units", {}))
+        return units
+    terms = effect.terms(_some_covariates(errors, array), fitted.shape)
+    return dict(effect.shape_units) | {part.name: part.unit for term in terms for part in term.coefficients}
+
+
+def check_numbers(fitted: FittedEffect, errors: SensorErrors, array: Array) -> None:
+    """Check that an effect has what its numbers are of.
+
+    Raises
+    ------
+    InputError
+        When there is no such effect, term or coefficient, or a parameter of the shape is missing.
+    """
+    effect = effect_named(fitted.effect)
+    if isinstance(effect, LinearEffect):
+        effect.signal(_some_covariates(errors, array), fitted)
+
+
+def _some_covariates(errors: SensorErrors, array: Array) -> Covariates:
+    """Return any situation with all channels: the names and units of coefficients are the same in all."""
+    time_s = np.arange(float(_SAMPLES))
+    field = _FIELD_T * np.column_stack([np.cos(time_s), np.sin(time_s), np.ones(_SAMPLES)])
+    attitude = np.tile([0.0, 0.0, 0.0, 1.0], (_SAMPLES, 1))
+    return Covariates(time_s, field, errors, array, time_s, time_s, attitude)

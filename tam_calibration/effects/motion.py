@@ -1,5 +1,6 @@
-"""Rates of change of the field in motion, from the neighbours of each sample."""
+"""The motion of the field through the array: its rates of change, and what is chance among samples of like motion."""
 
+from collections.abc import Callable
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -7,9 +8,21 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.effects.grades import NOTABLE
-from tam_calibration.effects.situation import Situation
-from tam_calibration.recording import BLOCK
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.model.recording import BLOCK
+from tam_calibration.model.units import FloatArray
+
+MOST_NEIGHBOURS = 20_000
+"""Samples among which neighbours on the sphere are sought; as many lie a degree from each other."""
+
+
+def sum_around(values: FloatArray, span: int) -> FloatArray:
+    """Return the sums (N, ...) of values (N, ...) over so many samples on either side, the sample itself left out."""
+    padding = [(span + 1, span), *[(0, 0)] * (values.ndim - 1)]
+    total = np.cumsum(np.pad(values, padding), axis=0)
+    around: FloatArray = total[2 * span + 1 :] - total[: -2 * span - 1] - values
+    return around
+
 
 _NEIGHBOURS = 6
 """Samples on both sides of one that a polynomial through them tells: of fifth degree, as turns are smooth."""
@@ -17,48 +30,48 @@ _NEIGHBOURS = 6
 _LARGEST_WEIGHT = 50.0
 """Of a neighbour in a derivative, per step of time; more means samples that nearly coincide."""
 
-_KNOWN: WeakKeyDictionary[Situation, FloatArray] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[Covariates, FloatArray] = WeakKeyDictionary()
 
 _BLOCKS = (1, 2, 4, 8, 16)
 """Samples whose mean is foretold: in longer means there is less noise, which a slow motion needs."""
 
 
-def rates(situation: Situation) -> FloatArray:
+def rates(covariates: Covariates) -> FloatArray:
     """Return the derivative (N, 3) of the field by time, per stretch between holes.
 
     That of the polynomial through three neighbours on both sides, at an end of a stretch through the nearest six; a
     sample's own noise is not in its derivative. Zero in stretches of less than three samples.
     """
-    if situation in _KNOWN:
-        return _KNOWN[situation]
-    rate = np.zeros_like(situation.field_T)
-    for stretch in situation.stretches:
+    if covariates in _KNOWN:
+        return _KNOWN[covariates]
+    rate = np.zeros_like(covariates.field_T)
+    for stretch in covariates.stretches:
         if stretch.stop - stretch.start < 3:
             continue
         neighbours, here = _neighbours(stretch), np.arange(stretch.start, stretch.stop)
         for first_of_piece in range(0, len(here), BLOCK):
             nodes, own = neighbours[first_of_piece:][:BLOCK], here[first_of_piece:][:BLOCK]
-            _, slope = _weights(situation.time_s[nodes] - situation.time_s[own, None])
-            wild = np.abs(slope).max(axis=1) * situation.step_s > _LARGEST_WEIGHT
+            _, slope = _weights(covariates.time_s[nodes] - covariates.time_s[own, None])
+            wild = np.abs(slope).max(axis=1) * covariates.step_s > _LARGEST_WEIGHT
             slope[wild] = 0
-            rate[own] = _combined(slope, situation.field_T, nodes)
-    _KNOWN[situation] = rate
+            rate[own] = _combined(slope, covariates.field_T, nodes)
+    _KNOWN[covariates] = rate
     return rate
 
 
-def jumps(situation: Situation) -> str | None:
+def jumps(covariates: Covariates) -> str | None:
     """Return that the field changes from sample to sample in jumps, not in continuous motion, where it does."""
-    if situation.sample_count < 2 * _NEIGHBOURS:
-        return f"{situation.sample_count} samples are too few to tell a motion"
+    if covariates.sample_count < 2 * _NEIGHBOURS:
+        return f"{covariates.sample_count} samples are too few to tell a motion"
     for size in _BLOCKS:
         steps, misses = [], []
-        for stretch in situation.stretches:
+        for stretch in covariates.stretches:
             count = (stretch.stop - stretch.start) // size
             if count <= _NEIGHBOURS:
                 continue
             part = slice(stretch.start, stretch.start + count * size)
-            time = situation.time_s[part].reshape(count, size).mean(axis=1)
-            field = situation.field_T[part].reshape(count, size, 3).mean(axis=1)
+            time = covariates.time_s[part].reshape(count, size).mean(axis=1)
+            field = covariates.field_T[part].reshape(count, size, 3).mean(axis=1)
             nodes = _neighbours(slice(0, count))
             weight, _ = _weights(time[nodes] - time[:, None])
             steps.append(norm(np.diff(field, axis=0), axis=1))
@@ -98,3 +111,27 @@ def _combined(weight: FloatArray, values: FloatArray, nodes: NDArray[np.intp]) -
     for position in range(nodes.shape[1]):
         combined += weight[:, position, None] * values[nodes[:, position]]
     return combined
+
+
+PERMUTATIONS = 200
+"""How often residuals are dealt out anew: what none of them reaches is chance once in 201 times."""
+
+_ALIKE = 200
+"""Samples, in the order of their rates, among which residuals are dealt out."""
+
+Statistic = Callable[[NDArray[np.intp]], float]
+"""A number that is large where a law holds, from whose residual (N,) each sample has."""
+
+
+def is_chance(statistic: Statistic, rate: FloatArray) -> bool:
+    """Return whether any permutation within samples of like rate (N,) reaches the statistic."""
+    generator, dealt = np.random.default_rng(0), np.arange(len(rate))
+    size = min(_ALIKE, len(rate))
+    blocks = np.argsort(rate)[len(rate) % size :].reshape(-1, size)  # without a few of the slowest
+    observed = statistic(dealt)
+    for _ in range(PERMUTATIONS):
+        near = generator.permuted(blocks, axis=1)
+        dealt[near[:, 1:]], dealt[near[:, 0]] = near[:, :-1], near[:, -1]  # in a cycle: no sample keeps its own
+        if statistic(dealt) >= observed:
+            return True
+    return False

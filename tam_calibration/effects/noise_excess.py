@@ -10,24 +10,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import (
-    ALL,
-    Contribution,
-    Finding,
-    FittedEffect,
-    FoundEffect,
-    Limit,
-    Misfit,
-    Situation,
-)
-from tam_calibration.effects.excess_variance import LARGEST_NOISE, Excess, Moments, best_excess
+from tam_calibration.effects.effect import Finding, FoundEffect, Limit
+from tam_calibration.effects.excess_variance import LARGEST_NOISE, ChannelMoments, Excess, best_excess
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
-from tam_calibration.effects.places import row_deviations, rows_of
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.effects.regularity import alike, objection_to
 from tam_calibration.effects.saturation import inside_range
+from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.spikes import without_spikes
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.term import WhitenedResiduals, row_deviations, rows_of
+from tam_calibration.model.fitted_effect import ALL, Contribution, FittedEffect
+from tam_calibration.model.units import FloatArray
 
 
 class NoiseExcess(FoundEffect):
@@ -49,18 +42,20 @@ class NoiseExcess(FoundEffect):
         )
     }
 
-    def find(self, misfit: Misfit) -> Finding | str:
+    def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the rows with more noise and how much, or why there is none."""
-        misfit = without_spikes(inside_range(misfit))
-        if misfit.is_counted.sum() < LEAST_SAMPLES:
+        residuals = without_spikes(inside_range(residuals))
+        if residuals.is_counted.sum() < LEAST_SAMPLES:
             return f"a variance needs {LEAST_SAMPLES} samples or more, spikes and the end of the range left out"
-        moments = Moments.of(misfit)
-        excess = best_excess(moments, misfit.situation)
+        moments = ChannelMoments.of(residuals)
+        excess = best_excess(moments, residuals.covariates)
         if excess is None:
-            return self._shared(misfit)
+            return self._shared(residuals)
         variance = np.zeros(moments.row_count)
         variance[list(excess.place.rows)] = excess.variance_T2
-        objection = "the readings are whole steps" if _is_rounding(misfit, variance) else objection_to(misfit, excess)
+        objection = (
+            "the readings are whole steps" if _is_rounding(residuals, variance) else objection_to(residuals, excess)
+        )
         if objection is not None:
             return objection
         return Finding(
@@ -70,19 +65,19 @@ class NoiseExcess(FoundEffect):
             variance=variance,
         )
 
-    def _shared(self, misfit: Misfit) -> Finding | str:
+    def _shared(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the noise of all sensors beyond what a data sheet may be wrong by, or that there is none."""
-        counted, noise_T = misfit.is_counted, misfit.situation.array.vector_noise_T
-        count = float(misfit.channel_count[counted].sum())
-        variance = float(misfit.energy[counted].sum()) / count
+        counted, noise_T = residuals.is_counted, residuals.covariates.array.vector_noise_T
+        count = float(residuals.channel_count[counted].sum())
+        variance = float(residuals.energy[counted].sum()) / count
         if variance <= LARGEST_NOISE**2 or noise_T is None:
             return "no row is noisier than the others, spikes and readings at the end of the range left out"
-        deviations = row_deviations(misfit)[counted]
+        deviations = row_deviations(residuals)[counted]
         surplus, chance = variance - 1, CERTAIN * variance / float(np.sqrt(len(deviations)))
         if any(alike(deviation) > max(NOTABLE * surplus, chance) for deviation in deviations.T):
             return "the excess follows a course in time"
         shared = np.append(surplus * np.repeat(noise_T**2, 3), 0.0)
-        if _is_rounding(misfit, shared):
+        if _is_rounding(residuals, shared):
             return "the readings are whole steps"
         beyond = variance / LARGEST_NOISE**2
         size = float(np.sqrt(surplus * np.mean(noise_T**2)))
@@ -96,26 +91,26 @@ class NoiseExcess(FoundEffect):
         )
 
     def add(
-        self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
+        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
     ) -> FloatArray:
         """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
         rows = rows_T.copy()
         for part in fitted.contributions:
-            touched = rows_of(part, situation)
+            touched = rows_of(part, covariates)
             size = part.values["standard deviation"]
-            rows[:, touched] += generator.normal(0, size, (situation.sample_count, len(touched)))
+            rows[:, touched] += generator.normal(0, size, (covariates.sample_count, len(touched)))
         return rows
 
 
-def _is_rounding(misfit: Misfit, variance_T2: FloatArray) -> bool:
+def _is_rounding(residuals: WhitenedResiduals, variance_T2: FloatArray) -> bool:
     """Return whether half of the variance beyond the floor (3K + 1,) is what rounding to whole steps makes."""
     rounding = np.zeros(len(variance_T2))
-    for lattice in find_lattices(misfit):
+    for lattice in find_lattices(residuals):
         rounding[lattice.row] = lattice.step_T**2 / 12
     return bool(np.sum(np.minimum(rounding, variance_T2)) > np.sum(variance_T2) / 2)
 
 
-def _contributions(moments: Moments, excess: Excess) -> tuple[Contribution, ...]:
+def _contributions(moments: ChannelMoments, excess: Excess) -> tuple[Contribution, ...]:
     deviation = np.sqrt(excess.variance_T2)
     errors = deviation * moments.relative_error(excess) / 2
     parts = []

@@ -6,8 +6,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.effects.effect import Limit, LinearEffect
 from tam_calibration.effects.grades import MINOR
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
+from tam_calibration.model.fitted_effect import Shape
 
 _ORDERS = {"quadratic": (2,), "cubic": (3,), "higher": (4, 5), "highest": (6, 7, 8, 9)}
 """Orders of the polynomials that stand or fall together, by name: bends, and kinks as of a limit that is soft."""
@@ -32,28 +35,28 @@ class Nonlinearity(LinearEffect):
         "data sheet of the HMC1001",
     )
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that no axis was turned far enough, where it is so."""
-        spread = float(np.ptp(situation.sensed_T, axis=0).max() / situation.intensity_T.max())
+        spread = float(np.ptp(covariates.sensed_T, axis=0).max() / covariates.intensity_T.max())
         if spread < MINOR:
             return f"no axis sees the field change by more than {100 * spread:.2g} % of its length"
         return None
 
-    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the largest field as the full scale."""
-        return ({"full_scale_T": full_scale(situation)},)
+        return ({"full_scale_T": full_scale(covariates)},)
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return Legendre polynomials of degree 2 to 9 of the field along each axis."""
         terms = []
-        for row in range(situation.scalar_row):
-            curves = legvander(situation.sensed_T[:, row] / shape["full_scale_T"], 9)
+        for row in range(covariates.scalar_row):
+            curves = legvander(covariates.sensed_T[:, row] / shape["full_scale_T"], 9)
             for name, orders in _ORDERS.items():
                 parts = [Coefficient(f"P{order}", "T") for order in orders]
-                terms.append(Term.of_row(situation, row, name, parts, curves[:, list(orders)]))
+                terms.append(Term.of_row(covariates, row, name, parts, curves[:, list(orders)]))
         return terms
 
 
-def full_scale(situation: Situation) -> float:
+def full_scale(covariates: Covariates) -> float:
     """Return the largest field along any axis, tesla."""
-    return float(np.abs(situation.sensed_T).max())
+    return float(np.abs(covariates.sensed_T).max())

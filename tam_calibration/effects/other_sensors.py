@@ -6,11 +6,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.misfit import Misfit
+from tam_calibration.core.noise import noise_energy
+from tam_calibration.core.normal_equations import ridged
 from tam_calibration.effects.motion import rates
-from tam_calibration.effects.ridge import ridged
-from tam_calibration.effects.robust import noise_energy
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.term import WhitenedResiduals
+from tam_calibration.model.units import FloatArray
 
 _CONCENTRATIONS = 8
 """Steps in which the calibration by the better half of the samples settles."""
@@ -22,7 +22,7 @@ class AgainstOthers:
 
     Parameters
     ----------
-    misfit : Misfit
+    residuals : WhitenedResiduals
         Of all sensors.
     sensor : int
         Which one.
@@ -34,33 +34,33 @@ class AgainstOthers:
         ``beyond_T @ whitening`` has unit variance under the noise stated, that of the others included, 1/T.
     """
 
-    misfit: Misfit
+    residuals: WhitenedResiduals
     sensor: int
     beyond_T: FloatArray
     expected_T: FloatArray
     whitening: FloatArray
 
     @classmethod
-    def of(cls, misfit: Misfit, sensor: int) -> "AgainstOthers":
+    def of(cls, residuals: WhitenedResiduals, sensor: int) -> "AgainstOthers":
         """Return one sensor against the others, of which there must be one at least."""
-        own = misfit.directions[3 * sensor : 3 * sensor + 3]
+        own = residuals.directions[3 * sensor : 3 * sensor + 3]
         information = ridged(own @ own.T)
-        beyond = np.linalg.solve(information, own @ misfit.differential.T).T
-        readings, bias = misfit.recording.readings_T[:, sensor], misfit.situation.errors.bias_T[sensor]
-        return cls(misfit, sensor, beyond, readings - bias - beyond, np.linalg.cholesky(information))
+        beyond = np.linalg.solve(information, own @ residuals.differential.T).T
+        readings, bias = residuals.recording.readings_T[:, sensor], residuals.covariates.errors.bias_T[sensor]
+        return cls(residuals, sensor, beyond, readings - bias - beyond, np.linalg.cholesky(information))
 
     @cached_property
     def usable(self) -> NDArray[np.bool_]:
         """(N,) samples whose channels are told."""
-        usable: NDArray[np.bool_] = self.misfit.channel_count > 0
+        usable: NDArray[np.bool_] = self.residuals.channel_count > 0
         return usable
 
     @cached_property
     def rate(self) -> FloatArray:
         """(N, 3) change by time of what it should read, T/s."""
-        situation, matrix = self.misfit.situation, self.misfit.situation.errors.matrix[self.sensor]
+        covariates, matrix = self.residuals.covariates, self.residuals.covariates.errors.matrix[self.sensor]
         field = np.linalg.solve(matrix, self.expected_T.T).T
-        changing: FloatArray = rates(replace(situation, field_T=field)) @ matrix.T
+        changing: FloatArray = rates(replace(covariates, field_T=field)) @ matrix.T
         return changing
 
     def energy(self, shift_T: FloatArray) -> FloatArray:

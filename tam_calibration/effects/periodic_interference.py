@@ -5,20 +5,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import (
-    Coefficient,
-    FittedEffect,
-    Limit,
-    LinearEffect,
-    Misfit,
-    Shape,
-    Situation,
-    Sized,
-    SurrogateKind,
-    Term,
-)
+from tam_calibration.effects.effect import Limit, LinearEffect, Sized, SurrogateKind
 from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE, SLIGHT
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
+from tam_calibration.model.fitted_effect import FittedEffect, Shape
+from tam_calibration.model.units import FloatArray
 
 _LEAST_PERIODS = 10
 """In the record; what varies more slowly is a drift, and a record of two samples a period is too short."""
@@ -71,54 +63,54 @@ class PeriodicInterference(LinearEffect):
     shape_units: ClassVar[dict[str, str]] = {"frequency_hz": "Hz", "start_s": "s"}
     limits: ClassVar[Mapping[str, Limit]] = {"line": _AT_WORK, "harmonics": _AT_WORK, _OVERTONES: _DISTORTION}
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the recording is too short, where it is."""
-        if situation.sample_count <= 2 * _LEAST_PERIODS:
-            return f"{situation.sample_count} samples are too few for a spectrum"
+        if covariates.sample_count <= 2 * _LEAST_PERIODS:
+            return f"{covariates.sample_count} samples are too few for a spectrum"
         return None
 
-    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the frequencies of the strongest lines above the band of the motion and of drifts."""
-        if situation.sample_count <= 2 * _LEAST_PERIODS:
+        if covariates.sample_count <= 2 * _LEAST_PERIODS:
             return []
-        start = float(situation.time_s[0])
-        return [{"frequency_hz": frequency, "start_s": start} for frequency in _lines(misfit)]
+        start = float(covariates.time_s[0])
+        return [{"frequency_hz": frequency, "start_s": start} for frequency in _lines(residuals)]
 
-    def is_same(self, shape: Shape, other: Shape, situation: Situation) -> bool:
+    def is_same(self, shape: Shape, other: Shape, covariates: Covariates) -> bool:
         """Whether two frequencies lie within the width of a line: a tone that trembles is one."""
         apart = abs(shape["frequency_hz"] - other["frequency_hz"])
-        return apart * float(np.ptp(situation.time_s)) < SAME_LINE
+        return apart * float(np.ptp(covariates.time_s)) < SAME_LINE
 
-    def sizes(self, situation: Situation, fitted: FittedEffect) -> list[Sized]:
+    def sizes(self, covariates: Covariates, fitted: FittedEffect) -> list[Sized]:
         """Return the amplitudes, and that of the harmonics beside that of the line."""
         squares = {"line": 0.0, "harmonics": 0.0}
         for one in fitted.contributions:
             squares[one.term] += sum(value**2 for value in one.values.values())
         ratio = float(np.sqrt(squares["harmonics"] / max(squares["line"], np.finfo(float).tiny)))
-        return [*super().sizes(situation, fitted), Sized(_OVERTONES, ratio, _DISTORTION)]
+        return [*super().sizes(covariates, fitted), Sized(_OVERTONES, ratio, _DISTORTION)]
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return cosine and sine on each row, and those of the second and third harmonic."""
-        phase = 2 * np.pi * shape["frequency_hz"] * (situation.time_s - shape["start_s"])
+        phase = 2 * np.pi * shape["frequency_hz"] * (covariates.time_s - shape["start_s"])
         terms = []
         for name, orders in (("line", (1,)), ("harmonics", (2, 3))):
             waves = np.column_stack([wave(order * phase) for order in orders for wave in (np.cos, np.sin)])
             parts = [Coefficient(f"{wave} {order}", "T") for order in orders for wave in ("cosine", "sine")]
-            terms += [Term.of_row(situation, row, name, parts, waves) for row in range(situation.scalar_row + 1)]
+            terms += [Term.of_row(covariates, row, name, parts, waves) for row in range(covariates.scalar_row + 1)]
         return terms
 
 
-def _lines(misfit: Misfit) -> list[float]:
+def _lines(residuals: WhitenedResiduals) -> list[float]:
     """Return the frequencies, hertz, at which one row alone has the strongest lines."""
-    situation = misfit.situation
-    information = misfit.row_information * misfit.is_counted[:, None]
-    score = misfit.row_shift_T * information
+    covariates = residuals.covariates
+    information = residuals.row_information * residuals.is_counted[:, None]
+    score = residuals.row_shift_T * information
     size = information.sum(axis=0)
     score = score[:, size > 0] / np.sqrt(size[size > 0])
     if not score.shape[1]:
         return []
-    time = situation.time_s - situation.time_s[0]
-    index, spacing = _lattice(time, situation.step_s)
+    time = covariates.time_s - covariates.time_s[0]
+    index, spacing = _lattice(time, covariates.step_s)
     length = _FINER * int(index[-1] + 1)
     power = np.zeros(length // 2 + 1)
     row_of = np.zeros(len(power), dtype=int)
@@ -128,8 +120,8 @@ def _lines(misfit: Misfit) -> list[float]:
         row_of[of_row > power] = row
         power = np.maximum(power, of_row)
     frequency = np.arange(len(power)) / (length * spacing)
-    lowest = max(_motion_band(situation), _LEAST_PERIODS / time[-1])
-    power[(frequency <= lowest) | (frequency >= 0.5 / situation.step_s)] = 0
+    lowest = max(_motion_band(covariates), _LEAST_PERIODS / time[-1])
+    power[(frequency <= lowest) | (frequency >= 0.5 / covariates.step_s)] = 0
     found: list[float] = []
     while len(found) < _LINES and power.max() > 0:
         best = int(power.argmax())
@@ -162,14 +154,14 @@ def _refined(score: FloatArray, time: FloatArray, frequency: float, width: float
     return frequency
 
 
-def _motion_band(situation: Situation) -> float:
+def _motion_band(covariates: Covariates) -> float:
     """Return the frequency, hertz, above which the motion is at rest; 0 where it fills the whole band."""
-    longest = max(situation.stretches, key=lambda stretch: stretch.stop - stretch.start)
-    field = situation.field_T[longest]
+    longest = max(covariates.stretches, key=lambda stretch: stretch.stop - stretch.start)
+    field = covariates.field_T[longest]
     centred = (field - field.mean(axis=0)) * np.hanning(len(field))[:, None]
     power = np.sum(np.abs(np.fft.rfft(centred, axis=0)) ** 2, axis=1)
     above = power.sum() - np.cumsum(power)
     edge = int(np.argmax(above <= SLIGHT**2 * power.sum())) + 2
     if edge >= NOTABLE * len(power):
         return 0.0
-    return edge / (len(field) * situation.step_s)
+    return edge / (len(field) * covariates.step_s)

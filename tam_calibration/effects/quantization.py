@@ -18,20 +18,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import (
-    ALL,
-    SCALAR,
-    Contribution,
-    Finding,
-    FittedEffect,
-    FoundEffect,
-    Limit,
-    Misfit,
-    Situation,
-)
+from tam_calibration.effects.effect import Finding, FoundEffect, Limit
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, MINOR, MOST, NEGLIGIBLE, NOTABLE
-from tam_calibration.effects.places import row_deviations, rows_of
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import WhitenedResiduals, row_deviations, rows_of
+from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
+from tam_calibration.model.units import FloatArray
 
 _FINEST = 0.5
 """Steps, in standard deviations of a row's noise, that are sought: rounding is then 2 % of the variance."""
@@ -72,26 +64,26 @@ class Quantization(FoundEffect):
         )
     }
 
-    def find(self, misfit: Misfit) -> Finding | str:
+    def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the steps, or why rounding is no visible part of the noise."""
-        lattices = find_lattices(misfit)
+        lattices = find_lattices(residuals)
         if not lattices:
             return "no readings are multiples of a step that is large beside the noise"
-        counted = misfit.is_counted
-        information = misfit.row_information[counted]
-        square = np.mean(row_deviations(misfit)[counted] ** 2, axis=0)
+        counted = residuals.is_counted
+        information = residuals.row_information[counted]
+        square = np.mean(row_deviations(residuals)[counted] ** 2, axis=0)
         lattices = _visible(lattices, square, information.mean(axis=0), int(counted.sum()))
         if not lattices:
             return "readings are multiples of a step, but the stated noise already holds its rounding"
         variance = np.zeros(information.shape[1])
         for lattice in lattices:
             variance[lattice.row] = lattice.step_T**2 / 12
-        energy, count = float(misfit.energy[counted].sum()), float(misfit.channel_count[counted].sum())
+        energy, count = float(residuals.energy[counted].sum()), float(residuals.channel_count[counted].sum())
         rounding = min(float((information @ variance).sum()), max(energy - MOST * count, 0.0))
         if rounding < MINOR * (energy - count):
             return "rounding to the steps of the readings is a small part of the gap"
         return Finding(
-            FittedEffect(self.name, {}, _contributions(lattices, misfit.situation.sensor_count)),
+            FittedEffect(self.name, {}, _contributions(lattices, residuals.covariates.sensor_count)),
             gain=count * float(np.log(energy / (energy - rounding))),
             parameter_count=len(_by_step(lattices)),
             variance=variance,
@@ -99,24 +91,24 @@ class Quantization(FoundEffect):
         )
 
     def add(
-        self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
+        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
     ) -> FloatArray:
         """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
         rows = rows_T.copy()
         for part in fitted.contributions:
             step, offset = part.values["step"], part.values.get("offset", 0.0)
-            touched = rows_of(part, situation)
+            touched = rows_of(part, covariates)
             rows[:, touched] = np.round((rows[:, touched] - offset) / step) * step + offset
         return rows
 
 
-def find_lattices(misfit: Misfit) -> list[Lattice]:
+def find_lattices(residuals: WhitenedResiduals) -> list[Lattice]:
     """Return the lattices of all rows whose readings lie on one that is coarse beside the noise."""
-    recording = misfit.recording
+    recording = residuals.recording
     columns = list(recording.readings_T.reshape(recording.sample_count, -1).T)
     if recording.scalar_T is not None:
         columns.append(recording.scalar_T[np.isfinite(recording.scalar_T)])
-    noise = _row_noise(misfit)
+    noise = _row_noise(residuals)
     found = []
     for row, readings in enumerate(columns):
         if np.isfinite(noise[row]):
@@ -126,10 +118,10 @@ def find_lattices(misfit: Misfit) -> list[Lattice]:
     return found
 
 
-def _row_noise(misfit: Misfit) -> FloatArray:
+def _row_noise(residuals: WhitenedResiduals) -> FloatArray:
     """Return the stated noise of each row, tesla; infinite where nothing shows it."""
-    stated = misfit.situation.array.vector_noise_T
-    shown = np.median(misfit.row_information, axis=0)
+    stated = residuals.covariates.array.vector_noise_T
+    shown = np.median(residuals.row_information, axis=0)
     noise: FloatArray = np.divide(1, np.sqrt(shown), out=np.full(len(shown), np.inf), where=shown > 0)
     if stated is not None:
         noise[:-1] = np.where(shown[:-1] > 0, np.repeat(stated, 3), np.inf)

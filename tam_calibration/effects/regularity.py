@@ -4,10 +4,9 @@ import numpy as np
 
 from tam_calibration.effects.excess_variance import Excess
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, LONGEST_BURST, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
-from tam_calibration.effects.misfit import Misfit
-from tam_calibration.effects.neighbours import MOST_NEIGHBOURS
-from tam_calibration.effects.places import row_deviations
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.motion import MOST_NEIGHBOURS
+from tam_calibration.effects.term import WhitenedResiduals, row_deviations
+from tam_calibration.model.units import FloatArray
 
 _OTHER_TIMES = 16
 """Parts of the record by which the excess is moved along the field, forwards and backwards."""
@@ -25,12 +24,12 @@ _BANDS = 40
 """Parts of the spectrum of which one may hold a line."""
 
 
-def objection_to(misfit: Misfit, excess: Excess) -> str | None:
+def objection_to(residuals: WhitenedResiduals, excess: Excess) -> str | None:
     """Return what speaks against noise as the cause of an excess, in one clause."""
-    counted = misfit.is_counted
+    counted = residuals.is_counted
     largest = int(np.argmax(excess.part))
     row = excess.place.rows[largest]
-    deviation = row_deviations(misfit)[counted, row]
+    deviation = row_deviations(residuals)[counted, row]
     variance = float(np.mean(deviation**2))
     surplus = max(variance - excess.floor, 1e-3 * variance)
     chance = CERTAIN * variance / float(np.sqrt(len(deviation)))
@@ -38,11 +37,11 @@ def objection_to(misfit: Misfit, excess: Excess) -> str | None:
         return "the excess follows a course in time"
     if _line_part(deviation, excess.floor) > MOST:
         return "the excess stands in a line of the spectrum"
-    direction = (misfit.situation.field_T / misfit.situation.intensity_T[:, None])[counted]
+    direction = (residuals.covariates.field_T / residuals.covariates.intensity_T[:, None])[counted]
     if _directed(deviation, direction) > max(NOTABLE * surplus, chance):
         return "the excess follows the direction of the field"
     # A row is known the better the less of it lies along the field, and so is its excess.
-    expected = 1 + excess.part[largest] * misfit.row_information[counted, row]
+    expected = 1 + excess.part[largest] * residuals.row_information[counted, row]
     follows = _of_size(deviation / np.sqrt(expected), direction)
     if follows is not None:
         return follows

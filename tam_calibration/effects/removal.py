@@ -7,14 +7,16 @@ import numpy as np
 from numpy.linalg import inv
 from numpy.typing import NDArray
 
-from tam_calibration.array import Array
-from tam_calibration.effects.effect import SCALAR, FittedEffect, LinearEffect, Situation
+from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.effects.memory import Memory
-from tam_calibration.exceptions import InputError
-from tam_calibration.recording import BLOCK, Recording
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.recursions import Memory
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import SCALAR, FittedEffect
+from tam_calibration.model.recording import BLOCK, Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 _PASSES = 2
 """What an effect adds depends on the field, and the field on what it added; a pass leaves a square of that."""
@@ -70,7 +72,7 @@ class EffectStream:
         total = np.zeros((recording.sample_count, unbiased.shape[1] + 1))
         is_known = np.column_stack([_knows(recording, effect.channels) for effect, _ in self._effects])
         for memories in self._memories:
-            situation = Situation(
+            covariates = Covariates(
                 recording.time_s,
                 (unbiased - total[:, :-1]) @ self._unmix.T,
                 self._errors,
@@ -83,7 +85,7 @@ class EffectStream:
             for (effect, fitted), memory, known in zip(self._effects, memories, is_known.T, strict=True):
                 if known.any():
                     memory.rewind()
-                    here = situation if known.all() else situation.take(known)
+                    here = covariates if known.all() else covariates.take(known)
                     total[known] += effect.signal(replace(here, memory=memory), fitted)
         return Added(total, is_known)
 

@@ -6,10 +6,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
-from tam_calibration.effects.lag import mode
+from tam_calibration.effects.effect import Limit, LinearEffect
 from tam_calibration.effects.motion import jumps, rates
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.recursions import mode
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
+from tam_calibration.model.fitted_effect import Shape
+from tam_calibration.model.units import FloatArray
 
 _FREQUENCIES, _DAMPINGS = 5, (0.1, 0.4)
 """Number of frequencies that are tried, and damping ratios; 1 no longer rings."""
@@ -49,12 +52,12 @@ class Ringing(LinearEffect):
         "delay": Limit(1.0, "filters, buses and wireless links delay a sensor by some tenths of a second", "s"),
     }
 
-    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return frequencies from above that of the motion to half the sampling rate, with little and much damping."""
-        highest = 0.5 / situation.step_s
-        lowest = {"tail_hz": _LOWEST_TAIL / situation.step_s}
-        if jumps(situation) is None:
-            lowest["frequency_hz"] = min(_SLOWEST * _motion_hz(situation), highest / 2)
+        highest = 0.5 / covariates.step_s
+        lowest = {"tail_hz": _LOWEST_TAIL / covariates.step_s}
+        if jumps(covariates) is None:
+            lowest["frequency_hz"] = min(_SLOWEST * _motion_hz(covariates), highest / 2)
         return [
             {name: frequency, "damping": damping}
             for name in lowest
@@ -62,56 +65,56 @@ class Ringing(LinearEffect):
             for damping in _DAMPINGS
         ]
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return the response of a sensor and of a single axis, each with a delay, or the tails of its jumps."""
-        matrix = situation.errors.matrix.reshape(-1, 3)
+        matrix = covariates.errors.matrix.reshape(-1, 3)
         if "tail_hz" in shape:
-            tail = _tail(situation, shape["tail_hz"], shape["damping"]) @ matrix.T
+            tail = _tail(covariates, shape["tail_hz"], shape["damping"]) @ matrix.T
             names, parts = _TAIL, np.stack([tail.real, tail.imag], axis=2)
         else:
-            rate = rates(situation)
-            ringing = _response(situation, shape["frequency_hz"], shape["damping"]) - situation.field_T
+            rate = rates(covariates)
+            ringing = _response(covariates, shape["frequency_hz"], shape["damping"]) - covariates.field_T
             ringing += shape["damping"] / (np.pi * shape["frequency_hz"]) * rate
             names, parts = _PARTS, np.stack([ringing @ matrix.T, -rate @ matrix.T], axis=2)
         terms = []
-        for sensor in range(situation.sensor_count):
+        for sensor in range(covariates.sensor_count):
             rows, columns = np.divmod(np.arange(6), 2)
             features = parts[:, 3 * sensor : 3 * sensor + 3].reshape(-1, 6)
             terms.append(Term(sensor, None, "response", names, features, 3 * sensor + rows, columns))
-        for row in range(situation.scalar_row):
-            terms.append(Term.of_row(situation, row, "response of the axis", names, parts[:, row]))
+        for row in range(covariates.scalar_row):
+            terms.append(Term.of_row(covariates, row, "response of the axis", names, parts[:, row]))
         return terms
 
 
-def _response(situation: Situation, frequency_hz: float, damping: float) -> FloatArray:
+def _response(covariates: Covariates, frequency_hz: float, damping: float) -> FloatArray:
     """Return the field (N, 3) after a second-order filter, settled anew behind every hole.
 
     With p = -ω (ζ - i √(1 - ζ²)) it is -ω²/Im p Im(x/p) of the mode x' = p (x - b).
     """
     omega = 2 * np.pi * frequency_hz
     pole = -omega * complex(damping, -np.sqrt(1 - damping**2))
-    field, rate = situation.field_T, rates(situation)
+    field, rate = covariates.field_T, rates(covariates)
     parts = [
-        mode(field[stretch], rate[stretch], situation.time_s[stretch], -1 / pole) for stretch in situation.stretches
+        mode(field[stretch], rate[stretch], covariates.time_s[stretch], -1 / pole) for stretch in covariates.stretches
     ]
     response: FloatArray = -(omega**2) / pole.imag * np.imag(np.concatenate(parts) / pole)
     return response
 
 
-def _tail(situation: Situation, frequency_hz: float, damping: float) -> NDArray[np.complexfloating]:
+def _tail(covariates: Covariates, frequency_hz: float, damping: float) -> NDArray[np.complexfloating]:
     """Return the tails of the field's jumps (N, 3): each begins with the jump, turns and dies; none behind a hole."""
     from scipy.signal import lfilter
 
-    turn = -2 * np.pi * frequency_hz * situation.step_s * complex(damping, -np.sqrt(1 - damping**2))
-    tail = np.zeros(situation.field_T.shape, dtype=complex)
-    for stretch in situation.stretches:
-        field = situation.field_T[stretch]
+    turn = -2 * np.pi * frequency_hz * covariates.step_s * complex(damping, -np.sqrt(1 - damping**2))
+    tail = np.zeros(covariates.field_T.shape, dtype=complex)
+    for stretch in covariates.stretches:
+        field = covariates.field_T[stretch]
         tail[stretch] = lfilter([1.0], [1.0, -np.exp(turn)], np.diff(field, axis=0, prepend=field[:1]), axis=0)
     return tail
 
 
-def _motion_hz(situation: Situation) -> float:
+def _motion_hz(covariates: Covariates) -> float:
     """Return the frequency of the motion: the size of the field's rate over that of its changes."""
-    field = situation.field_T - situation.field_T.mean(axis=0)
+    field = covariates.field_T - covariates.field_T.mean(axis=0)
     size = max(float(np.sqrt(np.mean(field**2))), np.finfo(float).tiny)
-    return float(np.sqrt(np.mean(rates(situation) ** 2))) / size / (2 * np.pi)
+    return float(np.sqrt(np.mean(rates(covariates) ** 2))) / size / (2 * np.pi)

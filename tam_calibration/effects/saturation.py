@@ -13,21 +13,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.clipped_core import ClippedCore, find_clipped_cores
-from tam_calibration.effects.effect import (
-    Contribution,
-    Finding,
-    FittedEffect,
-    FoundEffect,
-    Limit,
-    Misfit,
-    Situation,
-)
+from tam_calibration.effects.effect import Finding, FoundEffect, Limit
 from tam_calibration.effects.grades import CERTAIN, FEWEST, MOST, NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.other_sensors import AgainstOthers
-from tam_calibration.effects.places import rows_of
-from tam_calibration.effects.robust import noise_deviation
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import WhitenedResiduals, rows_of
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.model.units import FloatArray
 
 WIDEST_RANGE = Limit(5e-2, "the widest range of a Hall sensor; Melexis, data sheet of the MLX90393", "T")
 """Of a reading."""
@@ -62,53 +56,53 @@ class Saturation(FoundEffect):
     }
     limits: ClassVar[Mapping[str, Limit]] = {"limit": WIDEST_RANGE}
 
-    def find(self, misfit: Misfit) -> Finding | str:
+    def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the limits, and as flagged the samples at them, or why there is none."""
-        limits, cores = find_limits(misfit), find_clipped_cores(misfit)
-        found = [self._of_limits(misfit, limits)] if limits else []
-        found += [self._of_cores(misfit, cores)] if cores else []
+        limits, cores = find_limits(residuals), find_clipped_cores(residuals)
+        found = [self._of_limits(residuals, limits)] if limits else []
+        found += [self._of_cores(residuals, cores)] if cores else []
         if not found:
             return "no axis stays at its largest or smallest reading where the others say that it should read more"
-        return max(found, key=lambda one: one.gain - one.parameter_count * np.log(misfit.channel_count.sum()))
+        return max(found, key=lambda one: one.gain - one.parameter_count * np.log(residuals.channel_count.sum()))
 
-    def _of_limits(self, misfit: Misfit, limits: list[_Limit]) -> Finding:
+    def _of_limits(self, residuals: WhitenedResiduals, limits: list[_Limit]) -> Finding:
         """Return the limits at which readings stay."""
-        flagged = np.zeros(len(misfit.energy), dtype=bool)
+        flagged = np.zeros(len(residuals.energy), dtype=bool)
         saved = 0.0
         for limit in limits:
             flagged[limit.samples] = True
-            saved += _energy(misfit, limit) - len(limit.samples)
-        used = misfit.is_counted | flagged
-        before, count = float(misfit.energy[used].sum()), float(misfit.channel_count[used].sum())
+            saved += _energy(residuals, limit) - len(limit.samples)
+        used = residuals.is_counted | flagged
+        before, count = float(residuals.energy[used].sum()), float(residuals.channel_count[used].sum())
         left = max(before - saved, np.finfo(float).tiny)
         return Finding(
-            FittedEffect(self.name, {}, tuple(_contributions(limits, misfit.situation))),
+            FittedEffect(self.name, {}, tuple(_contributions(limits, residuals.covariates))),
             gain=count * float(np.log(before / left)),
             parameter_count=2 * len(limits),
             flagged=flagged,
             is_certain=True,
         )
 
-    def _of_cores(self, misfit: Misfit, cores: list[ClippedCore]) -> Finding:
+    def _of_cores(self, residuals: WhitenedResiduals, cores: list[ClippedCore]) -> Finding:
         """Return the limits of cores in front of a correction."""
-        flagged = np.zeros(len(misfit.energy), dtype=bool)
-        shift = np.zeros((len(flagged), misfit.situation.scalar_row))
+        flagged = np.zeros(len(residuals.energy), dtype=bool)
+        shift = np.zeros((len(flagged), residuals.covariates.scalar_row))
         for core in cores:
             own = slice(3 * core.sensor, 3 * core.sensor + 3)
             flagged[core.samples] = True
-            shift[:, own] = AgainstOthers.of(misfit, core.sensor).beyond_T - core.left_T
-        used = misfit.is_counted | flagged
-        count = float(misfit.channel_count[used].sum())
+            shift[:, own] = AgainstOthers.of(residuals, core.sensor).beyond_T - core.left_T
+        used = residuals.is_counted | flagged
+        count = float(residuals.channel_count[used].sum())
         return Finding(
             FittedEffect(self.name, {}, tuple(_core_contribution(core) for core in cores)),
-            gain=count * float(np.log(misfit.energy[used].sum() / misfit.energy_without(shift)[used].sum())),
+            gain=count * float(np.log(residuals.energy[used].sum() / residuals.energy_without(shift)[used].sum())),
             parameter_count=sum(len(core.limits_T) + 4 for core in cores),
             flagged=flagged,
             is_certain=True,
         )
 
     def add(
-        self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
+        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
     ) -> FloatArray:
         """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
         rows = rows_T.copy()
@@ -116,37 +110,37 @@ class Saturation(FoundEffect):
             low, high = part.values.get("lower limit", -np.inf), part.values.get("upper limit", np.inf)
             if part.term == "core limit":
                 touched = list(range(3 * part.sensor, 3 * part.sensor + 3))
-                core = (rows[:, touched] - situation.errors.bias_T[part.sensor]) @ _vector(part, "of")
+                core = (rows[:, touched] - covariates.errors.bias_T[part.sensor]) @ _vector(part, "of")
                 rows[:, touched] += np.outer(np.clip(core, low, high) - core, _vector(part, "into"))
             else:
-                touched = rows_of(part, situation)
+                touched = rows_of(part, covariates)
                 rows[:, touched] = np.clip(rows[:, touched], low, high)
         return rows
 
 
-def find_limits(misfit: Misfit) -> list[_Limit]:
+def find_limits(residuals: WhitenedResiduals) -> list[_Limit]:
     """Return the limits at which axes stay, at the upper and the lower end."""
-    readings = misfit.recording.readings_T.reshape(len(misfit.energy), -1)
+    readings = residuals.recording.readings_T.reshape(len(residuals.energy), -1)
     found = []
     for row in range(readings.shape[1]):
         for end, sign in _ENDS.items():
-            limit = _limit_of(misfit, row, end, sign, readings[:, row])
+            limit = _limit_of(residuals, row, end, sign, readings[:, row])
             if limit is not None:
                 found.append(limit)
     return found
 
 
-def inside_range(misfit: Misfit) -> Misfit:
+def inside_range(residuals: WhitenedResiduals) -> WhitenedResiduals:
     """Return a misfit in which samples at the end of an axis' range do not count: these have a cause of their own."""
-    is_inside = misfit.is_counted.copy()
-    for limit in find_limits(misfit):
+    is_inside = residuals.is_counted.copy()
+    for limit in find_limits(residuals):
         is_inside[limit.samples] = False
-    return replace(misfit, is_counted=is_inside)
+    return replace(residuals, is_counted=is_inside)
 
 
-def _limit_of(misfit: Misfit, row: int, end: str, sign: float, reading: FloatArray) -> _Limit | None:
+def _limit_of(residuals: WhitenedResiduals, row: int, end: str, sign: float, reading: FloatArray) -> _Limit | None:
     """Return the limit at one end of a row: where readings repeat, or where they pile up within their noise."""
-    information = misfit.row_information[:, row]
+    information = residuals.row_information[:, row]
     if not (information > 0).any():
         return None
     noise = 1 / np.sqrt(float(np.mean(information[information > 0])))
@@ -158,16 +152,16 @@ def _limit_of(misfit: Misfit, row: int, end: str, sign: float, reading: FloatArr
     next_count = int(np.sum(inner == inner.max())) if len(inner) else 0
     is_repeated = len(at_limit) > 3 * (next_count - 1)
     if len(at_limit) == 1 or not is_repeated:
-        piled = _pile(outward, sign * misfit.row_shift_T[:, row], noise)
+        piled = _pile(outward, sign * residuals.row_shift_T[:, row], noise)
         at_limit = piled if len(piled) or not is_repeated else at_limit
     if not len(at_limit):
         return None
-    shortfall = -sign * misfit.row_shift_T[at_limit, row]
+    shortfall = -sign * residuals.row_shift_T[at_limit, row]
     sure = np.sqrt(information[at_limit])
-    scale = max(1.0, _scale(misfit, row))
+    scale = max(1.0, _scale(residuals, row))
     if not shortfall @ sure > CERTAIN * np.sqrt(len(at_limit)) * scale:
         return None
-    if len(at_limit) == 1 and not _is_lone(misfit, row, int(at_limit[0]), scale):
+    if len(at_limit) == 1 and not _is_lone(residuals, row, int(at_limit[0]), scale):
         return None
     spread = float(np.std(outward[at_limit]))
     return _Limit(row, end, sign * float(np.mean(outward[at_limit])), spread / np.sqrt(len(at_limit)), at_limit)
@@ -191,25 +185,25 @@ def _pile(outward: FloatArray, shift: FloatArray, noise: float) -> NDArray[np.in
     return chosen if is_flat and np.std(did) < 2 * noise else chosen[:0]
 
 
-def _is_lone(misfit: Misfit, row: int, sample: int, scale: float) -> bool:
+def _is_lone(residuals: WhitenedResiduals, row: int, sample: int, scale: float) -> bool:
     """Return whether a reading is off alone: that a spike strikes just the outermost reading is one chance in N."""
-    deviation = np.abs(misfit.row_shift_T[:, row]) * np.sqrt(misfit.row_information[:, row]) / scale
+    deviation = np.abs(residuals.row_shift_T[:, row]) * np.sqrt(residuals.row_information[:, row]) / scale
     others = np.delete(deviation, sample)
     return bool(len(others) >= 1 / NEGLIGIBLE and deviation[sample] > max(2 * CERTAIN, others.max() / MOST))
 
 
-def _scale(misfit: Misfit, row: int) -> float:
+def _scale(residuals: WhitenedResiduals, row: int) -> float:
     """Return the robust standard deviation of a row's shifts in standard errors."""
-    deviation = misfit.row_shift_T[:, row] * np.sqrt(misfit.row_information[:, row])
+    deviation = residuals.row_shift_T[:, row] * np.sqrt(residuals.row_information[:, row])
     return float(noise_deviation(deviation))
 
 
-def _energy(misfit: Misfit, limit: _Limit) -> float:
+def _energy(residuals: WhitenedResiduals, limit: _Limit) -> float:
     chosen = limit.samples
-    return float(np.sum(misfit.row_shift_T[chosen, limit.row] ** 2 * misfit.row_information[chosen, limit.row]))
+    return float(np.sum(residuals.row_shift_T[chosen, limit.row] ** 2 * residuals.row_information[chosen, limit.row]))
 
 
-def _contributions(limits: list[_Limit], situation: Situation) -> list[Contribution]:
+def _contributions(limits: list[_Limit], covariates: Covariates) -> list[Contribution]:
     parts = []
     for row in sorted({limit.row for limit in limits}):
         of_row = [limit for limit in limits if limit.row == row]

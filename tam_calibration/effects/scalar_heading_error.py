@@ -7,10 +7,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Misfit, Shape, Situation, Term
+from tam_calibration.core.harmonics import harmonics
+from tam_calibration.effects.effect import Limit, LinearEffect
 from tam_calibration.effects.grades import SLIGHT
-from tam_calibration.effects.harmonics import harmonics
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
+from tam_calibration.model.fitted_effect import Shape
+from tam_calibration.model.units import FloatArray
 
 _NUISANCE_COUNT = 9
 """Harmonics up to degree 2: a calibration error makes any of them."""
@@ -63,29 +66,29 @@ class ScalarHeadingError(LinearEffect):
         "T",
     )
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the directions are too few to tell a third degree from a calibration error, where they are."""
-        functions = harmonics(situation.field_T / situation.intensity_T[:, None], 3)
+        functions = harmonics(covariates.field_T / covariates.intensity_T[:, None], 3)
         scatter = functions.T @ functions
         left = _without_lower(scatter)
         if np.trace(left) < SLIGHT**2 * np.trace(scatter[_NUISANCE_COUNT:, _NUISANCE_COUNT:]):
             return "the field does not come from enough directions"
         return None
 
-    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return any function of the direction, and functions of the angle to the axes that explain most."""
-        return [{}, *({"azimuth_rad": azimuth, "elevation_rad": elevation} for azimuth, elevation in _axes(misfit))]
+        return [{}, *({"azimuth_rad": azimuth, "elevation_rad": elevation} for azimuth, elevation in _axes(residuals))]
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return spherical harmonics of degrees 3 to 6, or Legendre polynomials about an axis of degrees 3 to 12."""
-        direction = situation.field_T / situation.intensity_T[:, None]
-        row = situation.scalar_row
+        direction = covariates.field_T / covariates.intensity_T[:, None]
+        row = covariates.scalar_row
         if "azimuth_rad" in shape:
             axis = _axis(shape["azimuth_rad"], shape["elevation_rad"])
             curves = legvander(np.clip(direction @ axis, -1, 1), _AXIS_ORDERS[-1][-1])
             return [
                 Term.of_row(
-                    situation,
+                    covariates,
                     row,
                     f"about an axis, degree {orders[0]}",
                     [Coefficient(f"P{order}", "T") for order in orders],
@@ -98,7 +101,7 @@ class ScalarHeadingError(LinearEffect):
         for degree in _DEGREES:
             parts = [Coefficient(f"degree {degree}, order {order}", "T") for order in range(-degree, degree + 1)]
             own = functions[:, degree**2 : (degree + 1) ** 2]
-            terms.append(Term.of_row(situation, row, f"degree {degree}", parts, own))
+            terms.append(Term.of_row(covariates, row, f"degree {degree}", parts, own))
         return terms
 
 
@@ -130,15 +133,15 @@ class _Search:
         return gain
 
 
-def _axes(misfit: Misfit) -> list[tuple[float, float]]:
+def _axes(residuals: WhitenedResiduals) -> list[tuple[float, float]]:
     """Return azimuth and elevation of the axes that explain most, best first."""
-    used = misfit.is_counted & np.isfinite(misfit.common_mode)
+    used = residuals.is_counted & np.isfinite(residuals.common_mode)
     if used.sum() < 2 * _NUISANCE_COUNT:
         return []
-    situation = misfit.situation
-    direction = situation.field_T[used] / situation.intensity_T[used, None]
-    functions = harmonics(direction, _DEGREES[-1]) * misfit.row_slope[used, -1:]
-    score = functions.T @ misfit.common_mode[used]
+    covariates = residuals.covariates
+    direction = covariates.field_T[used] / covariates.intensity_T[used, None]
+    functions = harmonics(direction, _DEGREES[-1]) * residuals.row_slope[used, -1:]
+    score = functions.T @ residuals.common_mode[used]
     information = functions.T @ functions
     left = _without_lower(np.column_stack([information, score]))
     search = _Search(left[:, :-1], left[:, -1])

@@ -8,20 +8,14 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from tam_calibration.effects.change_points import Change, Path, without
-from tam_calibration.effects.effect import (
-    Coefficient,
-    Limit,
-    LinearEffect,
-    Misfit,
-    Shape,
-    Situation,
-    SurrogateKind,
-    Term,
-)
+from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
 from tam_calibration.effects.grades import LEAST_SAMPLES
 from tam_calibration.effects.saturation import inside_range
+from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.spikes import without_spikes_of_motion
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
+from tam_calibration.model.fitted_effect import Shape
+from tam_calibration.model.units import FloatArray
 
 _SMOOTHEST = 4
 """Degree of the polynomials of time beside which a change must be sharp: a slow one is no step."""
@@ -66,21 +60,21 @@ class ScaleStep(LinearEffect):
         "turn": _SLIP,
     }
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the recording is too short, where it is."""
-        if situation.sample_count < LEAST_SAMPLES:
-            return f"{situation.sample_count} samples are too few to tell a step"
+        if covariates.sample_count < LEAST_SAMPLES:
+            return f"{covariates.sample_count} samples are too few to tell a step"
         return None
 
-    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the times at which a step, and a pair of steps, of one axis and of a sensor explain most.
 
         None where it explains no more than chance beside polynomials of time.
         """
-        if situation.sample_count < LEAST_SAMPLES:
+        if covariates.sample_count < LEAST_SAMPLES:
             return []
-        time = situation.time_s[:: _thinning(situation)]
-        paths = list(_paths(without_spikes_of_motion(inside_range(misfit))))
+        time = covariates.time_s[:: _thinning(covariates)]
+        paths = list(_paths(without_spikes_of_motion(inside_range(residuals))))
         found: dict[tuple[int, int], Change] = {}
         for path in paths:
             for change in path.best(-(-len(time) // _COARSE)):
@@ -97,64 +91,64 @@ class ScaleStep(LinearEffect):
         """Return a step that was there before the first sample."""
         return {"time_s": -np.inf}
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return from the one time on a scale and a tilt of each axis and a turn of each sensor.
 
         The axes' scales and tilts together are any change of the response; what changes a scale amplifies the bias too.
         """
-        since = (situation.time_s >= shape["time_s"]) & (situation.time_s < shape.get("end_s", np.inf))
-        field = np.where(since[:, None], situation.field_T, 0.0)
-        matrix = situation.errors.matrix
+        since = (covariates.time_s >= shape["time_s"]) & (covariates.time_s < shape.get("end_s", np.inf))
+        field = np.where(since[:, None], covariates.field_T, 0.0)
+        matrix = covariates.errors.matrix
         sensed = field @ matrix.reshape(-1, 3).T
-        amplified = np.where(since[:, None], sensed + situation.errors.bias_T.ravel(), 0.0)
+        amplified = np.where(since[:, None], sensed + covariates.errors.bias_T.ravel(), 0.0)
         terms = []
-        for row in range(situation.scalar_row):
+        for row in range(covariates.scalar_row):
             sensor, axis = divmod(row, 3)
             others = [other for other in range(3) if other != axis]
             tilts = [Coefficient(f"tilt towards {'xyz'[other]}", "rad") for other in others]
-            terms.append(Term.of_row(situation, row, "scale", [_SCALE], amplified[:, row, None]))
+            terms.append(Term.of_row(covariates, row, "scale", [_SCALE], amplified[:, row, None]))
             terms.append(
-                Term.of_row(situation, row, "tilt", tilts, sensed[:, [3 * sensor + other for other in others]])
+                Term.of_row(covariates, row, "tilt", tilts, sensed[:, [3 * sensor + other for other in others]])
             )
-        for sensor in range(situation.sensor_count):
+        for sensor in range(covariates.sensor_count):
             turned = np.stack([np.cross(axis, field) @ matrix[sensor].T for axis in np.eye(3)], axis=2)
             rows, columns = np.divmod(np.arange(9), 3)
             terms.append(Term(sensor, None, "turn", _TURNS, turned.reshape(-1, 9), 3 * sensor + rows, columns))
         return terms
 
 
-def _thinning(situation: Situation) -> int:
+def _thinning(covariates: Covariates) -> int:
     """Return the distance of the samples among which the times are sought."""
-    return -(-situation.sample_count // _ENOUGH)
+    return -(-covariates.sample_count // _ENOUGH)
 
 
-def _paths(misfit: Misfit) -> Iterator[Path]:
+def _paths(residuals: WhitenedResiduals) -> Iterator[Path]:
     """Yield the path of a step of each axis' scale, then of each sensor's response, beside slow changes of them.
 
     Residuals are scaled to unit variance, whatever it is that they hold.
     """
-    every, whole = slice(None, None, _thinning(misfit.situation)), misfit.situation
-    situation, counted = whole.take(every), misfit.is_counted[every]
-    variance = misfit.energy[every][counted].sum() / max(misfit.channel_count[every][counted].sum(), 1)
+    every, whole = slice(None, None, _thinning(residuals.covariates)), residuals.covariates
+    covariates, counted = whole.take(every), residuals.is_counted[every]
+    variance = residuals.energy[every][counted].sum() / max(residuals.channel_count[every][counted].sum(), 1)
     scale = 1 / np.sqrt(max(float(variance), np.finfo(float).tiny))
-    direction = situation.field_T / situation.intensity_T[:, None] * counted[:, None]
-    sensed = situation.sensed_T / np.median(situation.intensity_T) * counted[:, None]
-    phase = 2 * (situation.time_s - situation.time_s[0]) / np.ptp(situation.time_s) - 1
+    direction = covariates.field_T / covariates.intensity_T[:, None] * counted[:, None]
+    sensed = covariates.sensed_T / np.median(covariates.intensity_T) * counted[:, None]
+    phase = 2 * (covariates.time_s - covariates.time_s[0]) / np.ptp(covariates.time_s) - 1
     slow = legvander(phase, _SMOOTHEST)
-    own = np.where(counted[:, None], scale * misfit.differential[every], 0)
+    own = np.where(counted[:, None], scale * residuals.differential[every], 0)
     own, held = without(own, _products(slow, np.column_stack([counted, direction])))
-    has_reference = counted & np.isfinite(misfit.common_mode[every])
-    slope = np.where(has_reference[:, None], misfit.row_slope[every], 0)
+    has_reference = counted & np.isfinite(residuals.common_mode[every])
+    slope = np.where(has_reference[:, None], residuals.row_slope[every], 0)
     first, second = np.triu_indices(3)
     functions = np.column_stack([direction, direction[:, first] * direction[:, second]]) * slope[:, -1:]
-    common = np.where(has_reference, scale * misfit.common_mode[every], 0)[:, None]
+    common = np.where(has_reference, scale * residuals.common_mode[every], 0)[:, None]
     common, held_in_common = without(common, _products(slow, functions))
-    for row, along in enumerate(misfit.directions):
+    for row, along in enumerate(residuals.directions):
         size = max(float(np.sqrt(along @ along)), np.finfo(float).tiny)
         between = Path.of(own @ along[:, None] / size, held, size * sensed[:, row, None])
         yield between.beside(Path.of(common, held_in_common, slope[:, row, None] * sensed[:, row, None]))
-    for sensor in range(situation.sensor_count if own.shape[1] else 0):
-        within = np.linalg.svd(misfit.directions[3 * sensor : 3 * sensor + 3], full_matrices=False)[2]
+    for sensor in range(covariates.sensor_count if own.shape[1] else 0):
+        within = np.linalg.svd(residuals.directions[3 * sensor : 3 * sensor + 3], full_matrices=False)[2]
         yield Path.of(own @ within.T, held, direction)
 
 

@@ -1,4 +1,4 @@
-"""What happens to the array, as far as it is known: what effects work on."""
+"""What happens to the array, as far as it is known, and how it stands in the world: what effects work on."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,17 +9,17 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
-from tam_calibration.array import Array
-from tam_calibration.effects.memory import Memory
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.recursions import Memory
+from tam_calibration.model.array import Array
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 _HOLE = 3.0
 """A step of time that is so many times the median is a hole in the record."""
 
 
 @dataclass(frozen=True, eq=False)
-class Situation:
+class Covariates:
     """What happens to the array, as far as it is known.
 
     Parameters
@@ -91,12 +91,12 @@ class Situation:
         bounds = [0, *cuts.tolist(), self.sample_count]
         return tuple(slice(start, stop) for start, stop in pairwise(bounds))
 
-    def take(self, index: slice | NDArray[Any]) -> "Situation":
+    def take(self, index: slice | NDArray[Any]) -> "Covariates":
         """Return the situation at the samples that a slice, mask or index selects."""
         channels = (self.temperature_C, self.current_A, self.attitude)
         temperature, current, attitude = (None if channel is None else channel[index] for channel in channels)
         field, time = self.field_T[index], self.time_s[index]
-        return Situation(
+        return Covariates(
             time,
             field,
             self.errors,
@@ -106,3 +106,31 @@ class Situation:
             attitude,
             follows_attitude=self.follows_attitude,
         )
+
+
+LEAST_TURN = 0.1
+"""Radians, root of the mean square, by which the array or the vertical in it must turn: noise of attitudes is less."""
+
+
+def to_world(covariates: Covariates) -> FloatArray:
+    """Return the (N, 3, 3) matrices that turn vectors of the array frame into the world's."""
+    from scipy.spatial.transform import Rotation
+
+    assert covariates.attitude is not None
+    matrices: FloatArray = Rotation.from_quat(covariates.attitude).as_matrix()
+    return matrices
+
+
+def upwards(covariates: Covariates) -> FloatArray:
+    """Return the (N, 3) direction upwards, against gravity, in the array frame."""
+    return to_world(covariates)[:, 2]
+
+
+def turn_spread(covariates: Covariates) -> float:
+    """Return the root mean square angle, radians, by which the attitudes differ from their mean."""
+    quaternion = covariates.attitude
+    assert quaternion is not None
+    unit = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    # The largest eigenvalue is the mean square cosine of half the angles.
+    missing = 1 - np.linalg.eigvalsh(unit.T @ unit / len(unit))[-1]
+    return float(2 * np.arcsin(np.sqrt(np.clip(missing, 0, 1))))

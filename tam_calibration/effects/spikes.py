@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, LONGEST_BURST, MINOR, NEGLIGIBLE, NOTABLE
-from tam_calibration.effects.misfit import Misfit
-from tam_calibration.effects.neighbours import MOST_NEIGHBOURS
-from tam_calibration.effects.places import row_deviations
-from tam_calibration.effects.robust import noise_deviation
+from tam_calibration.effects.motion import MOST_NEIGHBOURS
 from tam_calibration.effects.saturation import find_limits
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.term import WhitenedResiduals, row_deviations
+from tam_calibration.model.units import FloatArray
 
 _EFFICIENCY = 0.37
 """Of the median of absolute values as an estimate of a Gaussian scale."""
@@ -50,14 +49,14 @@ class Spikes:
     rows: NDArray[np.intp]
 
 
-def find_spikes(misfit: Misfit) -> Spikes | str:
+def find_spikes(residuals: WhitenedResiduals) -> Spikes | str:
     """Return the samples that stand alone, or why there are none, in one clause."""
-    usable = misfit.channel_count > 0
-    for limit in find_limits(misfit):
+    usable = residuals.channel_count > 0
+    for limit in find_limits(residuals):
         usable[limit.samples] = False
     if usable.sum() < 2 * LONGEST_BURST:
         return "there are too few samples to tell a spike from noise"
-    raw = row_deviations(misfit)
+    raw = row_deviations(residuals)
     deviation = _standardised(raw, usable)
     # The row that explains most, not that which is off most: noise of one leaks into all.
     worst = np.argmax(np.abs(raw), axis=1)
@@ -72,7 +71,7 @@ def find_spikes(misfit: Misfit) -> Spikes | str:
     far &= bursts <= LONGEST_BURST
     if not far.any():
         return f"what is far off lasts longer than {LONGEST_BURST} samples"
-    far[_shared(misfit, deviation, worst, far)] = False
+    far[_shared(residuals, deviation, worst, far)] = False
     if not far.any():
         return "what is far off is so at neighbouring times or directions of the field as well"
     far = _improbable(np.where(far, chance, 1.0))
@@ -84,15 +83,15 @@ def find_spikes(misfit: Misfit) -> Spikes | str:
     return Spikes(samples, worst[samples])
 
 
-def without_spikes(misfit: Misfit) -> Misfit:
+def without_spikes(residuals: WhitenedResiduals) -> WhitenedResiduals:
     """Return a misfit in which the samples that stand alone do not count."""
-    spikes = find_spikes(misfit)
+    spikes = find_spikes(residuals)
     if isinstance(spikes, str):
-        return misfit
-    return _without(misfit, spikes)
+        return residuals
+    return _without(residuals, spikes)
 
 
-def come_with_motion(misfit: Misfit, spikes: Spikes) -> bool:
+def come_with_motion(residuals: WhitenedResiduals, spikes: Spikes) -> bool:
     """Whether spikes come where what their rows should read changes fastest, or where it stands still.
 
     Fisher's sum of the logarithms of the parts of the record in which a row changes as much, or as little, over as many
@@ -100,8 +99,8 @@ def come_with_motion(misfit: Misfit, spikes: Spikes) -> bool:
     """
     from scipy.stats import combine_pvalues, norm
 
-    sensed, parts = misfit.situation.sensed_T, list[tuple[float, float]]()
-    for row in np.unique(spikes.rows[spikes.rows < misfit.situation.scalar_row]):
+    sensed, parts = residuals.covariates.sensed_T, list[tuple[float, float]]()
+    for row in np.unique(spikes.rows[spikes.rows < residuals.covariates.scalar_row]):
         struck = spikes.samples[spikes.rows == row]
         for burst in np.split(struck, np.flatnonzero(np.diff(struck) > 1) + 1):
             before, after = burst[0] - 1, burst[-1] + 1
@@ -115,18 +114,18 @@ def come_with_motion(misfit: Misfit, spikes: Spikes) -> bool:
     return bool(fastest < NEGLIGIBLE or slowest < norm.sf(CERTAIN))
 
 
-def without_spikes_of_motion(misfit: Misfit) -> Misfit:
+def without_spikes_of_motion(residuals: WhitenedResiduals) -> WhitenedResiduals:
     """Return a misfit in which samples that stand alone do not count where they come with the motion."""
-    spikes = find_spikes(misfit)
-    if isinstance(spikes, str) or not come_with_motion(misfit, spikes):
-        return misfit
-    return _without(misfit, spikes)
+    spikes = find_spikes(residuals)
+    if isinstance(spikes, str) or not come_with_motion(residuals, spikes):
+        return residuals
+    return _without(residuals, spikes)
 
 
-def _without(misfit: Misfit, spikes: Spikes) -> Misfit:
-    is_counted = misfit.is_counted.copy()
+def _without(residuals: WhitenedResiduals, spikes: Spikes) -> WhitenedResiduals:
+    is_counted = residuals.is_counted.copy()
     is_counted[spikes.samples] = False
-    return replace(misfit, is_counted=is_counted)
+    return replace(residuals, is_counted=is_counted)
 
 
 def _standardised(raw: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
@@ -172,11 +171,13 @@ def _bursts(hot: NDArray[np.bool_]) -> NDArray[np.intp]:
     return lengths
 
 
-def _shared(misfit: Misfit, deviation: FloatArray, worst: NDArray[np.intp], far: NDArray[np.bool_]) -> NDArray[np.intp]:
+def _shared(
+    residuals: WhitenedResiduals, deviation: FloatArray, worst: NDArray[np.intp], far: NDArray[np.bool_]
+) -> NDArray[np.intp]:
     """Return the samples that neighbours in time or in the field's direction equal, or whose surroundings are loud."""
     from scipy.spatial import cKDTree
 
-    others, samples = np.flatnonzero(~far & (misfit.channel_count > 0)), np.flatnonzero(far)
+    others, samples = np.flatnonzero(~far & (residuals.channel_count > 0)), np.flatnonzero(far)
     if len(others) < 4 * LONGEST_BURST:
         return samples[:0]
     rows = worst[samples][:, None]
@@ -184,9 +185,9 @@ def _shared(misfit: Misfit, deviation: FloatArray, worst: NDArray[np.intp], far:
     order = np.searchsorted(others, samples)[:, None]
     around = others[np.clip(order + np.arange(-LEAST_SAMPLES, LEAST_SAMPLES), 0, len(others) - 1)]
     shared = np.median(deviation[around[:, _IN_TIME], rows], axis=1) / own > NOTABLE
-    usable = np.flatnonzero(misfit.channel_count > 0)
+    usable = np.flatnonzero(residuals.channel_count > 0)
     thinned = usable[:: max(1, len(usable) // MOST_NEIGHBOURS)]
-    direction = misfit.situation.field_T / misfit.situation.intensity_T[:, None]
+    direction = residuals.covariates.field_T / residuals.covariates.intensity_T[:, None]
     near = thinned[cKDTree(direction[thinned]).query(direction[samples], LONGEST_BURST)[1]]
     at_direction = np.where(np.abs(near - samples[:, None]) > LONGEST_BURST, deviation[near, rows], np.nan)
     several = np.sum(np.isfinite(at_direction), axis=1) >= LONGEST_BURST // 2

@@ -12,18 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.displaced import NOWHERE_T, Displaced, Explained, finding_of
-from tam_calibration.effects.effect import (
-    Contribution,
-    Finding,
-    FittedEffect,
-    FoundEffect,
-    Misfit,
-    Situation,
-)
+from tam_calibration.effects.effect import Finding, FoundEffect
 from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.outliers import position_nats
-from tam_calibration.effects.places import rows_of
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import WhitenedResiduals, rows_of
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.model.units import FloatArray
 
 LATEST = 8
 """Samples by which a reading is late at most: what a queue of usual length holds."""
@@ -42,35 +37,35 @@ class StaleSamples(FoundEffect):
     excitation = "turn the array steadily, with two sensors or more"
     units: ClassVar[Mapping[str, str]] = {"rate": "1", "burst": "1", "samples late": "1"}
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no other sensor, where that is so."""
-        return "one sensor alone does not tell where the field was" if situation.sensor_count == 1 else None
+        return "one sensor alone does not tell where the field was" if covariates.sensor_count == 1 else None
 
-    def find(self, misfit: Misfit) -> Finding | str:
+    def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the samples that are stale, flagged, or why there is none."""
         found = {}
-        for sensor in range(misfit.situation.sensor_count):
-            against = AgainstOthers.of(misfit, sensor).recalibrated()
+        for sensor in range(residuals.covariates.sensor_count):
+            against = AgainstOthers.of(residuals, sensor).recalibrated()
             displaced = Displaced(against, against.beyond_T, _ways_back(against))
             if displaced.is_found:
                 found[sensor] = _explained(sensor, displaced)
         if not found:
             return "no sensor reads at some times what it should have read just before"
-        count = misfit.situation.sample_count
+        count = residuals.covariates.sample_count
         nats = sum(position_nats(count, int(one.samples.sum())) for one in found.values())
-        return finding_of(self.name, misfit, found, nats)
+        return finding_of(self.name, residuals, found, nats)
 
     def add(
-        self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
+        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
     ) -> FloatArray:
         """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
-        rows, count = rows_T.copy(), situation.sample_count
+        rows, count = rows_T.copy(), covariates.sample_count
         for part in fitted.contributions:
             burst, late = max(1, round(part.values["burst"])), round(part.values["samples late"])
             starts = np.flatnonzero(generator.random(count) < part.values["rate"] / burst)
             struck = np.minimum(starts[:, None] + np.arange(burst), count - 1)
             source = np.broadcast_to(starts[:, None] - 1, struck.shape) if part.term == "repeats" else struck - late
-            touched = rows_of(part, situation)
+            touched = rows_of(part, covariates)
             rows[struck[:, :, None], touched] = rows_T[np.maximum(source, 0)[:, :, None], touched]
         return rows
 
@@ -79,7 +74,7 @@ def _ways_back(against: AgainstOthers) -> FloatArray:
     """Return how much less a sensor reads (k, N, 3) when it reads what was due 1 to so many samples before."""
     expected = against.expected_T
     back = np.full((LATEST, *expected.shape), NOWHERE_T)
-    for stretch in against.misfit.situation.stretches:
+    for stretch in against.residuals.covariates.stretches:
         for late in range(1, min(LATEST, stretch.stop - stretch.start - 1) + 1):
             back[late - 1, stretch.start + late : stretch.stop] = (
                 expected[stretch.start : stretch.stop - late] - expected[stretch.start + late : stretch.stop]

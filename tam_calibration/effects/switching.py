@@ -7,11 +7,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.fitted import Shape
-from tam_calibration.effects.misfit import Misfit
-from tam_calibration.effects.neighbours import sum_around
-from tam_calibration.effects.situation import Situation
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.motion import sum_around
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import WhitenedResiduals
+from tam_calibration.model.fitted_effect import Shape
+from tam_calibration.model.units import FloatArray
 
 _MOST_WINDOWS = 300
 """More are no longer told one by one."""
@@ -57,10 +57,10 @@ class Switching:
         edges = np.flatnonzero(np.diff(np.concatenate([[False], is_in, [False]])))
         return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
-    def shape(self, situation: Situation) -> Shape:
+    def shape(self, covariates: Covariates) -> Shape:
         """Return the times of the windows."""
-        time = situation.time_s
-        before = np.concatenate([time[:1] - situation.step_s / 2, (time[1:] + time[:-1]) / 2])
+        time = covariates.time_s
+        before = np.concatenate([time[:1] - covariates.step_s / 2, (time[1:] + time[:-1]) / 2])
         shape = {}
         for number, (on, off) in enumerate(self.windows, start=1):
             shape[f"on_{number}_s"] = float(before[on])
@@ -69,14 +69,14 @@ class Switching:
         return shape
 
 
-def in_windows(situation: Situation, shape: Shape) -> NDArray[np.bool_]:
+def in_windows(covariates: Covariates, shape: Shape) -> NDArray[np.bool_]:
     """Return whether each sample (N,) is in a window of a shape."""
-    is_in = np.zeros(situation.sample_count, dtype=bool)
+    is_in = np.zeros(covariates.sample_count, dtype=bool)
     for number in range(1, _MOST_WINDOWS + 1):
         if f"on_{number}_s" not in shape:
             break
         end = shape.get(f"off_{number}_s", np.inf)
-        is_in |= (situation.time_s >= shape[f"on_{number}_s"]) & (situation.time_s < end)
+        is_in |= (covariates.time_s >= shape[f"on_{number}_s"]) & (covariates.time_s < end)
     return is_in
 
 
@@ -98,12 +98,12 @@ class Level:
     held: FloatArray
 
     @classmethod
-    def of_row(cls, misfit: Misfit, row: int, function: FloatArray) -> "Level":
+    def of_row(cls, residuals: WhitenedResiduals, row: int, function: FloatArray) -> "Level":
         """Return the level by which a row follows a function (N,), beside its own calibration."""
-        direction = misfit.situation.field_T / misfit.situation.intensity_T[:, None]
-        information = np.where(misfit.is_counted, misfit.row_information[:, row], 0.0)
+        direction = residuals.covariates.field_T / residuals.covariates.intensity_T[:, None]
+        information = np.where(residuals.is_counted, residuals.row_information[:, row], 0.0)
         held = np.column_stack([np.ones(len(function)), direction])
-        return cls(misfit.row_shift_T[:, row], function, information, held)
+        return cls(residuals.row_shift_T[:, row], function, information, held)
 
     def start(self) -> Switching:
         """Return the states by whether the level around a sample is above the middle that tells them apart best."""

@@ -5,17 +5,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import (
-    Coefficient,
-    Limit,
-    LinearEffect,
-    Misfit,
-    Shape,
-    Situation,
-    SurrogateKind,
-    Term,
-)
-from tam_calibration.effects.lag import lagged
+from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
+from tam_calibration.effects.recursions import lagged
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
+from tam_calibration.model.fitted_effect import Shape
 
 _LEAST_CHANGE_K = 0.2
 """Kelvin by which the temperature must change: less is the noise of usual thermometers."""
@@ -70,40 +64,40 @@ class TemperatureDrift(LinearEffect):
         ),
     }
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the temperature is constant, where it is."""
-        assert situation.temperature_C is not None
-        low, high = np.quantile(situation.temperature_C, (0.01, 0.99))
+        assert covariates.temperature_C is not None
+        low, high = np.quantile(covariates.temperature_C, (0.01, 0.99))
         if high - low < _LEAST_CHANGE_K:
             return f"the temperature changes by {high - low:.2g} K only"
         return None
 
-    def shapes(self, situation: Situation, misfit: Misfit) -> Iterable[Shape]:
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return lags from none to a third of the record, of one layer and of two alike."""
-        assert situation.temperature_C is not None
-        span = float(situation.time_s[-1] - situation.time_s[0])
-        reference = {"reference_C": float(np.mean(situation.temperature_C))}
+        assert covariates.temperature_C is not None
+        span = float(covariates.time_s[-1] - covariates.time_s[0])
+        reference = {"reference_C": float(np.mean(covariates.temperature_C))}
         constants = np.geomspace(_SHORTEST * span, _LONGEST * span, _COUNT).tolist()
         lags = [
             {"time_constant_s": constant, "inner_share": share} for constant in constants for share in _INNER_SHARES
         ]
-        start = {"start_s": float(situation.time_s[0])}
+        start = {"start_s": float(covariates.time_s[0])}
         return [{"time_constant_s": 0.0} | reference, *(lag | reference | start for lag in lags)]
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return drifts of offset and scale, the second order of the offset, and how the start settles."""
-        assert situation.temperature_C is not None
+        assert covariates.temperature_C is not None
         inner = shape.get("inner_share", 0.0) * shape["time_constant_s"]
         outer = shape["time_constant_s"] - inner
-        change = situation.temperature_C - shape["reference_C"]
+        change = covariates.temperature_C - shape["reference_C"]
         for constant in (outer, inner):
-            change = lagged(change, situation.time_s, constant, situation.memory)
+            change = lagged(change, covariates.time_s, constant, covariates.memory)
         parts = [("offset", "T/K", change), ("quadratic offset", "T/K²", change**2)]
         if "start_s" in shape:
-            since = situation.time_s - shape["start_s"]
+            since = covariates.time_s - shape["start_s"]
             parts.append(("start", "T", np.where(since < 0, 0.0, np.exp(-np.maximum(since, 0.0) / outer))))
         return [
-            Term.of_row(situation, row, name, [Coefficient(name, unit)], feature[:, None])
-            for row in range(situation.scalar_row)
-            for name, unit, feature in (*parts, ("scale", "1/K", change * situation.sensed_T[:, row]))
+            Term.of_row(covariates, row, name, [Coefficient(name, unit)], feature[:, None])
+            for row in range(covariates.scalar_row)
+            for name, unit, feature in (*parts, ("scale", "1/K", change * covariates.sensed_T[:, row]))
         ]

@@ -1,16 +1,166 @@
-"""What an effect could add to the rows: functions of the situation, each times an unknown coefficient."""
+"""What an effect could add to a sample's rows, to which of them, and what a model leaves of these."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
+from itertools import combinations
 from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.fitted import SCALAR
-from tam_calibration.effects.situation import Situation
-from tam_calibration.units import FloatArray
+from tam_calibration.core.normal_equations import ridged
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedResiduals:
+    """What a model leaves of a recording, for effects that are found in it otherwise than by regression.
+
+    Parameters
+    ----------
+    recording : Recording
+        As read.
+    covariates : Covariates
+        What the model knows of it.
+    differential : (N, C) array
+        Whitened residuals between the sensors, or against the field of the world, of unit variance under the model.
+    directions : (3K, C) array
+        How a shift of each row by one tesla moves them.
+    common_mode : (N,) array
+        Whitened residual of the scalar against the length of the field; NaN where there is no reference.
+    row_slope : (N, 3K + 1) array
+        How a shift of each row by one tesla moves the common mode.
+    channel_count : (N,) array
+        Number of whitened channels of each sample.
+    is_counted : (N,) array of bool
+        False where a sample was given up, as an outlier or as saturated.
+    """
+
+    recording: Recording
+    covariates: Covariates
+    differential: FloatArray
+    directions: FloatArray
+    common_mode: FloatArray
+    row_slope: FloatArray
+    channel_count: FloatArray
+    is_counted: NDArray[np.bool_]
+
+    @cached_property
+    def energy(self) -> FloatArray:
+        """(N,) sums of the squares of each sample's whitened channels."""
+        energy: FloatArray = np.sum(self.differential**2, axis=1) + np.nan_to_num(self.common_mode) ** 2
+        return energy
+
+    @cached_property
+    def row_information(self) -> FloatArray:
+        """(N, 3K + 1) inverse variance with which a sample tells a shift of one row alone, 1/T²."""
+        of_rows = np.append(np.sum(self.directions**2, axis=1), 0.0)
+        has_reference = np.isfinite(self.common_mode)
+        information: FloatArray = of_rows + has_reference[:, None] * self.row_slope**2
+        return information
+
+    @cached_property
+    def row_shift_T(self) -> FloatArray:
+        """(N, 3K + 1) the shift of one row alone that explains a sample best, tesla; 0 where nothing tells it."""
+        score = np.nan_to_num(self.common_mode)[:, None] * self.row_slope
+        score[:, :-1] += self.differential @ self.directions.T
+        information = self.row_information
+        shift: FloatArray = np.divide(score, information, out=np.zeros_like(score), where=information > 0)
+        return shift
+
+    def channels_without(self, shift_T: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the channels, differential and common (N,), without shifts (N, 3K) of the readings, tesla.
+
+        The common mode is 0 where there is no reference.
+        """
+        common = self.common_mode - np.sum(self.row_slope[:, :-1] * shift_T, axis=1)
+        return self.differential - shift_T @ self.directions, np.nan_to_num(common)
+
+    def energy_without(self, shift_T: FloatArray) -> FloatArray:
+        """Return the energy (N,) that is left when shifts (N, 3K) are taken off the readings, tesla."""
+        differential, common = self.channels_without(shift_T)
+        energy: FloatArray = np.sum(differential**2, axis=1) + common**2
+        return energy
+
+
+@dataclass(frozen=True)
+class Place:
+    """Some axes of a sensor, or the scalar magnetometer, or all.
+
+    Parameters
+    ----------
+    sensor : int
+        Index of the sensor, or ``SCALAR`` or ``ALL``.
+    axes : tuple of int
+        Indices of its axes.
+    rows : tuple of int
+        The same as rows of a sample.
+    """
+
+    sensor: int
+    axes: tuple[int, ...]
+    rows: tuple[int, ...]
+
+    def contribution_keys(self, is_whole: bool = True) -> tuple[tuple[int, int | None], ...]:
+        """Return sensor and axis of each contribution: one without axis for a sensor as a whole, else one per axis."""
+        if not self.axes or (is_whole and len(self.axes) == 3):
+            return ((self.sensor, None),)
+        return tuple((self.sensor, axis) for axis in self.axes)
+
+
+def places(sensor_count: int) -> list[Place]:
+    """Return the scalar, and of every sensor each axis, each pair of axes and all three."""
+    found = [Place(SCALAR, (), (3 * sensor_count,))]
+    for sensor in range(sensor_count):
+        for count in (1, 2, 3):
+            for axes in combinations(range(3), count):
+                found.append(Place(sensor, axes, tuple(3 * sensor + axis for axis in axes)))
+    return found
+
+
+def everywhere(sensor_count: int) -> Place:
+    """Return the place of what acts on all sensors alike."""
+    return Place(ALL, (), tuple(range(3 * sensor_count)))
+
+
+def rows_of(part: Contribution, covariates: Covariates) -> list[int]:
+    """Return the rows on which a contribution acts."""
+    if part.sensor == SCALAR:
+        return [covariates.scalar_row]
+    sensors = range(covariates.sensor_count) if part.sensor == ALL else [part.sensor]
+    axes = range(3) if part.axis is None else [part.axis]
+    return [3 * sensor + axis for sensor in sensors for axis in axes]
+
+
+def row_scores(residuals: WhitenedResiduals) -> FloatArray:
+    """Return the (N, 3K + 1) products of each sample's channels with what a shift of each row does to them, 1/T."""
+    scores: FloatArray = residuals.row_shift_T * residuals.row_information
+    return scores
+
+
+def row_deviations(residuals: WhitenedResiduals) -> FloatArray:
+    """Return the (N, 3K + 1) shift of each row alone in its standard errors: its square is the energy it explains."""
+    deviations: FloatArray = residuals.row_shift_T * np.sqrt(residuals.row_information)
+    return deviations
+
+
+def explained_energy(residuals: WhitenedResiduals, samples: np.ndarray, place: Place) -> FloatArray:
+    """Return the energy of chosen samples that shifts of the rows of a place explain."""
+    rows = np.array(place.rows)
+    slope = residuals.row_slope[np.ix_(samples, rows)] * np.isfinite(residuals.common_mode[samples])[:, None]
+    differential = np.vstack([residuals.directions, np.zeros((1, residuals.directions.shape[1]))])[rows]
+    gram = ridged(differential @ differential.T + slope[:, :, None] * slope[:, None, :])
+    score = (
+        residuals.differential[samples] @ differential.T
+        + np.nan_to_num(residuals.common_mode[samples])[:, None] * slope
+    )
+    energy: FloatArray = np.sum(score * np.linalg.solve(gram, score[:, :, None])[:, :, 0], axis=1)
+    return energy
+
 
 Key = tuple[int, int | None, str]
 """Sensor, axis and name of a term."""
@@ -56,10 +206,10 @@ class Term:
 
     @classmethod
     def of_row(
-        cls, situation: Situation, row: int, name: str, coefficients: Sequence[Coefficient], features: FloatArray
+        cls, covariates: Covariates, row: int, name: str, coefficients: Sequence[Coefficient], features: FloatArray
     ) -> "Term":
         """Make the term of one row whose coefficients have a feature each, (N, P)."""
-        sensor, axis = (SCALAR, None) if row == situation.scalar_row else divmod(row, 3)
+        sensor, axis = (SCALAR, None) if row == covariates.scalar_row else divmod(row, 3)
         return cls(sensor, axis, name, tuple(coefficients), features, *_of_row(row, len(coefficients)))
 
     @property

@@ -5,8 +5,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from tam_calibration.effects.effect import Coefficient, Limit, LinearEffect, Shape, Situation, Term
+from tam_calibration.effects.effect import Limit, LinearEffect
 from tam_calibration.effects.motion import jumps, rates
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import Coefficient, Term
+from tam_calibration.model.fitted_effect import Shape
 
 _DELAY = Coefficient("delay", "s")
 
@@ -33,20 +36,20 @@ class TimeSkew(LinearEffect):
         )
     }
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no continuous motion, where there is none."""
-        return jumps(situation)
+        return jumps(covariates)
 
-    def terms(self, situation: Situation, shape: Shape) -> list[Term]:
+    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return delays of a sensor, of a single axis and of the scalar magnetometer."""
-        field_rate = rates(situation)
-        late = -field_rate @ situation.errors.matrix.reshape(-1, 3).T
+        field_rate = rates(covariates)
+        late = -field_rate @ covariates.errors.matrix.reshape(-1, 3).T
         terms = []
-        for sensor in range(situation.sensor_count):
+        for sensor in range(covariates.sensor_count):
             rows = np.arange(3 * sensor, 3 * sensor + 3)
             terms.append(Term(sensor, None, "delay", (_DELAY,), late[:, rows], rows, np.zeros(3, dtype=int)))
-        for row in range(situation.scalar_row):
-            terms.append(Term.of_row(situation, row, "delay of the axis", [_DELAY], late[:, row, None]))
-        intensity_rate = np.sum(situation.field_T * field_rate, axis=1) / situation.intensity_T
-        terms.append(Term.of_row(situation, situation.scalar_row, "delay", [_DELAY], -intensity_rate[:, None]))
+        for row in range(covariates.scalar_row):
+            terms.append(Term.of_row(covariates, row, "delay of the axis", [_DELAY], late[:, row, None]))
+        intensity_rate = np.sum(covariates.field_T * field_rate, axis=1) / covariates.intensity_T
+        terms.append(Term.of_row(covariates, covariates.scalar_row, "delay", [_DELAY], -intensity_rate[:, None]))
         return terms

@@ -17,22 +17,16 @@ from typing import ClassVar
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.effects.effect import (
-    Contribution,
-    Finding,
-    FittedEffect,
-    FoundEffect,
-    Limit,
-    Misfit,
-    Situation,
-)
-from tam_calibration.effects.excess_variance import Moments, best_excess, most_likely, relative_error
+from tam_calibration.effects.effect import Finding, FoundEffect, Limit
+from tam_calibration.effects.excess_variance import ChannelMoments, best_excess, most_likely, relative_error
 from tam_calibration.effects.grades import CERTAIN, NOTABLE
-from tam_calibration.effects.motion import jumps, rates
+from tam_calibration.effects.motion import Statistic, is_chance, jumps, rates
 from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.regularity import alike
-from tam_calibration.effects.within_motion import Statistic, is_chance
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import WhitenedResiduals
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.model.units import FloatArray
 
 _HEAVIEST = 15.0
 """Kurtosis of the scatter; 9 where times are waits of an exponential law, far more where few samples are late."""
@@ -54,21 +48,24 @@ class TimingJitter(FoundEffect):
         "jitter": Limit(0.1, "ten ticks of the 100 Hz by which an operating system schedules what is not urgent", "s")
     }
 
-    def obstacle(self, situation: Situation) -> str | None:
+    def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no continuous motion, or no other sensor to tell it, where that is so."""
-        if situation.sensor_count == 1:
+        if covariates.sensor_count == 1:
             return "one sensor alone does not tell how fast the field changed when it was read"
-        return jumps(situation)
+        return jumps(covariates)
 
-    def find(self, misfit: Misfit) -> Finding | str:
+    def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the sensor whose samples scatter along the path of the field and by how much, or why none does."""
-        paths = [_Path.of(misfit, sensor) for sensor in range(misfit.situation.sensor_count)]
+        paths = [_Path.of(residuals, sensor) for sensor in range(residuals.covariates.sensor_count)]
         path = min(paths, key=lambda one: one.profile(one.part) - one.profile(0.0))
         objection = path.objection()
         if objection is not None:
             return objection
         # Jitter has two numbers: its size, and the sensor.
-        gain, noise = path.profile(0.0) - path.profile(path.part), best_excess(Moments.of(misfit), misfit.situation)
+        gain, noise = (
+            path.profile(0.0) - path.profile(path.part),
+            best_excess(ChannelMoments.of(residuals), residuals.covariates),
+        )
         if noise is not None and noise.bic(path.channel_count) > gain - 2 * np.log(path.channel_count):
             return "noise that does not follow the path of the field explains as much"
         size = float(np.sqrt(path.part * path.floor(path.part)))
@@ -83,13 +80,13 @@ class TimingJitter(FoundEffect):
         )
 
     def add(
-        self, rows_T: FloatArray, situation: Situation, fitted: FittedEffect, generator: np.random.Generator
+        self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
     ) -> FloatArray:
         """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
-        rows, changing = rows_T.copy(), rates(situation) @ situation.errors.matrix.reshape(-1, 3).T
+        rows, changing = rows_T.copy(), rates(covariates) @ covariates.errors.matrix.reshape(-1, 3).T
         for part in fitted.contributions:
             own = slice(3 * part.sensor, 3 * part.sensor + 3)
-            early = generator.normal(0, part.values["standard deviation"], (situation.sample_count, 1))
+            early = generator.normal(0, part.values["standard deviation"], (covariates.sample_count, 1))
             rows[:, own] += early * changing[:, own]
         return rows
 
@@ -124,18 +121,18 @@ class _Path:
     channel_count: float
 
     @classmethod
-    def of(cls, misfit: Misfit, sensor: int) -> "_Path":
+    def of(cls, residuals: WhitenedResiduals, sensor: int) -> "_Path":
         """Return what is left of one sensor when its calibration and what follows the rate evenly are fitted."""
-        against, counted = AgainstOthers.of(misfit, sensor), misfit.is_counted
+        against, counted = AgainstOthers.of(residuals, sensor), residuals.is_counted
         rate = against.rate * counted[:, None]
         even = np.column_stack([np.ones(len(rate)), _unit(against.expected_T), _unit(rate)])[counted]
         values = np.linalg.lstsq(even.T @ even, even.T @ against.beyond_T[counted])[0]
-        taken = np.zeros((len(rate), len(misfit.directions)))
+        taken = np.zeros((len(rate), len(residuals.directions)))
         own = slice(3 * sensor, 3 * sensor + 3)
         taken[counted, own] = even @ values
-        along, across = rate @ misfit.directions[own], np.sum(rate * misfit.row_slope[:, own], axis=1)
-        across = np.where(np.isfinite(misfit.common_mode), across, 0.0)
-        differential, common = misfit.channels_without(taken)
+        along, across = rate @ residuals.directions[own], np.sum(rate * residuals.row_slope[:, own], axis=1)
+        across = np.where(np.isfinite(residuals.common_mode), across, 0.0)
+        differential, common = residuals.channels_without(taken)
         return cls(
             sensor,
             rate,
@@ -144,7 +141,7 @@ class _Path:
             np.sum(along**2, axis=1) + across**2,
             np.sum(along * differential, axis=1) + across * common,
             float(np.sum(differential[counted] ** 2) + np.sum(common[counted] ** 2)),
-            float(misfit.channel_count[counted].sum()),
+            float(residuals.channel_count[counted].sum()),
         )
 
     def floor(self, part: float) -> float:

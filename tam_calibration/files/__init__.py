@@ -9,8 +9,8 @@ from tam_calibration.files.calibration_yaml import (
     read_calibration,
     write_calibration,
 )
-from tam_calibration.files.provenance import provenance
 from tam_calibration.files.recording_file import (
+    provenance,
     read_pieces,
     read_recording,
     read_samples,
@@ -18,7 +18,7 @@ from tam_calibration.files.recording_file import (
     write_corrected_pieces,
     write_recording,
 )
-from tam_calibration.files.whole import write_whole
+from tam_calibration.files.text_files import write_whole
 
 __all__ = [
     "FORMULA",

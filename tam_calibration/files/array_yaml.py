@@ -5,13 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from tam_calibration.array import Array
-from tam_calibration.exceptions import InputError
-from tam_calibration.field_bounds import EARTH_FIELD, FieldBounds
-from tam_calibration.files.exact import nanotesla_to_write
-from tam_calibration.files.whole import write_whole
+from tam_calibration.files.text_files import nanotesla_to_write, write_whole
 from tam_calibration.files.yaml_document import Document, check, dump_mapping, mapping_in
-from tam_calibration.units import from_nanotesla
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
+from tam_calibration.model.units import from_nanotesla
 
 _Offsets = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 

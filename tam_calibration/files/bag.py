@@ -9,16 +9,16 @@ import numpy as np
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
-from tam_calibration.batch_synchronisation import BatchSynchroniser
-from tam_calibration.exceptions import InputError
 from tam_calibration.files.bag_blocks import read_blocks
 from tam_calibration.files.bag_sqlite3 import QuickReader
-from tam_calibration.files.bag_topics import StreamTopics, find_topics
-from tam_calibration.files.location import in_file
-from tam_calibration.files.raw_messages import RawMessages
-from tam_calibration.files.samples import Progress, Samples, seconds_of
-from tam_calibration.stream_batch import IntArray, StreamMessages
-from tam_calibration.units import FloatArray
+from tam_calibration.files.text_files import in_file
+from tam_calibration.messages.batch_stream import IntArray, StreamMessages
+from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
+from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.messages.samples import Progress, Samples, seconds_of
+from tam_calibration.messages.topics import StreamTopics, find_topics
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray
 
 PATIENCE_NS = 5_000_000_000
 """How far in stamps the topics of a bag may lag behind each other."""

@@ -14,7 +14,7 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from tam_calibration.files.bag_mcap import CHUNK, INDEX, MESSAGE, RECORD, SIZE_BEYOND_MESSAGE
-from tam_calibration.files.raw_messages import ByteArray, IntArray, RawMessages, windows
+from tam_calibration.messages.cdr import ByteArray, IntArray, RawMessages, windows
 
 CHUNK_BYTES = 1 << 20
 

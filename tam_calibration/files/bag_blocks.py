@@ -14,8 +14,8 @@ from zstandard import BufferWithSegments, ZstdDecompressor
 
 from tam_calibration.files.bag_mcap import read_chunks
 from tam_calibration.files.bag_sqlite3 import has_index, read_rows
-from tam_calibration.files.raw_messages import RawMessages
-from tam_calibration.files.samples import Progress
+from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.messages.samples import Progress
 
 Storage = Any
 """A file of a bag, as rosbags opens it."""

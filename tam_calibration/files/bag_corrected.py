@@ -8,16 +8,12 @@ import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 
-from tam_calibration.calibration import Corrected
+from tam_calibration.correction.calibration import Corrected
 from tam_calibration.files.bag import open_bag, raw_blocks, storage_of
 from tam_calibration.files.bag_block_writing import BlockWriter
-from tam_calibration.files.bag_topics import find_topics
 from tam_calibration.files.bag_writing import TYPESTORE, header, write_bag
-from tam_calibration.files.cdr import fill, read_stamped_doubles
-from tam_calibration.files.raw_messages import IntArray, RawMessages, interleave
-from tam_calibration.files.samples import Progress
-from tam_calibration.files.samples import pieces as pieces_of
-from tam_calibration.pointcloud_layout import (
+from tam_calibration.messages.cdr import IntArray, RawMessages, fill, interleave, read_stamped_doubles
+from tam_calibration.messages.point_cloud import (
     FIELD_GRADIENT_COLUMNS,
     FLOAT64_SIZE,
     GRADIENT_DIMENSIONS,
@@ -26,7 +22,10 @@ from tam_calibration.pointcloud_layout import (
     center_covariance,
     field_offsets,
 )
-from tam_calibration.units import FloatArray
+from tam_calibration.messages.samples import Progress
+from tam_calibration.messages.samples import pieces as pieces_of
+from tam_calibration.messages.topics import find_topics
+from tam_calibration.model.units import FloatArray
 
 MAGNETIC_FIELD, MULTI_ARRAY = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64MultiArray"
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"

@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, decompress
 
-from tam_calibration.exceptions import InputError
-from tam_calibration.files.raw_messages import IntArray, RawMessages, join, windows
+from tam_calibration.messages.cdr import IntArray, RawMessages, join, windows
+from tam_calibration.model.exceptions import InputError
 
 RECORD = np.dtype(
     [("kind", "u1"), ("size", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")]

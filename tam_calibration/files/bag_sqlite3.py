@@ -12,8 +12,8 @@ from rosbags.rosbag2.metadata import ReaderMetadata, parse_qos
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-from tam_calibration.exceptions import InputError
-from tam_calibration.files.raw_messages import NOT_READ, IntArray, RawMessages
+from tam_calibration.messages.cdr import NOT_READ, IntArray, RawMessages
+from tam_calibration.model.exceptions import InputError
 
 ROWS, BYTES = 8_192, 2_000_000
 """How much a query gathers, at most rows, and bytes of messages of mean size: more leaves the caches."""

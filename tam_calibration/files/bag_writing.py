@@ -11,23 +11,15 @@ from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
-from tam_calibration.exceptions import InputError
 from tam_calibration.files.bag_block_writing import BlockWriter
-from tam_calibration.files.bag_topics import (
-    CHANNEL_TOPICS,
-    FLOAT64,
-    IMU,
-    MAGNETIC_FIELD,
-    TEMPERATURE,
-    sensor_topic,
-)
-from tam_calibration.files.cdr import fill
-from tam_calibration.files.raw_messages import ByteArray, RawMessages, interleave
-from tam_calibration.files.samples import pieces, stamps_of
-from tam_calibration.files.whole import write_whole
-from tam_calibration.pointcloud_layout import FRAME_ID
-from tam_calibration.recording import Recording
-from tam_calibration.units import FloatArray
+from tam_calibration.files.text_files import write_whole
+from tam_calibration.messages.cdr import ByteArray, RawMessages, fill, interleave
+from tam_calibration.messages.point_cloud import FRAME_ID
+from tam_calibration.messages.samples import pieces, stamps_of
+from tam_calibration.messages.topics import CHANNEL_TOPICS, FLOAT64, IMU, MAGNETIC_FIELD, TEMPERATURE, sensor_topic
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray
 
 STORAGES = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
 

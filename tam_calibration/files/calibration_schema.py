@@ -5,15 +5,21 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from tam_calibration.calibration import AmbientGradient, Calibration, EffectSize, KnownSource, Provenance
-from tam_calibration.effects.numbers import check_numbers
-from tam_calibration.exceptions import InputError
+from tam_calibration.correction.calibration import (
+    AmbientGradientEstimate,
+    Calibration,
+    EffectSize,
+    KnownSource,
+    Provenance,
+)
+from tam_calibration.effects.library import check_numbers
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.effects_schema import EffectFile
 from tam_calibration.files.yaml_document import Document, check
-from tam_calibration.residuals import Residuals
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.residuals import Residuals
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
 SCHEMA = "tam_calibration/calibration/1"
 
@@ -47,12 +53,12 @@ class _Field(Document):
     gradient_nT_per_m: Tensor | None = None
     gradient_standard_error_nT_per_m: Tensor | None = None
 
-    def to_gradient(self) -> AmbientGradient | None:
+    def to_gradient(self) -> AmbientGradientEstimate | None:
         """Return the gradient of the field in SI, where one was fitted."""
         tensor, errors = self.gradient_nT_per_m, self.gradient_standard_error_nT_per_m
         if tensor is None or errors is None:
             return None
-        return AmbientGradient(from_nanotesla(np.array(tensor)), from_nanotesla(np.array(errors)))
+        return AmbientGradientEstimate(from_nanotesla(np.array(tensor)), from_nanotesla(np.array(errors)))
 
 
 class _Residuals(Document):

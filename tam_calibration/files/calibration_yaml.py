@@ -6,17 +6,15 @@ from typing import Any
 import numpy as np
 
 from tam_calibration import __version__
-from tam_calibration.calibration import AmbientGradient, Calibration, KnownSource
-from tam_calibration.effects.numbers import units_of
+from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration, KnownSource
+from tam_calibration.effects.library import units_of
 from tam_calibration.files.array_yaml import array_to_mapping
 from tam_calibration.files.calibration_schema import SCHEMA, calibration_of
 from tam_calibration.files.effects_schema import effect_to_mapping
-from tam_calibration.files.exact import degrees_to_write, nanotesla_to_write
-from tam_calibration.files.location import in_file, read_text
-from tam_calibration.files.whole import write_whole
+from tam_calibration.files.text_files import degrees_to_write, in_file, nanotesla_to_write, read_text, write_whole
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
-from tam_calibration.residuals import Residuals
-from tam_calibration.units import FloatArray, to_degrees, to_nanotesla
+from tam_calibration.model.residuals import Residuals
+from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 
 FORMULA = (
     "Field at a sensor in the array frame [nT] = inverse of its matrix × (its raw reading [nT] - its bias_nT). "
@@ -128,7 +126,7 @@ def _known_source(found: KnownSource | None) -> dict[str, Any]:
     }
 
 
-def _gradient(gradient: AmbientGradient | None) -> dict[str, Any]:
+def _gradient(gradient: AmbientGradientEstimate | None) -> dict[str, Any]:
     if gradient is None:
         return {}
     return {

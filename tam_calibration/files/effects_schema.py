@@ -16,11 +16,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from tam_calibration.effects.fitted import ALL, SCALAR, Contribution, FittedEffect
-from tam_calibration.exceptions import InputError
-from tam_calibration.files.exact import degrees_to_write, nanotesla_to_write
+from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write
 from tam_calibration.files.yaml_document import Document
-from tam_calibration.units import from_degrees, from_nanotesla
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
+from tam_calibration.model.units import from_degrees, from_nanotesla
 
 _AXES = "xyz"
 _SPECIAL = {"scalar": SCALAR, "all": ALL}

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tam_calibration.exceptions import InputError
-from tam_calibration.files.location import in_file, read_text
-from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.files.text_files import in_file, read_text
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
 MISSING_NT = 88_888.0
 """Values from here on stand for "not reported" (88888) and "missing" (99999)."""

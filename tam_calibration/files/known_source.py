@@ -7,12 +7,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from tam_calibration.exceptions import InputError
 from tam_calibration.files.calibration_schema import Vector
 from tam_calibration.files.yaml_document import Document, check, mapping_in
-from tam_calibration.localization.dipole import Dipole
-from tam_calibration.localization.loop import Loop, area_of
-from tam_calibration.localization.source import Source
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.sources.dipole import Dipole, Source
+from tam_calibration.sources.loop import Loop, area_of
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 

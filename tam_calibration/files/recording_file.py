@@ -1,18 +1,51 @@
-"""Recordings and corrected data in whichever format: bags (folders, .mcap, .db3) or CSV."""
+"""Recordings and corrected data in whichever format, bags or CSV, and where a result came from."""
 
 from collections.abc import Iterable, Iterator
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.calibration import Corrected
-from tam_calibration.exceptions import InputError
-from tam_calibration.files.csv_corrected import write_csv_corrected
-from tam_calibration.files.csv_recording import read_csv_pieces, read_csv_recording, write_csv_recording
+from tam_calibration.correction.calibration import Calibration, Corrected, Provenance
+from tam_calibration.files.csv_files import (
+    read_csv_pieces,
+    read_csv_recording,
+    write_csv_corrected,
+    write_csv_recording,
+)
 from tam_calibration.files.recording_stream import RecordingStream
-from tam_calibration.files.samples import Progress, Samples, stamps_of
-from tam_calibration.recording import Recording
+from tam_calibration.files.text_files import read_text
+from tam_calibration.files.yaml_document import parse_mapping
+from tam_calibration.messages.samples import Progress, Samples, stamps_of
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
+
+
+def provenance(path: Path) -> Provenance:
+    """Return name, size and SHA-256 of a recording; of a bag's folder those of its data files, one after the other.
+
+    Raises
+    ------
+    InputError
+        When the folder is no bag.
+    """
+    path = Path(path).resolve()
+    digest, size = sha256(), 0
+    for part in _data_files(path):
+        with part.open("rb") as file:
+            while block := file.read(1 << 20):
+                digest.update(block)
+                size += len(block)
+    return Provenance(path.name, size, digest.hexdigest())
+
+
+def _data_files(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return [path]
+    metadata = parse_mapping(read_text(path / "metadata.yaml"))
+    return [path / Path(name).name for name in metadata["rosbag2_bagfile_information"]["relative_file_paths"]]
+
 
 _BAG_BEGINNINGS = (b"\x89MCAP0\r\n", b"SQLite format 3\0")
 _BAG_SUFFIXES = (".mcap", ".db3")
@@ -73,7 +106,7 @@ def read_samples(
     """
     path = Path(path)
     if is_bag(path):
-        from tam_calibration.files.bag import read_bag  # late: a CSV file does not need rosbags
+        from tam_calibration.files.bag import read_bag
 
         return read_bag(path, sensor_count, round(tolerance_s * 1e9), progress)
     recording = read_csv_recording(path)
@@ -98,7 +131,7 @@ def read_pieces(
     """
     path = Path(path)
     if is_bag(path):
-        from tam_calibration.files.bag import read_bag_pieces  # late: a CSV file does not need rosbags
+        from tam_calibration.files.bag import read_bag_pieces
 
         yield from read_bag_pieces(path, sensor_count, round(tolerance_s * 1e9), progress)
     else:
@@ -155,7 +188,7 @@ def write_recording(path: Path, recording: Recording, storage: str = "sqlite3") 
     if path.suffix == ".csv":
         write_csv_recording(path, recording)
     else:
-        from tam_calibration.files.bag_writing import write_bag_recording  # late: a CSV file does not need rosbags
+        from tam_calibration.files.bag_writing import write_bag_recording
 
         write_bag_recording(path, recording, storage)
 
@@ -202,7 +235,41 @@ def write_corrected_pieces(
     if path.suffix == ".csv":
         write_csv_corrected(path, (corrected for corrected, _ in pieces))
     else:
-        from tam_calibration.files.bag_corrected import write_bag_corrected  # late: a CSV file does not need rosbags
+        from tam_calibration.files.bag_corrected import write_bag_corrected
 
         stamped = ((each, stamps_of(each.time_s) if stamps is None else stamps) for each, stamps in pieces)
         write_bag_corrected(path, stamped, source if source and is_bag(source) else None, progress)
+
+
+def correct_file(
+    path: Path,
+    calibration: Calibration,
+    tolerance_s: float = TOLERANCE_S,
+    progress: Progress = lambda done, total: None,
+) -> Iterator[tuple[Corrected, NDArray[np.int64] | None]]:
+    """Yield the corrected pieces of a recording with their stamps, None where they were no messages.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, and at the end when it is mostly not in tesla.
+    """
+    source = path, calibration.errors.sensor_count, tolerance_s, progress
+    # Effects reach from one piece into the next, and holes in their channels are filled from both sides.
+    pieces = [read_samples(*source)] if calibration.effects else read_pieces(*source)
+    wrong_units: list[InputError] = []
+    right_units = 0
+    for samples in pieces:
+        if calibration.effects:
+            corrected = calibration.correct(samples.recording)
+        else:
+            outputs = calibration.apply(samples.recording.readings_T)
+            corrected = Corrected(samples.recording.time_s, outputs, calibration.output_standard_errors)
+        try:
+            samples.recording.check_units(calibration.array.field)
+            right_units += 1
+        except InputError as problem:
+            wrong_units.append(problem)
+        yield corrected, samples.stamps_ns
+    if len(wrong_units) > right_units:
+        raise wrong_units[0]

@@ -9,9 +9,9 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.exceptions import InputError
-from tam_calibration.recording import BLOCK, CHANNELS, Block, Recording
-from tam_calibration.units import FloatArray
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import BLOCK, CHANNELS, Block, Recording
+from tam_calibration.model.units import FloatArray
 
 _CHANNELS = {name: (4,) if name == "attitude" else () for name in CHANNELS}
 """The shape of one value of each channel."""

@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from tam_calibration.exceptions import InputError
 from tam_calibration.files.effects_schema import effect_to_mapping
-from tam_calibration.files.exact import degrees_to_write, nanotesla_to_write
 from tam_calibration.files.scenario_schema import scenario_of
-from tam_calibration.files.whole import write_whole
+from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write, write_whole
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import to_nanotesla
 from tam_calibration.simulation import Scenario, Simulation
-from tam_calibration.units import to_nanotesla
 
 TRUTH_SCHEMA = "tam_calibration/truth/1"
 

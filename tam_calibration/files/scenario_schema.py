@@ -7,17 +7,17 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from tam_calibration.exceptions import InputError
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.calibration_schema import Finite, Tensor, Vector
 from tam_calibration.files.effects_schema import EffectFile
 from tam_calibration.files.iaga2002 import read_iaga2002
 from tam_calibration.files.yaml_document import Document, check
-from tam_calibration.geomagnetic import site_field_T
-from tam_calibration.localization.dipole import Dipole
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.simulation import Scenario, attitude, channels, sources
-from tam_calibration.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.geomagnetic_field import site_field_T
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.simulation import Scenario, attitude, instruments, sources
+from tam_calibration.sources.dipole import Dipole
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -158,8 +158,8 @@ class _Current(Document):
 class _Attitude(Document):
     noise_deg: NotNegative = 0.0
 
-    def build(self) -> channels.AttitudeChannel:
-        return channels.AttitudeChannel(from_degrees(self.noise_deg))
+    def build(self) -> instruments.AttitudeChannel:
+        return instruments.AttitudeChannel(from_degrees(self.noise_deg))
 
 
 _Motion = _Random | _RandomEulerAngles | _ThreeAxisTurns | _Turntable | _Tumble | _Auv
@@ -200,9 +200,9 @@ class ScenarioFile(Document):
             drift=None if self.drift is None else self.drift.build(folder),
             dipole=None if self.dipole is None else self.dipole.build(),
             site_gradient_T_per_m=self._site_gradient_T_per_m(),
-            scalar=None if self.scalar is None else channels.ScalarReference(**self.scalar.model_dump()),
-            temperature=None if self.temperature is None else channels.Temperature(**self.temperature.model_dump()),
-            current=None if self.current is None else channels.Current(**self.current.model_dump()),
+            scalar=None if self.scalar is None else instruments.ScalarReference(**self.scalar.model_dump()),
+            temperature=None if self.temperature is None else instruments.Temperature(**self.temperature.model_dump()),
+            current=None if self.current is None else instruments.Current(**self.current.model_dump()),
             attitude=None if self.attitude is None else self.attitude.build(),
             effects=tuple(effect.to_fitted() for effect in self.effects),
         )

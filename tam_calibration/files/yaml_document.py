@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from tam_calibration.exceptions import InputError
-from tam_calibration.files.location import in_file, read_text
+from tam_calibration.files.text_files import in_file, read_text
+from tam_calibration.model.exceptions import InputError
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]

@@ -6,9 +6,9 @@ Every function takes any number of leading axes and treats each of them apart.
 import numpy as np
 from numpy.linalg import inv
 
-from tam_calibration.exceptions import InputError
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 
 def field_products(joint: FloatArray, unmix: FloatArray, center: FloatArray) -> FloatArray:

@@ -12,14 +12,14 @@ the two are 1.2, 2.0 and -0.9 degrees apart. Here the result is turned into the 
 import numpy as np
 from numpy.linalg import LinAlgError, inv
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import Calibration
-from tam_calibration.exceptions import InputError
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import into_frame_of_first
 from tam_calibration.fit.moments import finish, gather
-from tam_calibration.recording import SampleSource
-from tam_calibration.units import FloatArray
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.units import FloatArray
 
 
 def artificial_vector(recording: SampleSource, array: Array) -> Calibration:

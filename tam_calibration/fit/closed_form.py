@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.linalg import inv
 
-from tam_calibration.exceptions import InputError
+from tam_calibration.core.normal_equations import gram
 from tam_calibration.fit import ellipsoid
-from tam_calibration.fit.gram import gram
 from tam_calibration.fit.scale import Normalized
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 _SMALLEST_SPREAD = 1e-12  # of readings that are not all in a plane, over the largest
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.calibration import Calibration
-from tam_calibration.exceptions import Refused
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES
 from tam_calibration.fit.scale import normalize, sphere_of_most
-from tam_calibration.recording import SKETCH, SampleSource
-from tam_calibration.residuals import residual_series
-from tam_calibration.units import FloatArray, to_nanotesla
+from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.recording import SKETCH, SampleSource
+from tam_calibration.model.residuals import residual_series
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 PARTS = 10
 """Of equal length, of which each is long enough for some turns of a usual survey."""

@@ -12,9 +12,9 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.fit.scale import sphere_center
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 IntArray = NDArray[np.integer[Any]]
 

@@ -8,8 +8,8 @@ Every function takes any number of leading axes and treats each set of moments a
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from tam_calibration.exceptions import InputError
-from tam_calibration.units import FloatArray
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray
 
 NO_ELLIPSOID = (
     "the readings do not lie on an ellipsoid: the array was not turned through enough directions, "

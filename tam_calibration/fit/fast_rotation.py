@@ -8,16 +8,16 @@ the alignment: three samples align sensors that are orthogonal already.
 import numpy as np
 from numpy.linalg import inv
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import Calibration
-from tam_calibration.exceptions import InputError
+from tam_calibration.core.noise import complete_noise
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import field_products, into_frame_of_first, procrustes
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.moments import finish, gather
-from tam_calibration.fit.noise import complete_noise
-from tam_calibration.recording import SKETCH, Recording, SampleSource
-from tam_calibration.units import FloatArray
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import SKETCH, Recording, SampleSource
+from tam_calibration.model.units import FloatArray
 
 _NOISE_MARGIN = 10.0
 _ROUNDING = 1e-9

@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.likelihood import UNIFORM, Linearization
-from tam_calibration.units import FloatArray
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.units import FloatArray
 
 _MOST_STEPS = 100
 

@@ -7,14 +7,14 @@ constraint that admits ellipsoids only, split by Cholesky factorisation, and the
 import numpy as np
 from numpy.linalg import LinAlgError, inv
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import Calibration
-from tam_calibration.exceptions import InputError
-from tam_calibration.fit import attitude_frame, ellipsoid
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit import attitude, ellipsoid
 from tam_calibration.fit.alignment import field_products, procrustes
 from tam_calibration.fit.moments import Moments, finish, gather
-from tam_calibration.recording import SampleSource
-from tam_calibration.units import FloatArray
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.units import FloatArray
 
 FRAME_STATEMENT = (
     "The array frame is the frame in which the matrix of sensor 1 is upper triangular. With soft iron that is not the "
@@ -61,7 +61,7 @@ def integrated(recording: SampleSource, array: Array) -> Calibration:
     if recording.attitude is None:
         return finish("integrated", recording, array, moments.data, matrix, center, FRAME_STATEMENT)
     matrix = matrix @ np.swapaxes(_turns(moments, matrix, center), 1, 2)[:, None]
-    return finish("integrated", recording, array, moments.data, matrix, center, attitude_frame.FRAME_STATEMENT)
+    return finish("integrated", recording, array, moments.data, matrix, center, attitude.FRAME_STATEMENT)
 
 
 def _turns(moments: Moments, matrix: FloatArray, center: FloatArray) -> FloatArray:
@@ -77,7 +77,7 @@ def _turns(moments: Moments, matrix: FloatArray, center: FloatArray) -> FloatArr
     turns = []
     for unmix, bias, samples in zip(inv(matrix[:, 0]), center[:, 0], chosen, strict=True):
         field = (points[samples] - bias) @ unmix.T
-        turns.append(attitude_frame.find_turn(field, to_world[samples]))
+        turns.append(attitude.find_turn(field, to_world[samples]))
     return np.array(turns)
 
 

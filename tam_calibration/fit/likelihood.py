@@ -14,10 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.fit.channels import Channels, Turning
-from tam_calibration.fit.gram import gram
+from tam_calibration.core.normal_equations import gram
+from tam_calibration.fit.channel_maps import ChannelMaps, Turning
 from tam_calibration.fit.reference import InterpolationNoise
-from tam_calibration.units import FloatArray
+from tam_calibration.fit.scale import Normalized
+from tam_calibration.model.units import FloatArray
 
 BoolArray = NDArray[np.bool_]
 
@@ -96,7 +97,7 @@ class Likelihood:
 
         Each sample counts by its weight (N,), or as one.
         """
-        channels = Channels.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
+        channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
         moments = self._moments if weights is None else _second_moments(self._flat, weights)
         reference_count = int(np.isfinite(self.intensity).sum())
         return linearization(channels, moments, self._common_mode_moments(channels, weights), reference_count)
@@ -104,7 +105,7 @@ class Likelihood:
     def energy(self, matrix: FloatArray, bias: FloatArray, ambient_gradient: FloatArray = UNIFORM) -> FloatArray:
         """Return the (N,) sums of the squares of each sample's whitened channels."""
         assert self.interpolation_noise is None, "what samples share is no sample's own"
-        channels = Channels.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
+        channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
         energy = np.empty(len(self.points))
         for part in self._pieces():
             unbiased = self._flat[part] @ channels.unbiased[:, :-1].T + channels.unbiased[:, -1]
@@ -127,7 +128,7 @@ class Likelihood:
         for start in range(0, len(self.points), _PIECE):
             yield slice(start, start + _PIECE)
 
-    def _common_mode_moments(self, channels: Channels, weights: FloatArray | None) -> FloatArray:
+    def _common_mode_moments(self, channels: ChannelMaps, weights: FloatArray | None) -> FloatArray:
         """Return the moments of ``whitened`` columns; what samples share is taken off."""
         size = channels.response[0].size + 1
         total, kept = np.zeros((size, size)), []
@@ -145,7 +146,7 @@ class Likelihood:
             *(np.concatenate(column) for column in zip(*kept, strict=True))
         )
 
-    def _common_mode(self, part: slice, channels: Channels) -> "CommonMode":
+    def _common_mode(self, part: slice, channels: ChannelMaps) -> "CommonMode":
         own: Any = self.scalar_noise if np.ndim(self.scalar_noise) == 0 else np.asarray(self.scalar_noise)[part]
         return common_mode(channels, self._flat[part].T, self.intensity[part], own)
 
@@ -163,7 +164,7 @@ class CommonMode(NamedTuple):
     known: slice | BoolArray
 
 
-def common_mode(channels: Channels, rows: FloatArray, intensity: FloatArray, scalar_noise: Any) -> CommonMode:
+def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: Any) -> CommonMode:
     """Return the common mode of rows (Z - 1, n), without their 1, and intensities (n,)."""
     finite = np.isfinite(intensity)
     known = slice(None) if finite.all() else finite
@@ -190,7 +191,9 @@ def whitened(there: CommonMode, features: FloatArray) -> FloatArray:
     return columns
 
 
-def linearization(channels: Channels, moments: FloatArray, common: FloatArray, reference_count: int) -> Linearization:
+def linearization(
+    channels: ChannelMaps, moments: FloatArray, common: FloatArray, reference_count: int
+) -> Linearization:
     """Return the normal equations from the second moments of the rows and of the ``whitened`` columns."""
     information, gradient, differential = _differential(channels, moments)
     size = channels.response[0].size
@@ -200,7 +203,7 @@ def linearization(channels: Channels, moments: FloatArray, common: FloatArray, r
     return Linearization(information, gradient, differential, float(common[size, size]), reference_count)
 
 
-def _differential(channels: Channels, moments: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+def _differential(channels: ChannelMaps, moments: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Return information, gradient and energy of the differential channels from the second moments of the rows."""
     count = len(channels.at_sensors)
     extend = channels.at_sensors.reshape(4 * count, -1)
@@ -230,3 +233,34 @@ def _second_moments(flat: FloatArray, weights: FloatArray | None) -> FloatArray:
     total[:-1, -1] = total[-1, :-1] = weighted.sum(axis=0)
     total[-1, -1] = len(flat) if weights is None else weights.sum()
     return total
+
+
+@dataclass(frozen=True, eq=False)
+class UniformLikelihood:
+    """As ``Likelihood``, for samples that count alike and have errors of their own.
+
+    Parameters
+    ----------
+    data : Normalized
+        Readings and intensities.
+    vector_noise : (K,) array
+        Standard deviation of each sensor's axes.
+    scalar_noise : float
+        Standard deviation of the intensity's error.
+    """
+
+    data: Normalized
+    vector_noise: FloatArray
+    scalar_noise: float
+
+    def linearize(self, matrix: FloatArray, bias: FloatArray) -> Linearization:
+        """Return the normal equations at matrices D Λ (K, 3, 3) and biases (K, 3)."""
+        channels = ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None)
+        size = channels.response[0].size + 1
+        common, count = np.zeros((size, size)), 0
+        for points, intensity in self.data.blocks():
+            there = common_mode(channels, points[:-1], intensity, self.scalar_noise)
+            columns = whitened(there, points[:0])
+            common += gram(columns)
+            count += columns.shape[1]
+        return linearization(channels, self.data.moments, common, count)

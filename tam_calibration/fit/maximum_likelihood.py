@@ -1,36 +1,66 @@
-"""The joint maximum-likelihood fit of all sensors.
-
-Each sample's field is eliminated exactly and Gauss-Newton solves for the 12 K - 3 parameters that a uniform field
-determines, from a start that is nearly the solution: see ``closed_form``.
-"""
+"""The joint maximum-likelihood fit of all sensors; outliers are held down by a multivariate Student-t distribution."""
 
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import Calibration
+from tam_calibration.core.noise import complete_noise
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.ambient_gradient import require_attitude
-from tam_calibration.fit import student
-from tam_calibration.fit.ambient_gradient import (
-    gradient_of,
-    marginal_information,
-    require_gradient_determined,
-    turning_of,
-)
-from tam_calibration.fit.bound import parameter_covariance
+from tam_calibration.fit.attitude import gradient_of, marginal_information, require_gradient_determined, turning_of
 from tam_calibration.fit.closed_form import closed_form
 from tam_calibration.fit.gauss_newton import Point, free_rows, gauss_newton
-from tam_calibration.fit.likelihood import Likelihood, Linearization
-from tam_calibration.fit.noise import complete_noise
+from tam_calibration.fit.information import parameter_covariance
+from tam_calibration.fit.likelihood import Likelihood, Linearization, UniformLikelihood
 from tam_calibration.fit.reference import LARGEST_SHARE, interpolate, is_worth_interpolating
 from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
-from tam_calibration.fit.uniform_likelihood import UniformLikelihood
-from tam_calibration.recording import Recording, SampleSource
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+
+DEGREES_OF_FREEDOM = 6.0
+"""With four sensors the standard errors are 1.04 times the bound's without outliers; with 4 they would be 1.05."""
+
+_MOST_STEPS = 200
+_SMALLEST_SQUARE = 1e-4  # below a hundredth of the stated noise lies only rounding
+
+
+def scale_square(energy: FloatArray, channels: FloatArray) -> float:
+    """Return the square of the scale of the noise, in units of the stated one, by maximum likelihood.
+
+    Parameters
+    ----------
+    energy : (N,) array
+        Sum of the squares of each sample's whitened channels.
+    channels : (N,) array
+        Number of channels of each sample.
+    """
+    square = max(float(np.median(energy / channels)), _SMALLEST_SQUARE)
+    for _ in range(_MOST_STEPS):
+        previous, square = square, float(np.sum(weights(energy, channels, square) * energy) / channels.sum())
+        if square <= _SMALLEST_SQUARE or abs(square - previous) <= 1e-10 * square:
+            break
+    return max(square, _SMALLEST_SQUARE)
+
+
+def weights(energy: FloatArray, channels: FloatArray, square: float) -> FloatArray:
+    """Return the (N,) weights of samples: about one for noise, small for outliers."""
+    return (DEGREES_OF_FREEDOM + channels) / (DEGREES_OF_FREEDOM + energy / square)
+
+
+def variance_factor(energy: FloatArray, channels: FloatArray, square: float) -> float:
+    """Return the variance of the weighted estimate over that of the inverse information with the stated noise.
+
+    The sandwich of an M-estimate: mean square of the weighted channels over the square of their mean derivative.
+    """
+    weight = weights(energy, channels, square)
+    slope = -weight / (DEGREES_OF_FREEDOM * square + energy)
+    spread = np.sum(weight**2 * energy) / channels.sum()
+    derivative = np.sum(weight * channels + 2 * slope * energy) / channels.sum()
+    return float(spread / derivative**2)
 
 
 def maximum_likelihood(
@@ -153,7 +183,7 @@ def _fit_in_memory(
     point, information = gauss_newton(partial(_linearize, likelihood, robust), point, robust)
     if robust:
         energy, channels = likelihood.energy(*point), likelihood.channel_count
-        factor = student.variance_factor(energy, channels, student.scale_square(energy, channels))
+        factor = variance_factor(energy, channels, scale_square(energy, channels))
         information = _linearize(likelihood, False, point).information / factor
     return point, information
 
@@ -198,5 +228,5 @@ def _aligned_start(
 
 def _student_weights(likelihood: Likelihood, point: Point) -> FloatArray:
     energy, channels = likelihood.energy(*point), likelihood.channel_count
-    square = student.scale_square(energy, channels)
-    return student.weights(energy, channels, square) / square
+    square = scale_square(energy, channels)
+    return weights(energy, channels, square) / square

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import FRAME_STATEMENT, Calibration
-from tam_calibration.exceptions import InputError
+from tam_calibration.core.normal_equations import gram
+from tam_calibration.correction.calibration import FRAME_STATEMENT, Calibration
 from tam_calibration.fit import ellipsoid
-from tam_calibration.fit.gram import gram
 from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
-from tam_calibration.recording import BLOCK, Recording, SampleSource
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import BLOCK, Recording, SampleSource
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 IntArray = NDArray[np.integer[Any]]
 

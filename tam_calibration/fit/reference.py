@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tam_calibration.units import FloatArray
+from tam_calibration.model.units import FloatArray
 
 _LONGEST_GAP = 3.0
 """Gaps between readings are bridged up to this multiple of the usual one."""

@@ -1,18 +1,152 @@
-"""From an estimate to a calibration: noise, residuals, floor, whiteness and coverage, the same for every method."""
+"""From an estimate to a calibration: noise, residuals, floor, whiteness and coverage, for every method alike."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.linalg import inv
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import FRAME_STATEMENT, AmbientGradient, Calibration
-from tam_calibration.fit.ambient_gradient import as_if_uniform
-from tam_calibration.fit.noise import complete_noise
-from tam_calibration.fit.quality import measure_chi_square, measure_quality
-from tam_calibration.recording import SampleSource
-from tam_calibration.residuals import noise_floor
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.core.noise import complete_noise
+from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradientEstimate, Calibration
+from tam_calibration.fit.attitude import as_if_uniform
+from tam_calibration.fit.coverage import CELLS, cell_of
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Block, SampleSource
+from tam_calibration.model.residuals import Residuals, ResidualSums, noise_floor
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Quality:
+    """The figures of one pass.
+
+    Parameters
+    ----------
+    before, after : Residuals
+        Of the raw and of the corrected readings.
+    coverage : float
+        Part of the sphere of field directions that was visited, 0 to 1.
+    reduced_chi_square : dict
+        As in ``Calibration``.
+    mean_scalar_T : float, optional
+        Mean scalar reading, tesla; None where there is no scalar channel.
+    """
+
+    before: Residuals
+    after: Residuals
+    coverage: float
+    reduced_chi_square: dict[str, float]
+    mean_scalar_T: float | None
+
+
+def measure_quality(source: SampleSource, array: Array, errors: SensorErrors, intensity_T: float) -> Quality:
+    """Return the figures of a recording in a uniform field that was corrected with given errors.
+
+    Parameters
+    ----------
+    source : SampleSource
+        Raw readings.
+    array : Array
+        Geometry, and every noise.
+    errors : SensorErrors
+        The estimate.
+    intensity_T : float
+        Stands in where there is no scalar channel.
+    """
+    before = ResidualSums(SensorErrors.none(errors.sensor_count), array, intensity_T)
+    after = ResidualSums(errors, array, intensity_T)
+    energy, visited = EnergySums(errors, array, intensity_T), _Visited(errors)
+    scalar_T, count = 0.0, source.scalar_count
+    for block in source.blocks():
+        for sums in (before, after, energy, visited):
+            sums.add(block)
+        if block.scalar_T is not None:
+            scalar_T += float(np.nansum(block.scalar_T))
+    mean_scalar_T = scalar_T / count if count else None
+    return Quality(before.result(), after.result(), visited.fraction, energy.reduced_chi_square(), mean_scalar_T)
+
+
+def measure_chi_square(
+    source: SampleSource, array: Array, errors: SensorErrors, intensity_T: float
+) -> dict[str, float]:
+    """Return the reduced chi-square alone, as ``measure_quality`` does."""
+    energy = EnergySums(errors, array, intensity_T)
+    for block in source.blocks():
+        energy.add(block)
+    return energy.reduced_chi_square()
+
+
+class EnergySums:
+    """The energy of the whitened channels: differences between sensors, and the field they agree on over the intensity.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        The estimate.
+    array : Array
+        With every noise.
+    intensity_T : float
+        Stands in where there is no scalar channel.
+    """
+
+    def __init__(self, errors: SensorErrors, array: Array, intensity_T: float) -> None:
+        assert array.vector_noise_T is not None
+        self._intensity_T, self._scalar_variance = intensity_T, (array.scalar_noise_T or 0.0) ** 2
+        self._sensors = errors.sensor_count
+        weight = 1 / np.repeat(array.vector_noise_T, 3)[:, None]
+        rows = weight * errors.matrix.reshape(-1, 3)
+        basis, _ = np.linalg.qr(rows, mode="complete")
+        self._covariance: FloatArray = inv(rows.T @ rows)
+        self._map = np.concatenate([self._covariance @ rows.T, basis[:, 3:].T]) * weight.T
+        self._offset = -self._map @ errors.bias_T.reshape(-1, 1)
+        self._differential, self._common_mode = 0.0, 0.0
+        self._all, self._known = 0, 0
+
+    def add(self, block: Block) -> None:
+        """Add the samples of a block."""
+        channels = self._map @ block.readings_T.reshape(len(block.readings_T), -1).T
+        channels += self._offset
+        field, differences = channels[:3], channels[3:].ravel()
+        self._differential += float(differences @ differences)
+        square = np.einsum("in,in->n", field, field)
+        # The variance of the length of the field, and the misfit, both times its length.
+        variance = self._scalar_variance * square + np.einsum("in,in->n", self._covariance @ field, field)
+        length = np.sqrt(square)
+        misfit = length * (length - (self._intensity_T if block.scalar_T is None else block.scalar_T))
+        energy = misfit * misfit / variance
+        known = np.isfinite(energy)
+        self._common_mode += float(np.sum(energy, where=known))
+        self._all += len(known)
+        self._known += int(known.sum())
+
+    def reduced_chi_square(self) -> dict[str, float]:
+        """Return the energies per degree of freedom, where there are any."""
+        # The ellipsoid takes nine parameters from the common mode, each further sensor twelve from the differences.
+        others = self._sensors - 1
+        freedom = {"differential": 3 * others * self._all - 12 * others, "common_mode": self._known - 9}
+        energy = {"differential": self._differential, "common_mode": self._common_mode}
+        return {name: energy[name] / freedom[name] for name in freedom if freedom[name] > 0}
+
+
+class _Visited:
+    """Which cells of the sphere the mean of the restored sensors visits."""
+
+    def __init__(self, errors: SensorErrors) -> None:
+        unmix = inv(errors.matrix) / errors.sensor_count
+        self._map = np.concatenate(list(unmix), axis=1)
+        self._offset = -self._map @ errors.bias_T.reshape(-1, 1)
+        self._counts = np.zeros(CELLS, dtype=int)
+
+    def add(self, block: Block) -> None:
+        field = self._map @ block.readings_T.reshape(len(block.readings_T), -1).T
+        field += self._offset
+        length = np.sqrt(np.einsum("in,in->n", field, field))
+        direction = np.divide(field, length, out=np.zeros_like(field), where=length > 0)
+        self._counts += np.bincount(cell_of(direction.T), minlength=CELLS)
+
+    @property
+    def fraction(self) -> float:
+        return float(np.mean(self._counts > 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +173,7 @@ class Estimate:
     covariance: FloatArray
     covariance_from_noise: bool
     intensity_T: float
-    ambient_gradient: AmbientGradient | None = None
+    ambient_gradient: AmbientGradientEstimate | None = None
     frame: str = FRAME_STATEMENT
 
 

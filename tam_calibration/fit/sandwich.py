@@ -12,8 +12,8 @@ from numpy.linalg import inv
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.moments import Moments
 from tam_calibration.fit.scale import Normalized
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 _RUNS = 1000
 _CROSS = np.zeros((3, 3, 3))
@@ -71,8 +71,8 @@ def _spread(data: Normalized, unmix: FloatArray, center: FloatArray, rotation: F
         for sensor in range(sensors):
             own = points[3 * sensor : 3 * sensor + 3]
             ellipsoid.monomial_columns(own, intensity, monomials)
-            misfit = shape[sensor] @ monomials[:6] - square
-            np.multiply(monomials[:9], misfit, out=terms[9 * sensor : 9 * sensor + 9])
+            residuals = shape[sensor] @ monomials[:6] - square
+            np.multiply(monomials[:9], residuals, out=terms[9 * sensor : 9 * sensor + 9])
             field = unmix[sensor] @ own
             if sensor == 0:
                 first = field

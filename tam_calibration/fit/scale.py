@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.fit.gram import gram
-from tam_calibration.recording import SampleSource
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.core.normal_equations import gram
+from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 _SAMPLES_FOR_SPHERE = 400
 _REWEIGHTINGS = 40

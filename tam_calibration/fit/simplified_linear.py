@@ -7,14 +7,14 @@ nanotesla for scale factors that are a quarter off: no noise-free data and no nu
 import numpy as np
 from numpy.linalg import LinAlgError, inv
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import Calibration
-from tam_calibration.exceptions import InputError
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import field_products, regression_on_first, rotation_by_regression
 from tam_calibration.fit.moments import finish, gather
-from tam_calibration.recording import SampleSource
-from tam_calibration.units import FloatArray
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.units import FloatArray
 
 
 def simplified_linear(recording: SampleSource, array: Array) -> Calibration:

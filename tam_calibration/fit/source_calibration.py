@@ -1,7 +1,7 @@
 """What a uniform field leaves open, from the field of a known source: baselines, common frame, places of the axes.
 
 What the places of the axes have in common with longer baselines counts as scale: Σ p_k · d_ka is zero, p_k the stated
-position of sensor k and d_ka the place of its axis a. See ``source_readings``.
+position of sensor k and d_ka the place of its axis a.
 """
 
 from dataclasses import dataclass, replace
@@ -10,13 +10,64 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.array import Array
-from tam_calibration.exceptions import InputError, Refused
-from tam_calibration.fit.source_readings import SourceReadings
-from tam_calibration.localization.poses import Poses
-from tam_calibration.localization.source import Source
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+from tam_calibration.sources.dipole import Source
+from tam_calibration.sources.poses import Poses
+
+
+@dataclass(frozen=True, eq=False)
+class SourceReadings:
+    """What the sensors of an array read of a source.
+
+    Parameters
+    ----------
+    source : Source
+        In the world.
+    poses : Poses
+        Of the array in the world, N.
+    errors : SensorErrors
+        Of the sensors, in the frame of the calibration so far.
+    array : Array
+        As stated.
+    """
+
+    source: Source
+    poses: Poses
+    errors: SensorErrors
+    array: Array
+
+    def predict(self, scale: float, rotation: FloatArray, offsets_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the readings (N, K, 3) in tesla and their derivatives (N, K, 3, 4 + 9 K).
+
+        Parameters
+        ----------
+        scale : float
+            True distances of the sensors from the centre over the stated ones.
+        rotation : (3, 3) array
+            From the array frame into that of the calibration so far.
+        offsets_m : (K, 3, 3) array
+            Places of the elements of axis x, y, z of each sensor beside it, metres.
+        """
+        turn, positions = self.poses.matrix, self.array.positions_m
+        elements = scale * positions[:, None] + offsets_m
+        world = self.poses.position_m[:, None, None] + np.einsum("nij,kaj->nkai", turn, elements)
+        field = np.einsum("nji,nkaj->nkai", turn, self.source.field_T(world))
+        gradient = np.einsum("nji,nkajl,nlm->nkaim", turn, self.source.gradient_T_per_m(world), turn, optimize=True)
+        rows = self.errors.matrix
+        turned = field @ rotation.T
+        by_place = np.einsum("kai,ij,nkajm->nkam", rows, rotation, gradient, optimize=True)
+        derivative = np.zeros((*field.shape[:3], 4 + 9 * len(positions)))
+        derivative[..., 0] = np.einsum("nkam,km->nka", by_place, positions)
+        # A further turn by ω adds ω × b, of which the row takes b × row · ω.
+        derivative[..., 1:4] = np.cross(turned, rows)
+        own = derivative[..., 4:].reshape(*field.shape[:3], len(positions), 3, 3)
+        for sensor, axis in np.ndindex(*field.shape[1:3]):
+            own[:, sensor, axis, sensor, axis] = by_place[:, sensor, axis]
+        return np.einsum("kai,nkai->nka", rows, turned), derivative
+
 
 _STEPS = 30
 _SMALLEST_STEP = 1e-12

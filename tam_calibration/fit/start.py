@@ -5,21 +5,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.linalg import inv, norm
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import Calibration
-from tam_calibration.exceptions import InputError
+from tam_calibration.core.noise import complete_noise
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import field_of
-from tam_calibration.fit.design import Information, Model
 from tam_calibration.fit.identifiability import require_determined
+from tam_calibration.fit.information import Information, InformationModel
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.noise import complete_noise
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class PlanStart:
     """What is known before a plan.
 
     Parameters
@@ -36,7 +36,7 @@ class Start:
         What is open and what was assumed for it; empty otherwise.
     """
 
-    model: Model
+    model: InformationModel
     information: Information
     standard_errors: FloatArray | None
     inclination: float | None = None
@@ -50,7 +50,7 @@ class Start:
         return float(np.max(self.standard_errors.ravel() * self.model.noise_units))
 
 
-def start_from_nothing(array: Array, intensity_T: float) -> Start:
+def start_from_nothing(array: Array, intensity_T: float) -> PlanStart:
     """Return the start of a whole calibration of sensors whose errors are small.
 
     Raises
@@ -60,11 +60,13 @@ def start_from_nothing(array: Array, intensity_T: float) -> Start:
     """
     if array.vector_noise_T is None:
         raise InputError("a plan without a recording needs the vector noise in the array file: add vector_noise_nT")
-    model = Model(SensorErrors.none(array.sensor_count), array, array.scalar_noise_T is not None, intensity_T)
-    return Start(model, Information(np.zeros((9, 9)), np.zeros((4, 4))), None)
+    model = InformationModel(
+        SensorErrors.none(array.sensor_count), array, array.scalar_noise_T is not None, intensity_T
+    )
+    return PlanStart(model, Information(np.zeros((9, 9)), np.zeros((4, 4))), None)
 
 
-def start_from_recording(recording: Recording, array: Array) -> Start:
+def start_from_recording(recording: Recording, array: Array) -> PlanStart:
     """Return the start that a recording gives; where it leaves parameters open, its raw readings give the directions.
 
     Raises
@@ -88,10 +90,10 @@ def start_from_recording(recording: Recording, array: Array) -> Start:
         return replace(start_from_calibration(calibration), inclination=inclination)
     model = _model_of(calibration)
     information = model.rows(field).information
-    return Start(model, information, _standard_errors(model, information), inclination)
+    return PlanStart(model, information, _standard_errors(model, information), inclination)
 
 
-def start_from_calibration(calibration: Calibration) -> Start:
+def start_from_calibration(calibration: Calibration) -> PlanStart:
     """Return the start that a calibration gives through its covariance.
 
     Raises
@@ -110,10 +112,10 @@ def start_from_calibration(calibration: Calibration) -> Start:
             f"the covariance of a calibration by {calibration.method} is not the inverse of an information that more "
             "samples add to: plan from its recording, or calibrate that with maximum_likelihood"
         )
-    return Start(model, information, standard_errors)
+    return PlanStart(model, information, standard_errors)
 
 
-def _taken_apart(model: Model, covariance: FloatArray) -> Information:
+def _taken_apart(model: InformationModel, covariance: FloatArray) -> Information:
     """Return the information whose inverse is nearest to a covariance (12 K, 12 K) of the parameters."""
     ellipsoid, affine = model.loadings
     channels, units = affine.shape[1], model.noise_units
@@ -125,21 +127,21 @@ def _taken_apart(model: Model, covariance: FloatArray) -> Information:
     return Information(inv(inside[:9, :9]), each)
 
 
-def _model_of(calibration: Calibration) -> Model:
+def _model_of(calibration: Calibration) -> InformationModel:
     has_scalar = calibration.has_scalar_reference
-    return Model(calibration.errors, calibration.array, has_scalar, calibration.intensity_T)
+    return InformationModel(calibration.errors, calibration.array, has_scalar, calibration.intensity_T)
 
 
-def _start_from_raw(recording: Recording, array: Array, note: str) -> Start:
+def _start_from_raw(recording: Recording, array: Array, note: str) -> PlanStart:
     scalar, field = recording.scalar_T, recording.readings_T.mean(axis=1)
     length = norm(field, axis=1, keepdims=True)
     intensity_T = float(np.nanmedian(length if scalar is None else scalar))
-    model = Model(SensorErrors.none(recording.sensor_count), array, scalar is not None, intensity_T)
+    model = InformationModel(SensorErrors.none(recording.sensor_count), array, scalar is not None, intensity_T)
     field = intensity_T * field / length
     rows = model.rows(field)
     if scalar is not None:
         rows.ellipsoid[~np.isfinite(scalar)] = 0
-    return Start(model, rows.information, None, _inclination(recording, field), note)
+    return PlanStart(model, rows.information, None, _inclination(recording, field), note)
 
 
 def _inclination(recording: Recording, field_T: FloatArray) -> float | None:
@@ -153,6 +155,6 @@ def _inclination(recording: Recording, field_T: FloatArray) -> float | None:
     return float(np.arctan2(-up, np.hypot(east, north)))
 
 
-def _standard_errors(model: Model, information: Information) -> FloatArray:
+def _standard_errors(model: InformationModel, information: Information) -> FloatArray:
     errors: FloatArray = np.sqrt(model.variances(information)).reshape(-1, 12)
     return errors

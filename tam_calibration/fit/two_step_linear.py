@@ -7,12 +7,12 @@ does not: it regresses what the errors of the ellipsoids, upper triangular, do n
 
 from numpy.linalg import inv
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import Calibration
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import field_products, regression_on_first, rotation_by_regression
 from tam_calibration.fit.moments import finish, gather
-from tam_calibration.recording import SampleSource
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import SampleSource
 
 
 def two_step_linear(recording: SampleSource, array: Array) -> Calibration:

@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from tam_calibration.files.json_text import to_json
-from tam_calibration.files.provenance import provenance
+from tam_calibration.files.recording_file import provenance
+from tam_calibration.files.text_files import to_json
 
 SCHEMA = "tam_calibration/batch_result/1"
 RESULT = "result.json"

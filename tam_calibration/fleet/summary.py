@@ -1,17 +1,148 @@
 """The summaries of a batch: ``summary.json``, ``summary.csv`` with a row for each recording, and a page."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from tam_calibration.files.json_text import to_json
-from tam_calibration.files.whole import write_whole
-from tam_calibration.fleet.counts import causes_of, counts_of
-from tam_calibration.fleet.page import write_page
-from tam_calibration.fleet.parameters import GROUPS, ParameterDrift, all_drifts, by_platform
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from tam_calibration.files.text_files import to_json, write_whole
+from tam_calibration.fleet.parameters import (
+    GROUPS,
+    Group,
+    Missions,
+    ParameterDrift,
+    all_drifts,
+    by_platform,
+    missions_of,
+)
 from tam_calibration.fleet.result import Result
+from tam_calibration.fleet.rows import (
+    COUNTS_HEADER,
+    DRIFT_HEADER,
+    causes_of,
+    count_rows,
+    counts_of,
+    drift_row,
+    open_points,
+)
+from tam_calibration.report.formatting import count, number
+from tam_calibration.report.page import Block, Gallery, Points, Section, Table, Text, embed, render
+from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, QUIET_COLOR, STYLE, WIDTH_INCH
+
+_COLORS = (BEFORE_COLOR, AFTER_COLOR, FLOOR_COLOR)
+_HEIGHT_INCH = 1.5
+
+
+@matplotlib.rc_context(STYLE | {"date.converter": "concise"})
+def plot_missions(missions: Missions, group: Group) -> Figure:
+    """Draw three parameters of each sensor less their means, with standard errors, over time."""
+    factor, unit = (1.0, group.unit) if group.unit else (1e6, "ppm")
+    values, errors = factor * missions.values[group], factor * missions.standard_errors[group]
+    count = values.shape[1]
+    figure = Figure(figsize=(WIDTH_INCH, _HEIGHT_INCH * count + 0.4), layout="constrained")
+    panels = figure.subplots(count, sharex=True, squeeze=False)[:, 0]
+    times = [datetime.fromtimestamp(time, UTC) for time in missions.time_s]
+    for sensor, axes in enumerate(panels):
+        for axis, color in enumerate(_COLORS):
+            if (errors[:, sensor, axis] > 0).any():
+                value = values[:, sensor, axis]
+                style = {"fmt": ".", "markersize": 5, "elinewidth": 0.9, "color": color, "label": group.names[axis]}
+                axes.errorbar(times, value - np.nanmean(value), errors[:, sensor, axis], **style)
+        _finish(axes, f"sensor {sensor + 1}")
+    figure.supylabel(f"{group.title} less its mean, {unit}")
+    return figure
+
+
+def _finish(axes: Axes, title: str) -> None:
+    axes.axhline(0.0, color=QUIET_COLOR, linewidth=0.6)
+    if not axes.containers:
+        axes.set_title(f"{title}: held fixed", loc="left")
+        axes.set_yticks([])
+    else:
+        axes.set_title(title, loc="left")
+        axes.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.95), handletextpad=0.1)
+
+
+_DRIFTS = (
+    "A straight line through the estimates of the missions, weighted by their standard errors. Where the scatter about "
+    "it, in those standard errors, is above 1, the missions differ by more than their calibrations know of, and the "
+    "standard errors given here are wider by it. Parameters that no recording determines are left out."
+)
+_RECORDINGS_HEADER = ("recording", "platform", "start (UTC)", "samples", "status", "verdict", "gap (noise floors)")
+
+
+def write_page(path: Path, results: Sequence[Result]) -> None:
+    """Write the self-contained HTML page.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    results : sequence of Result
+        Sorted by platform and time.
+    """
+    sections = [_overview(results), *_drifts(results), _recordings(results)]
+    platforms = len(by_platform(results))
+    subtitle = f"{_number(len(results), 'recording')} of {_number(platforms, 'platform')}"
+    path.write_text(render("Calibrations over many missions", subtitle, sections), encoding="utf-8")
+
+
+def _overview(results: Sequence[Result]) -> Section:
+    points = open_points(results)
+    settled = sum(result.is_settled for result in results)
+    words = f"{count(settled)} of {_number(len(results), 'recording')} without a failure and without an open gap."
+    verdict = Text(words, "doubt" if points else "good")
+    blocks: list[Block] = [verdict, Table(COUNTS_HEADER, count_rows(results))]
+    if points:
+        blocks.append(Points(points))
+    return Section("What was found", blocks)
+
+
+def _drifts(results: Sequence[Result]) -> Iterator[Section]:
+    for platform, some in by_platform(results).items():
+        missions = missions_of(platform, some)
+        if missions is not None:
+            yield _drift_section(missions)
+
+
+def _drift_section(missions: Missions) -> Section:
+    drawn = [
+        embed(plot_missions(missions, group), f"{group.title} over the missions", f"{group.title} ± 1 standard error")
+        for group in GROUPS
+    ]
+    rows = [drift_row(found)[1:] for found in missions.drifts()]
+    blocks: list[Block] = [Text(_DRIFTS), Gallery(drawn), Table(DRIFT_HEADER[1:], rows)]
+    return Section(f"Drift of {missions.platform}: {_number(len(missions.time_s), 'mission')}", blocks)
+
+
+def _recordings(results: Sequence[Result]) -> Section:
+    return Section(
+        "Recordings", [Table(_RECORDINGS_HEADER, [_recording_cells(result) for result in results], numeric=False)]
+    )
+
+
+def _recording_cells(result: Result) -> list[str]:
+    start = "–"
+    if result.time_span_s:
+        start = f"{datetime.fromtimestamp(result.time_span_s[0], UTC):%Y-%m-%d %H:%M:%S}"
+    gap = "–"
+    if result.gap:
+        before, after = (float("nan") if result.gap[key] is None else result.gap[key] for key in ("before", "after"))
+        gap = f"{number(before)} → {number(after)}"
+    verdict = result.verdict.replace("_", " ") or "–"
+    return [result.recording, result.platform, start, count(result.samples), result.status, verdict, gap]
+
+
+def _number(value: int, noun: str) -> str:
+    return f"{count(value)} {noun}" + ("" if value == 1 else "s")
+
 
 SCHEMA = "tam_calibration/batch/1"
 
@@ -49,7 +180,7 @@ def summary_to_mapping(results: Sequence[Result]) -> dict[str, Any]:
             | {"causes": causes_of(some)}
             for platform, some in by_platform(results).items()
         ],
-        "drifts": [_drift(drift) for drift in all_drifts(results)],
+        "drifts": [_drift_mapping(drift) for drift in all_drifts(results)],
         "recordings": [
             {key: value for key, value in asdict(result).items() if key not in ("sensors", "options")}
             for result in results
@@ -57,7 +188,7 @@ def summary_to_mapping(results: Sequence[Result]) -> dict[str, Any]:
     }
 
 
-def _drift(found: ParameterDrift) -> dict[str, Any]:
+def _drift_mapping(found: ParameterDrift) -> dict[str, Any]:
     unit = f"_{found.group.suffix}" if found.group.suffix else ""
     return {
         "platform": found.platform,
@@ -78,7 +209,7 @@ def summary_rows(results: Sequence[Result]) -> list[list[Any]]:
     header = ["platform", "recording", "path", "status", "verdict", "start_s", "end_s", "samples"]
     header += ["gap_before", "gap_after", "gap_closed", "causes", "problems"]
     header += [name for sensor in range(1, sensors + 1) for name in _columns(sensor)]
-    return [header, *(_row(result, len(header)) for result in results)]
+    return [header, *(_csv_row(result, len(header)) for result in results)]
 
 
 def _columns(sensor: int) -> list[str]:
@@ -90,7 +221,7 @@ def _columns(sensor: int) -> list[str]:
     return names
 
 
-def _row(result: Result, width: int) -> list[Any]:
+def _csv_row(result: Result, width: int) -> list[Any]:
     gap = result.gap or {"before": "", "after": "", "closed": "", "causes": []}
     row: list[Any] = [result.platform, result.recording, result.path, result.status, result.verdict]
     row += [*(result.time_span_s or ("", "")), result.samples]

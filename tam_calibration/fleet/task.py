@@ -11,9 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from tam_calibration import __version__
-from tam_calibration.array import Array
-from tam_calibration.calibration import Calibration
-from tam_calibration.exceptions import InputError, Refused
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files import (
     array_to_mapping,
     calibration_to_mapping,
@@ -25,14 +23,15 @@ from tam_calibration.files import (
     write_calibration,
     write_corrected_pieces,
 )
-from tam_calibration.files.correcting import correct_file
-from tam_calibration.files.gap_json import gap_to_mapping, write_gap
-from tam_calibration.files.json_text import to_json
-from tam_calibration.files.recording_file import is_bag, is_large, read_stream
+from tam_calibration.files.recording_file import correct_file, is_bag, is_large, read_stream
+from tam_calibration.files.results_json import gap_to_mapping, write_gap
+from tam_calibration.files.text_files import to_json
 from tam_calibration.fit import calibrate
 from tam_calibration.fleet.result import Result, Seal, Status, read_result, state_of, write_result
 from tam_calibration.gap import diagnose
-from tam_calibration.recording import SampleSource
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import SampleSource
 
 _DIGEST_LETTERS = 8
 

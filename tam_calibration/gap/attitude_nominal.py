@@ -9,17 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tam_calibration.effects.bias_jump import BiasJump
+from tam_calibration.core.noise import fast_noise
+from tam_calibration.effects.bias_jump import LEAST_FALL, BiasJump
 from tam_calibration.effects.change_points import Path, without
-from tam_calibration.effects.fitted import Contribution, FittedEffect
-from tam_calibration.effects.moved_sphere import LEAST_FALL
-from tam_calibration.fit.noise import fast_noise
-from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.regression import Base
+from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import World, turns
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 _OPEN = 1e-6
 """Combinations of the products of so little relative size are not told by the turns of the recording."""
@@ -119,16 +118,16 @@ def _jump(shape: dict[str, float], offset_T: FloatArray) -> FittedEffect:
     return FittedEffect(BiasJump.name, shape, tuple(contributions))
 
 
-def attitude_variance(channels: Channels, world: World) -> FloatArray:
+def attitude_variance(channels: WhitenedChannels, world: World) -> FloatArray:
     """Return the variance (3,) that the white noise of the attitude adds to each row of a sensor, T².
 
     A small turn moves a field across its direction only: the fast differences of the residual across the field of the
     world exceed those along it by the attitude's noise, of which a row has what it mostly sees across.
     """
-    situation, counted = channels.situation, channels.is_counted
-    assert situation.attitude is not None
-    residual = channels.misfit.row_shift_T[counted, :-1]
-    in_world = np.einsum("nji,nj->ni", turns(situation.attitude[counted]), residual)
+    covariates, counted = channels.covariates, channels.is_counted
+    assert covariates.attitude is not None
+    residual = channels.residuals.row_shift_T[counted, :-1]
+    in_world = np.einsum("nji,nj->ni", turns(covariates.attitude[counted]), residual)
     frame = np.linalg.qr(world.field_T[:, None], mode="complete")[0]
     along, *across = fast_noise(in_world @ frame)
     variance = max(float(np.mean(np.square(across)) - along**2), 0.0)

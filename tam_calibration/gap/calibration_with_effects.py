@@ -5,26 +5,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import Calibration, EffectSize
-from tam_calibration.effects.fitted import FittedEffect
+from tam_calibration.correction.calibration import Calibration, EffectSize
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.removal import added_to, on_sensors
-from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.gap.conclude import conclude
-from tam_calibration.gap.hypotheses import Evidence, examine, unusable
+from tam_calibration.gap.evidence import Evidence, examine, unusable
+from tam_calibration.gap.hypothesis import Hypothesis, refined
 from tam_calibration.gap.joint import Joint
-from tam_calibration.gap.looking import Progress
 from tam_calibration.gap.model import Model, Part
-from tam_calibration.gap.refinement import refined
-from tam_calibration.gap.search import Hypothesis
-from tam_calibration.gap.steps import search
+from tam_calibration.gap.search import Progress, search
 from tam_calibration.gap.support import LEAST_EVIDENCE
-from tam_calibration.recording import Recording
-from tam_calibration.residuals import measure_residuals
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.residuals import measure_residuals
+from tam_calibration.model.sensor_errors import SensorErrors
 
 AUTO = "auto"
 """In place of effects' names: those that a diagnosis finds."""
@@ -87,7 +85,7 @@ def _with_named(model: Model, names: Collection[str]) -> tuple[Model, tuple[str,
     """Return the model with the named effects accepted, the strongest first, and what speaks against them."""
     left, warnings = {name: effect_named(name) for name in names}, []
     for effect in left.values():
-        reason = unusable(effect, model.recording, model.channels().situation)
+        reason = unusable(effect, model.recording, model.channels().covariates)
         if reason is None:
             continue
         if reason.status == "channel_missing":
@@ -147,7 +145,7 @@ def _without(model: Model) -> Recording:
 def _free(part: Part, model: Model) -> tuple[str, ...]:
     """Return the parameters of a shape that are fitted, not a convention."""
     channels = model.channels()
-    tried = list(part.effect.shapes(channels.situation, channels.misfit))
+    tried = list(part.effect.shapes(channels.covariates, channels.residuals))
     return tuple(name for name in part.shape if len({shape[name] for shape in tried if name in shape}) > 1)
 
 

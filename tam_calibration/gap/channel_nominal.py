@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.moved_sphere import LEAST_FALL
-from tam_calibration.exceptions import InputError
+from tam_calibration.effects.bias_jump import LEAST_FALL
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.scale import normalize
 from tam_calibration.gap.attitude_nominal import products_of
-from tam_calibration.recording import Recording
-from tam_calibration.units import FloatArray
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray
 
 
 def without_channels(recording: Recording) -> Recording | None:

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from tam_calibration.core.harmonics import harmonics
 from tam_calibration.effects.grades import LEAST_SAMPLES
-from tam_calibration.effects.harmonics import harmonics
-from tam_calibration.units import FloatArray
+from tam_calibration.model.units import FloatArray
 
 CHANCE = 0.05
 """Part of the recordings with noise alone in which any statistic leaves its range; also of intervals that miss."""

@@ -14,11 +14,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.checks import CHANCE
-from tam_calibration.gap.design import Design
 from tam_calibration.gap.regression import VISIBLE, Base
-from tam_calibration.units import FloatArray
+from tam_calibration.gap.regressors import Regressors
+from tam_calibration.gap.whitened_channels import WhitenedChannels
+from tam_calibration.model.units import FloatArray
 
 _COSINES = 8
 """Half periods of the slowest cosines: more make the errors more certain, and too small beside a slow drift."""
@@ -27,7 +27,7 @@ _BLOCKS = 4 * _COSINES
 """Blocks of time in which samples are summed; the fastest cosine has eight a period."""
 
 
-def sandwich(base: Base, effects: Sequence[Design]) -> FloatArray:
+def sandwich(base: Base, effects: Sequence[Regressors]) -> FloatArray:
     """Return the covariance of the coefficients of effects, the calibration fitted beside them.
 
     Parameters
@@ -44,9 +44,9 @@ def sandwich(base: Base, effects: Sequence[Design]) -> FloatArray:
         1.96 of its standard errors to both sides cover 95 %: the few degrees of freedom are in them. Directions that
         cannot be seen have no variance.
     """
-    joined = Design.joined([*base.designs, *effects])
+    joined = Regressors.joined([*base.designs, *effects])
     information, score = _by_block(base.channels, joined)
-    visible = base.project(Design.joined(effects)).inverse()[0]
+    visible = base.project(Regressors.joined(effects)).inverse()[0]
     solve, own = _solution(base, information.sum(axis=0), visible)
     left = score - information @ (solve @ score.sum(axis=0))
     influence = solve[:, own]
@@ -57,7 +57,7 @@ def sandwich(base: Base, effects: Sequence[Design]) -> FloatArray:
     return covariance
 
 
-def unseen(base: Base, effects: Sequence[Design], left_out: Design) -> FloatArray:
+def unseen(base: Base, effects: Sequence[Regressors], left_out: Regressors) -> FloatArray:
     """Return the covariance (P, P) of the coefficients of effects by others that were left out as too small to be seen.
 
     What a common cause does at one sensor is passed on to the others by the field that all share. Each coefficient left
@@ -71,7 +71,7 @@ def unseen(base: Base, effects: Sequence[Design], left_out: Design) -> FloatArra
         P columns in all.
     left_out : Design
     """
-    both = base.project(Design.joined([*effects, left_out]))
+    both = base.project(Regressors.joined([*effects, left_out]))
     width = sum(design.width for design in effects)
     fitted, others = slice(width), slice(width, None)
     carried = both.take(np.arange(width)).inverse()[0] @ both.information[fitted, others]
@@ -91,7 +91,7 @@ def _solution(base: Base, information: FloatArray, visible: FloatArray) -> tuple
     return solve, slice(width, None)
 
 
-def _by_block(channels: Channels, design: Design) -> tuple[FloatArray, FloatArray]:
+def _by_block(channels: WhitenedChannels, design: Regressors) -> tuple[FloatArray, FloatArray]:
     """Return the information (M, Q, Q) and the score (M, Q) of a design in blocks of time."""
     bounds = np.linspace(0, len(design.features), _BLOCKS + 1).astype(int).tolist()
     parts = [slice(start, stop) for start, stop in pairwise(bounds)]

@@ -1,30 +1,94 @@
-"""From a search to the verdict."""
+"""From a search to the verdict on a gap, and the sentence that says it."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
-from tam_calibration.effects.effect import Finding, FittedEffect, LinearEffect, Situation
-from tam_calibration.effects.excess_variance import LARGEST_NOISE
-from tam_calibration.effects.grades import FEWEST, MINOR, NEARLY_ALL
+from tam_calibration.effects.effect import Finding, LinearEffect
+from tam_calibration.effects.excess_variance import LARGEST_NOISE, ChannelMoments, Excess, best_excess
+from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEARLY_ALL, NOTABLE
 from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.situation import Covariates
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import sandwich, unseen
-from tam_calibration.gap.hypotheses import Evidence
+from tam_calibration.gap.evidence import Evidence
+from tam_calibration.gap.hypothesis import Hypothesis, Place, places_of, sensors_of
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.next_recording import next_recording
-from tam_calibration.gap.probability import probabilities, set_of
+from tam_calibration.gap.probability import energies_of, probabilities, set_of, shares_of
 from tam_calibration.gap.regression import Base
-from tam_calibration.gap.remainder import describe
-from tam_calibration.gap.residue import residue_of
-from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
-from tam_calibration.gap.search import Hypothesis, Place, sensors_of
-from tam_calibration.gap.shares import energies_of, shares_of
+from tam_calibration.gap.remainder import describe, residue_of
+from tam_calibration.gap.result import Cause, Considered, Gap, Size, Verdict, Where
+from tam_calibration.gap.search import LARGEST_REST, Search
 from tam_calibration.gap.size import measure, noise_variance
-from tam_calibration.gap.steps import Search
-from tam_calibration.gap.support import LEAST_EVIDENCE, Step
-from tam_calibration.gap.verdict import noisier_rows, smallest_gap, statement, verdict_on
+from tam_calibration.gap.support import LEAST_EVIDENCE, Step, open_part
 from tam_calibration.gap.where import locate, sensors_and_axes
+from tam_calibration.model.fitted_effect import ALL, FittedEffect
+
+
+def noisier_rows(model: Model) -> Excess | None:
+    """Return the excess of variance of some rows over the others, whatever makes it."""
+    channels = model.channels(model.signal() if model.parts else None)
+    excess = best_excess(ChannelMoments.of(channels.residuals), channels.covariates)
+    if excess is None or excess.gain - excess.parameter_count * np.log(channels.count) < LEAST_EVIDENCE:
+        return None
+    return excess
+
+
+def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> Verdict:
+    """Return the verdict on a search; some rows may be noisier than the others without a cause for it."""
+    if size.before < MINOR:
+        return "no_gap"
+    if not found.steps:
+        is_even = _strongest(found) is None and variance < LARGEST_NOISE**2 and not is_noisier
+        return "no_gap" if is_even else "unexplained"
+    if size.closed < NOTABLE:  # It may be what causes have in common with an unknown one.
+        return "unexplained"
+    left = open_part(found.nominal.base(), found.model.base(), found.remaining)
+    is_whole = left < MINOR and size.closed > MOST and size.after < LARGEST_REST
+    return "explained" if is_whole and not _is_open_elsewhere(found) else "partly_explained"
+
+
+def _is_open_elsewhere(found: Search) -> bool:
+    """Whether rows of a sensor without a cause are noisier than the others: that is no error of a cause's model."""
+    own = {sensor for step in found.steps for sensor in sensors_of(places_of(step.accepted.form))}
+    excess = None if ALL in own else noisier_rows(found.model)
+    return excess is not None and excess.place.sensor not in own
+
+
+def smallest_gap(count: float) -> float:
+    """Return the gap in noise floors that would have been seen in so many channels: of one coefficient of one row."""
+    return max(MINOR, float(np.sqrt((LEAST_EVIDENCE + np.log(count)) / count)))
+
+
+def _strongest(found: Search) -> Evidence | None:
+    """Return the function without physics that says most of what causes leave, where it says anything."""
+    seen = [one for one in found.remaining if one.delta_bic >= LEAST_EVIDENCE]
+    return max(seen, key=lambda one: one.delta_bic, default=None)
+
+
+def statement(verdict: Verdict, size: Size, where: Where, causes: tuple[Cause, ...]) -> str:
+    """Return the verdict in one sentence."""
+    if verdict == "no_gap":
+        return "No gap: what the calibration leaves is noise."
+    told = f"A gap of {size.before:.2g} times the noise floor in {_named(where)}"
+    if verdict == "unexplained":
+        return f"{told} that no effect of the library explains."
+    names = " and ".join(dict.fromkeys(cause.fitted.effect.replace("_", " ") for cause in causes))
+    part = "explained" if verdict == "explained" else "partly explained"
+    return f"{told}, {part} by {names}: {100 * size.closed:.0f} % of it closes."
+
+
+def _named(where: Where) -> str:
+    """Return the place in words."""
+    numbers = [str(one) for one in where.sensors if isinstance(one, int)]
+    parts = []
+    if numbers:
+        parts.append(f"sensor{'s' * (len(numbers) > 1)} {', '.join(numbers)}")
+    if "scalar" in where.sensors:
+        parts.append("the scalar magnetometer")
+    return " and ".join(parts) or "all sensors"
+
 
 _FREE_WITHOUT = ("temperature_drift", "current_interference")
 """Effects that, while their channel is missing, may be any function of time."""
@@ -51,7 +115,7 @@ def conclude(found: Search) -> Gap:
     checks = checks_of(residue.time_s, residue.direction, residue.after, residue.floor_T)
     chances = probabilities(found, verdict, checks.departures)
     causes = _causes(found, whole, size, chances, variance) if is_named else ()
-    places = [_places(cause.fitted, base.channels.situation) for cause in causes]
+    places = [_places(cause.fitted, base.channels.covariates) for cause in causes]
     where = (
         Where((), (), None, None, {})
         if verdict == "no_gap"
@@ -94,10 +158,10 @@ def _causes(
         *(share * linear_energy / total for share in shares),
         *(sum(energy[step] for step in steps) / total for steps in by_finding.values()),
     ]
-    situation = model.channels().situation
+    covariates = model.channels().covariates
     causes = []
     for step, effect, weight in zip((*linear, *others), (*fitted, *_findings(model)), weights, strict=True):
-        sensors, axes = sensors_and_axes(_places(effect, situation), model.recording)
+        sensors, axes = sensors_and_axes(_places(effect, covariates), model.recording)
         causes.append(
             Cause(
                 effect,
@@ -109,8 +173,8 @@ def _causes(
                 step.accepted.delta_bic,
                 float(size.closed * weight),
                 _alike(step, effect, found),
-                step.standing,
-                tuple(effect_named(effect.effect).sizes(situation, effect)),
+                step.surrogate_test,
+                tuple(effect_named(effect.effect).sizes(covariates, effect)),
             )
         )
     return tuple(sorted(causes, key=lambda cause: -cause.share))
@@ -158,13 +222,13 @@ def _findings(model: Model) -> list[FittedEffect]:
     return list({id(finding.fitted): finding.fitted for finding in model.findings}.values())
 
 
-def _places(fitted: FittedEffect, situation: Situation) -> list[Place]:
+def _places(fitted: FittedEffect, covariates: Covariates) -> list[Place]:
     """Return the places of a fitted effect, sensors left out that only get what the common field hands on to them."""
     effect = effect_named(fitted.effect)
     places = list(dict.fromkeys((one.sensor, one.axis) for one in fitted.contributions))
     if not isinstance(effect, LinearEffect) or len(sensors_of(places)) < 2:
         return places
-    rows = np.sqrt(np.mean(effect.signal(situation, fitted)[:, :-1] ** 2, axis=0))
+    rows = np.sqrt(np.mean(effect.signal(covariates, fitted)[:, :-1] ** 2, axis=0))
     size = np.sqrt(np.mean(rows.reshape(-1, 3) ** 2, axis=1))
     return [place for place in places if place[0] < 0 or size[place[0]] > MINOR * size.max()]
 

@@ -5,16 +5,23 @@ from dataclasses import replace
 
 from numpy.linalg import LinAlgError
 
-from tam_calibration.array import Array
-from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.floor import floor_of
-from tam_calibration.gap.looking import Progress
-from tam_calibration.gap.refusal import open_parameters, refusal_of, require_no_copies
+from tam_calibration.gap.refusal import (
+    at_rest,
+    is_at_rest,
+    needed_samples,
+    open_parameters,
+    refusal_of,
+    require_no_copies,
+    too_short,
+    without_nominal,
+)
 from tam_calibration.gap.result import Gap
-from tam_calibration.gap.short import at_rest, is_at_rest, needed_samples, too_short, without_nominal
-from tam_calibration.gap.steps import search
-from tam_calibration.recording import Recording
+from tam_calibration.gap.search import Progress, search
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import Recording
 
 
 def diagnose(

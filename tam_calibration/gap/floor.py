@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.array import Array
+from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
-from tam_calibration.effects.orientation import LEAST_TURN
 from tam_calibration.effects.quantization import find_lattices
-from tam_calibration.effects.robust import noise_deviation
-from tam_calibration.gap.channels import Channels
-from tam_calibration.units import FloatArray, to_nanotesla
+from tam_calibration.effects.situation import LEAST_TURN
+from tam_calibration.gap.whitened_channels import WhitenedChannels
+from tam_calibration.model.array import Array
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 CONTRADICTED = 2.0
 """Times the stated noise, or parts of it, from which a data sheet is wrong.
@@ -84,7 +84,7 @@ class Floor:
         return much if much > least else little if little < 1 / least else 1.0
 
 
-def floor_of(channels: Channels, stated: Array) -> Floor:
+def floor_of(channels: WhitenedChannels, stated: Array) -> Floor:
     """Return the floor of the rows at a model.
 
     Parameters
@@ -107,7 +107,7 @@ def floor_of(channels: Channels, stated: Array) -> Floor:
     return Floor(level, colour, floor.stated_T, _remarks(floor, stated, int(channels.is_counted.sum())))
 
 
-def _of_rows(channels: Channels, stated_T: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _of_rows(channels: WhitenedChannels, stated_T: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the levels and colours of the sensors' rows."""
     counted = channels.is_counted
     readings = channels.recording.readings_T.reshape(len(counted), -1)[counted]
@@ -117,7 +117,7 @@ def _of_rows(channels: Channels, stated_T: FloatArray) -> tuple[FloatArray, Floa
         residual: FloatArray = channels.differential[counted][fresh] @ channels.directions.T
     else:
         mixing = np.sqrt(np.mean(channels.row_direction[counted][fresh, :-1] ** 2, axis=0))[None]
-        residual = channels.misfit_T[counted][fresh][:, None]
+        residual = channels.intensity_residual_T[counted][fresh][:, None]
     seen = np.array([_white(series) for series in residual.T])
     colour = np.array([_colour_of(series) for series in residual.T])
     variance = np.array([_white(series) for series in readings[fresh].T])
@@ -125,7 +125,7 @@ def _of_rows(channels: Channels, stated_T: FloatArray) -> tuple[FloatArray, Floa
     # Multiplicative steps towards the variances that make what is seen; they stay positive (Lee & Seung 1999).
     for _ in range(_ROUNDS):
         variance = variance * (share.T @ (seen / (share @ variance))) / share.sum(axis=0)
-    for lattice in find_lattices(channels.misfit):
+    for lattice in find_lattices(channels.residuals):
         if lattice.row < len(variance):
             rounding = lattice.step_T**2 / 12
             noise = variance[lattice.row] - rounding
@@ -172,7 +172,7 @@ def _fresh(readings: FloatArray) -> NDArray[np.bool_]:
     return fresh if is_filled else np.ones(len(readings), dtype=bool)
 
 
-def _median_turn(channels: Channels) -> float:
+def _median_turn(channels: WhitenedChannels) -> float:
     direction = channels.direction[:, :3]
     cosine = np.sum(direction[1:] * direction[:-1], axis=1)
     return float(np.median(np.arccos(np.clip(cosine, -1, 1))))

@@ -6,19 +6,19 @@ from functools import cached_property
 
 import numpy as np
 
-from tam_calibration.calibration import Calibration, EffectSize
-from tam_calibration.effects.fitted import ALL, FittedEffect, Shape
+from tam_calibration.correction.calibration import Calibration, EffectSize
 from tam_calibration.effects.removal import on_sensors
 from tam_calibration.effects.term import Coefficient, Term
 from tam_calibration.fit.scale import free_scale
-from tam_calibration.gap.channels import Channels
-from tam_calibration.gap.design import Design
 from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.nominal import stepped
 from tam_calibration.gap.regression import Base, pseudo_inverse
+from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.selection import columns_of
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.gap.whitened_channels import WhitenedChannels
+from tam_calibration.model.fitted_effect import ALL, FittedEffect, Shape
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 _STEP = 0.01
 """Of a parameter of the shape, as part of itself, for derivatives."""
@@ -62,7 +62,7 @@ class Joint:
         """Return what the effects' uncertainty adds to the covariance (12 K, 12 K) of errors in the first's frame."""
         if not self.model.parts:
             return np.zeros((errors.to_vector().size,) * 2)
-        unit = float(np.mean(self._channels.situation.intensity_T))
+        unit = float(np.mean(self._channels.covariates.intensity_T))
         deviation = np.sqrt(np.maximum(np.diag(self._covariance), 0))
         shift = pseudo_inverse(self._nominal.information) @ self._channels.cross(self._nominal.designs[0], self._design)
 
@@ -100,7 +100,7 @@ class Joint:
         return tuple(sizes)
 
     @cached_property
-    def _channels(self) -> Channels:
+    def _channels(self) -> WhitenedChannels:
         return self.model.base().channels
 
     @cached_property
@@ -120,7 +120,7 @@ class Joint:
         ]
 
     @cached_property
-    def _design(self) -> Design:
+    def _design(self) -> Regressors:
         return self._channels.design([term for terms in self._all_terms for term in terms])
 
     @cached_property
@@ -129,10 +129,10 @@ class Joint:
         return self._nominal.project(self._design).inverse()[0]
 
 
-def _moved(part: Part, name: str, channels: Channels) -> Term:
+def _moved(part: Part, name: str, channels: WhitenedChannels) -> Term:
     """Return the derivative of what an effect adds by one parameter of its shape, as a term."""
     size = _STEP * part.shape[name] or _STEP
-    count = channels.situation.scalar_row + 1
+    count = channels.covariates.scalar_row + 1
 
     def added(value: float) -> FloatArray:
         shape: Shape = {**part.shape, name: value}

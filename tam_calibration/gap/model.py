@@ -8,28 +8,29 @@ import numpy as np
 from numpy.linalg import LinAlgError
 from numpy.typing import NDArray
 
-from tam_calibration.array import Array
-from tam_calibration.effects.effect import Contribution, Finding, FittedEffect, LinearEffect, Shape, Term
+from tam_calibration.core.noise import complete_noise
+from tam_calibration.effects.bias_jump import moved_sphere
+from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE
-from tam_calibration.effects.moved_sphere import moved_sphere
 from tam_calibration.effects.removal import attitude_known, filled
-from tam_calibration.effects.term import Key, chosen
-from tam_calibration.exceptions import InputError, Refused
-from tam_calibration.fit.noise import complete_noise
+from tam_calibration.effects.term import Key, Term, chosen
 from tam_calibration.gap.attitude_nominal import Oriented, attitude_variance, bias_variance
 from tam_calibration.gap.channel_nominal import without_channels, without_channels_in_world
-from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.floor import floor_of
+from tam_calibration.gap.hypothesis import Hypothesis
 from tam_calibration.gap.nominal import starts, steady_parts, stepped, wild_samples, without_jump
 from tam_calibration.gap.physical import objection_to, sensed_intensity
 from tam_calibration.gap.refusal import ENOUGH_SAMPLES, open_parameters, without_calibration
 from tam_calibration.gap.regression import Base
-from tam_calibration.gap.search import Hypothesis
 from tam_calibration.gap.selection import columns_of
+from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import World
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect, Shape
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 _MOST_STEPS = 8
 """Gauss-Newton steps in a row; a fit that needs more is held back by its bounds or runs away."""
@@ -63,14 +64,14 @@ class Part:
         """Accept a hypothesis, with values to start from where it has them."""
         return cls(form.effect, form.shape, form.keys, np.zeros(form.width) if form.values is None else form.values)
 
-    def terms(self, channels: Channels) -> list[Term]:
+    def terms(self, channels: WhitenedChannels) -> list[Term]:
         """Return the terms in the situation of the channels, at all samples."""
-        return chosen(self.effect.terms(channels.situation, self.shape), self.keys)
+        return chosen(self.effect.terms(channels.covariates, self.shape), self.keys)
 
-    def left_out(self, channels: Channels) -> list[Term]:
+    def left_out(self, channels: WhitenedChannels) -> list[Term]:
         """Return what the effect may do at other places too, unseen."""
         names = {term.name for term in self.terms(channels)}
-        everywhere = () if self.effect.is_of_one_sensor else self.effect.terms(channels.situation, self.shape)
+        everywhere = () if self.effect.is_of_one_sensor else self.effect.terms(channels.covariates, self.shape)
         return [term for term in everywhere if term.name in names and term.key not in self.keys]
 
     def signal(self, terms: Sequence[Term], row_count: int) -> FloatArray:
@@ -311,7 +312,7 @@ class Model:
 
     def _is_gross(self) -> bool:
         """Whether the misfit is no small disturbance of the field."""
-        return bool(np.sqrt(np.mean(self._relative_misfit**2)) > NEGLIGIBLE)
+        return bool(np.sqrt(np.mean(self._relative_residual**2)) > NEGLIGIBLE)
 
     @property
     def _is_found_out_of_bounds(self) -> bool:
@@ -323,15 +324,15 @@ class Model:
     @property
     def agrees(self) -> NDArray[np.bool_]:
         """(N,) whether the misfit of a sample is a small disturbance of the field."""
-        agrees: NDArray[np.bool_] = self._relative_misfit <= NEGLIGIBLE
+        agrees: NDArray[np.bool_] = self._relative_residual <= NEGLIGIBLE
         return agrees
 
     @property
-    def _relative_misfit(self) -> FloatArray:
+    def _relative_residual(self) -> FloatArray:
         """(N,) root mean square of the shifts of the rows that explain a sample, in units of the field."""
         channels = self.channels()
-        square = np.mean(channels.misfit.row_shift_T**2 * (channels.misfit.row_information > 0), axis=1)
-        relative: FloatArray = np.sqrt(square) / np.median(channels.situation.intensity_T)
+        square = np.mean(channels.residuals.row_shift_T**2 * (channels.residuals.row_information > 0), axis=1)
+        relative: FloatArray = np.sqrt(square) / np.median(channels.covariates.intensity_T)
         return relative
 
     @property
@@ -353,12 +354,12 @@ class Model:
         noise: FloatArray = np.sqrt(variance if self.world is None else variance + self.world.variance_T2)
         return noise
 
-    def channels(self, added_T: FloatArray | None = None) -> Channels:
+    def channels(self, added_T: FloatArray | None = None) -> WhitenedChannels:
         """Return the channels at the errors of the fit, what is added to the rows taken off."""
         variances = [finding.variance for finding in self.findings if finding.variance is not None]
         beyond = np.sum(variances, axis=0) if variances else None
         spreads = tuple(finding.spread_T for finding in self.findings if finding.spread_T is not None)
-        return Channels.at(
+        return WhitenedChannels.at(
             self.recording,
             self.array,
             self.errors,
@@ -408,7 +409,7 @@ class Model:
         parts = tuple(
             replace(part, values=part.values + change) for part, change in zip(self.parts, others, strict=True)
         )
-        unit_T = float(np.mean(base.channels.situation.intensity_T))
+        unit_T = float(np.mean(base.channels.covariates.intensity_T))
         if self.world is None:
             return replace(self, errors=stepped(self.errors, own, unit_T), parts=parts)
         errors, world = self.world.stepped(self.errors, own, unit_T)
@@ -435,7 +436,7 @@ class Model:
     def _base(self) -> Base:
         channels = self.channels(self.signal() if self.parts else None)
         # A step to a sensor of no size leaves no field.
-        if not (np.isfinite(channels.energy) and np.median(channels.situation.intensity_T) > 0):
+        if not (np.isfinite(channels.energy) and np.median(channels.covariates.intensity_T) > 0):
             raise Refused("the fit does not settle: the readings do not fit one calibration")
         designs = [channels.design(part.terms(channels)) for part in self.parts]
         return Base(channels, [channels.calibration, *designs])

@@ -6,16 +6,15 @@ from numpy.linalg import LinAlgError
 
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.exceptions import InputError, Refused
-from tam_calibration.gap.candidates import candidates
-from tam_calibration.gap.expected import Setting, visible_part
-from tam_calibration.gap.hypotheses import CHANNEL_NAMES, Evidence
+from tam_calibration.gap.candidates import Setting, candidates, visible_part
+from tam_calibration.gap.evidence import CHANNEL_NAMES, Evidence
+from tam_calibration.gap.hypothesis import places_of
 from tam_calibration.gap.result import Cause, Verdict
-from tam_calibration.gap.search import places_of
+from tam_calibration.gap.search import Search
 from tam_calibration.gap.separation import (
-    Doubt,
+    Ambiguity,
+    ambiguity_of,
     channels_of,
-    doubt_of,
     duration,
     long_enough,
     rounded,
@@ -23,8 +22,8 @@ from tam_calibration.gap.separation import (
     with_channels,
     words_of,
 )
-from tam_calibration.gap.steps import Search
 from tam_calibration.gap.support import LEAST_EVIDENCE
+from tam_calibration.model.exceptions import InputError, Refused
 
 _MAY_BE = {"nonlinearity": "hysteresis", "bias_jump": "temperature_drift", "geomagnetic_drift": "temperature_drift"}
 """What a cause may be in truth, where the recording cannot show it."""
@@ -90,10 +89,10 @@ def next_recording(found: Search, verdict: Verdict, causes: Sequence[Cause], var
 
 
 def _of_gap(found: Search, verdict: Verdict, causes: Sequence[Cause], variance: float) -> str:
-    setting = Setting(found.model, found.model.channels().situation, variance)
-    doubt = doubt_of(found, verdict, causes)
-    if doubt is not None:
-        return _told_apart(setting, doubt)
+    setting = Setting(found.model, found.model.channels().covariates, variance)
+    ambiguity = ambiguity_of(found, verdict, causes)
+    if ambiguity is not None:
+        return _told_apart(setting, ambiguity)
     missing = {one.effect for one in found.considered if one.status in ("channel_missing", "not_identifiable")}
     if verdict == "explained":
         hidden = _hidden(found, causes, missing)
@@ -111,11 +110,11 @@ _CONFIRMED = (
 )
 
 
-def _told_apart(setting: Setting, doubt: Doubt) -> str:
-    separation = separate(setting, doubt)
+def _told_apart(setting: Setting, ambiguity: Ambiguity) -> str:
+    separation = separate(setting, ambiguity)
     if separation is not None:
         return separation.sentence
-    names = [one.effect for one in (doubt.first, doubt.second)]
+    names = [one.effect for one in (ambiguity.first, ambiguity.second)]
     asked = ", and ".join(dict.fromkeys(effect_named(name).excitation for name in names))
     return f"To tell {words_of(names[0])} from {words_of(names[1])}, record {asked}."
 
@@ -147,7 +146,7 @@ def _shown(setting: Setting, unknown: Evidence, plausible: Sequence[str]) -> str
         needed = channels_of([effect])
         offers = [
             (visible_part(setting, effect, offer, sensors) * unknown.gain * offer.minutes / setting.minutes, offer)
-            for offer in candidates(setting.situation, needed)
+            for offer in candidates(setting.covariates, needed)
         ]
         expected, best = max(offers, key=lambda offer: offer[0] / offer[1].minutes)
         minutes = long_enough(expected, best.minutes)

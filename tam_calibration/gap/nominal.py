@@ -8,20 +8,48 @@ import numpy as np
 from numpy.linalg import LinAlgError, norm
 from numpy.typing import NDArray
 
-from tam_calibration.array import Array
 from tam_calibration.effects.bias_jump import BiasJump
-from tam_calibration.effects.fitted import FittedEffect
-from tam_calibration.effects.grades import NEGLIGIBLE
-from tam_calibration.effects.situation import Situation
-from tam_calibration.exceptions import InputError, Refused
-from tam_calibration.field_bounds import FieldBounds
+from tam_calibration.effects.grades import MOST, NEGLIGIBLE
+from tam_calibration.effects.situation import Covariates
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.scale import sphere_of_most
-from tam_calibration.gap.design import update
-from tam_calibration.gap.shared_motion import canonical_correlations, sure_correlation
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.gap.regressors import update
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.geomagnetic_field import FieldBounds
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+
+_SURE = 15.0
+"""Over the root of the number of samples: a correlation that is sure.
+
+White noise makes one to two of it, slow noise three times as much.
+"""
+
+_SPIKE = 8.0
+"""Times the median distance from the median, from which a reading is a spike; a motion hardly goes so far."""
+
+
+def canonical_correlations(readings_T: FloatArray) -> FloatArray:
+    """Return the canonical correlations (K, 3), the largest first, of sensors' readings (N, K, 3) with the first's.
+
+    By the singular values between orthonormal bases of both (Björck and Golub 1973). Spikes do not count.
+    """
+    centered = readings_T - np.median(readings_T, axis=0)
+    size = _SPIKE * np.median(np.abs(centered), axis=0)
+    clipped = np.clip(centered, np.where(size > 0, -size, -np.inf), np.where(size > 0, size, np.inf))
+    centered = np.swapaxes(clipped - clipped.mean(axis=0), 0, 1)
+    basis = np.linalg.svd(centered, full_matrices=False)[0]
+    correlations: FloatArray = np.linalg.svd(np.swapaxes(basis, 1, 2) @ basis[0], compute_uv=False)
+    return correlations
+
+
+def sure_correlation(sample_count: int) -> float:
+    """Return the correlation from which noise of so many samples is not its cause."""
+    return float(min(_SURE / np.sqrt(sample_count), MOST))
+
 
 _WILD = 4.0
 """Times the median length from which a reading is wild: bias and soft iron hardly double it."""
@@ -35,14 +63,14 @@ _ALIKE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class NominalStart:
     """The errors of a first fit, and the intensity that stands for a scalar channel."""
 
     errors: SensorErrors
     intensity_T: float
 
 
-def starts(recording: Recording, array: Array) -> Iterator[Start]:
+def starts(recording: Recording, array: Array) -> Iterator[NominalStart]:
     """Yield where a fit may begin: calibrations of the whole, sensors without errors but for their mounting, and parts.
 
     A calibration of a part serves where something changed in the rest; sensors without errors serve where the readings
@@ -68,7 +96,7 @@ def starts(recording: Recording, array: Array) -> Iterator[Start]:
         yield from _calibrations(recording.take(part), array)
 
 
-def _calibrations(recording: Recording, array: Array) -> Iterator[Start]:
+def _calibrations(recording: Recording, array: Array) -> Iterator[NominalStart]:
     """Yield the calibrations by maximum likelihood, of Gaussian and of robust errors, that there are."""
     for robust in (False, True):
         try:
@@ -77,7 +105,7 @@ def _calibrations(recording: Recording, array: Array) -> Iterator[Start]:
                 fitted = maximum_likelihood(recording, array, robust=robust)
         except (InputError, Refused, LinAlgError):
             continue
-        yield Start(fitted.errors, fitted.intensity_T)
+        yield NominalStart(fitted.errors, fitted.intensity_T)
 
 
 def _check_hands(recording: Recording) -> None:
@@ -95,7 +123,7 @@ def _check_hands(recording: Recording) -> None:
             )
 
 
-def _mounted(recording: Recording, field: FieldBounds) -> Iterator[Start]:
+def _mounted(recording: Recording, field: FieldBounds) -> Iterator[NominalStart]:
     """Yield sensors without errors but for bias, gain and mounting, for each centre that the first may have."""
     readings = recording.readings_T
     centered = readings - np.median(readings, axis=0)
@@ -109,7 +137,7 @@ def _mounted(recording: Recording, field: FieldBounds) -> Iterator[Start]:
     for center, radius_T in _centers(readings[:, 0], scalar_T, field):
         intensity_T = radius_T if scalar_T is None else scalar_T
         bias = middle - turned @ (middle[0] - center)
-        yield Start(SensorErrors.from_matrix(turned * radius_T / intensity_T, bias), intensity_T)
+        yield NominalStart(SensorErrors.from_matrix(turned * radius_T / intensity_T, bias), intensity_T)
 
 
 def _centers(
@@ -138,8 +166,8 @@ def without_jump(recording: Recording, jump: FittedEffect) -> Recording:
     """Return the recording without a jump that is known beforehand."""
     none = SensorErrors.none(recording.sensor_count)
     place = Array(np.zeros((recording.sensor_count, 3)))
-    situation = Situation(recording.time_s, recording.readings_T[:, 0], none, place)
-    added = BiasJump().signal(situation, jump)[:, :-1].reshape(recording.readings_T.shape)
+    covariates = Covariates(recording.time_s, recording.readings_T[:, 0], none, place)
+    added = BiasJump().signal(covariates, jump)[:, :-1].reshape(recording.readings_T.shape)
     return replace(recording, readings_T=recording.readings_T - added)
 
 

@@ -13,9 +13,9 @@ from math import log, sqrt
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.field_bounds import FieldBounds
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray, to_degrees
+from tam_calibration.model.geomagnetic_field import FieldBounds
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray, to_degrees
 
 LARGEST_RATIO = 2.0
 """Of the scale factors of two axes of a sensor. Data sheets allow some per cent, soft iron beside it some ten."""

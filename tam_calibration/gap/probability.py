@@ -1,24 +1,52 @@
-"""The probabilities of the answers, from what each case shows.
-
-How often a cause is right follows from how many of the predictive checks what is left fails, from the cause's share,
-and from how much more speaks for it than for what was not named: a logistic regression on recordings with known causes.
-No gap, and an unknown cause, are as likely as they were right there. The coefficients are those that
-
-    python benchmarks/gap_probabilities.py FOLDER ...
-
-prints, of folders that ``tam blind make`` or a world of others wrote and ``tam blind answer`` answered: 1232 causes of
-250 cases of ``--seed 815`` and of 600 of each of two earlier judgements, ``--seed 20261240`` and ``--seed 20261250``,
-read since.
-"""
+"""The part of each cause in what all explain, and the probabilities of the answers, from what each case shows."""
 
 from collections.abc import Collection, Mapping, Sequence
-from math import exp, log, log1p
+from itertools import combinations
+from math import exp, expm1, factorial, log, log1p
+
+import numpy as np
 
 from tam_calibration.effects.grades import SLIGHT
+from tam_calibration.gap.model import Model
+from tam_calibration.gap.regression import Base
+from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.result import Cause, Verdict
-from tam_calibration.gap.shares import energies_of
-from tam_calibration.gap.steps import Search
-from tam_calibration.gap.support import LEAST_EVIDENCE
+from tam_calibration.gap.search import Search
+from tam_calibration.gap.support import LEAST_EVIDENCE, Step
+from tam_calibration.model.units import FloatArray
+
+
+def energies_of(steps: Sequence[Step], count: float) -> dict[Step, float]:
+    """Return the part of the energy that each cause explains of what those accepted before it leave."""
+    left, energies = 1.0, {}
+    for step in steps:
+        energies[step] = left * -expm1(-step.accepted.gain / count)
+        left -= energies[step]
+    return energies
+
+
+def shares_of(model: Model) -> FloatArray:
+    """Return the shares (M,) of the parts of a model; they add up to one."""
+    count = len(model.parts)
+    if count < 2:
+        return np.ones(count)
+    channels = model.channels()
+    designs = [channels.design(part.terms(channels)) for part in model.parts]
+    projected = Base(channels, [channels.calibration]).project(Regressors.joined(designs))
+    ends = np.cumsum([design.width for design in designs])
+    columns = [np.arange(end - design.width, end) for end, design in zip(ends, designs, strict=True)]
+    explained: dict[tuple[int, ...], float] = {(): 0.0}
+    for size in range(1, count + 1):
+        for group in combinations(range(count), size):
+            explained[group] = projected.take(np.concatenate([columns[member] for member in group])).gain()[0]
+    values = np.zeros(count)
+    for group, energy in explained.items():
+        for member in group:
+            others = tuple(other for other in group if other != member)
+            weight = factorial(len(others)) * factorial(count - len(group)) / factorial(count)
+            values[member] += weight * (energy - explained[others])
+    return np.maximum(values, 0) / max(float(np.maximum(values, 0).sum()), np.finfo(float).tiny)
+
 
 _COEFFICIENTS = (1.24, -1.18, 2.0, 0.83)
 """Of one, of the logarithm of one more than the checks that fail, of the share, and of the odds of evidence."""
@@ -85,16 +113,16 @@ def set_of(chances: Mapping[str, float], verdict: Verdict, causes: Collection[Ca
         return ()
     named = [cause.fitted.effect for cause in causes]
     ranked = sorted(chances, key=lambda name: (name not in named, -chances[name]))
-    doubt, told = 1.0, []
+    ambiguity, told = 1.0, []
     for name in ranked:
         told.append(_NAMES.get(name, name))
         if name in named:
-            doubt = 1 - min(chances[one] for one in named)
+            ambiguity = 1 - min(chances[one] for one in named)
             if len(told) < len(set(named)):
                 continue
         else:
-            doubt -= chances[name]
-        if 1 - doubt >= 1 - SLIGHT:
+            ambiguity -= chances[name]
+        if 1 - ambiguity >= 1 - SLIGHT:
             break
     return tuple(told)
 

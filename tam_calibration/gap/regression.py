@@ -10,10 +10,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.gap.channels import Channels
-from tam_calibration.gap.design import Design
 from tam_calibration.gap.physical import prior_at
-from tam_calibration.units import FloatArray
+from tam_calibration.gap.regressors import Regressors
+from tam_calibration.gap.whitened_channels import WhitenedChannels
+from tam_calibration.model.units import FloatArray
 
 Numbers = TypeVar("Numbers", float, FloatArray)
 
@@ -158,7 +158,7 @@ class Base:
         Of the information, within the directions that the data determine.
     """
 
-    def __init__(self, channels: Channels, designs: Sequence[Design]) -> None:
+    def __init__(self, channels: WhitenedChannels, designs: Sequence[Regressors]) -> None:
         self.channels, self.designs = channels, tuple(designs)
         blocks = {}
         for (row, left), (column, right) in combinations_with_replacement(enumerate(self.designs), 2):
@@ -167,9 +167,9 @@ class Base:
         numbers = range(len(self.designs))
         information = np.block([[blocks[row, column] for column in numbers] for row in numbers])
         self._score = np.concatenate([channels.score(design) for design in designs])
-        is_free = channels.has_scalar or channels.situation.follows_attitude
-        intensity_T = None if is_free else float(np.median(channels.situation.intensity_T))
-        prior = prior_at(channels.situation.errors, intensity_T, channels.situation.array.field)
+        is_free = channels.has_scalar or channels.covariates.follows_attitude
+        intensity_T = None if is_free else float(np.median(channels.covariates.intensity_T))
+        prior = prior_at(channels.covariates.errors, intensity_T, channels.covariates.array.field)
         own = len(prior.score)
         self.prior_energy = prior.energy
         self.prior_weight = max(1.0, channels.energy / max(channels.count, 1.0))
@@ -187,11 +187,11 @@ class Base:
         """Return the energy of the channels and that of the prior of so much weight: what a fit makes small."""
         return self.channels.energy + prior_weight * self.prior_energy
 
-    def beside(self, *designs: Design) -> "Base":
+    def beside(self, *designs: Regressors) -> "Base":
         """Return the base with more that is fitted in any case."""
         return Base(self.channels, [*self.designs, *designs])
 
-    def project(self, design: Design) -> Projected:
+    def project(self, design: Regressors) -> Projected:
         """Return the normal equations of a design with the base eliminated."""
         own = self.channels.cross(design, design)
         crossed, eliminated = self.eliminated(design)
@@ -201,7 +201,7 @@ class Base:
             np.diag(own).copy(),
         )
 
-    def gains_apart(self, designs: Sequence[Design], joined: Design) -> FloatArray:
+    def gains_apart(self, designs: Sequence[Regressors], joined: Regressors) -> FloatArray:
         """Return the energy (D,) that each of some designs explains alone.
 
         Parameters
@@ -220,7 +220,7 @@ class Base:
         left = own - eliminated.reshape(count, -1, len(crossed)) @ by_design
         return _explained(left / (size[:, :, None] * size[:, None, :]), score / size)[0]
 
-    def eliminated(self, design: Design) -> tuple[FloatArray, FloatArray]:
+    def eliminated(self, design: Regressors) -> tuple[FloatArray, FloatArray]:
         """Return the information (B, P) of the base on a design, and what it becomes (P, B) with the base solved."""
         crossed = np.concatenate([self.channels.cross(left, design) for left in self.designs])
         return crossed, crossed.T @ self.inverse

@@ -1,13 +1,74 @@
-"""What no cause explains, in words: how much it is, where it lies, and what it is like."""
+"""What no cause explains, sample by sample and in words: how much it is, where it lies, and what it is like."""
+
+from dataclasses import replace
 
 import numpy as np
 
 from tam_calibration.gap.checks import row_name
+from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Residue, Size, Verdict, Where
-from tam_calibration.gap.steps import Search
+from tam_calibration.gap.search import Search
 from tam_calibration.gap.support import LEAST_EVIDENCE
 from tam_calibration.gap.where import locate
-from tam_calibration.units import FloatArray, to_nanotesla
+from tam_calibration.gap.whitened_channels import WhitenedChannels
+from tam_calibration.model.units import FloatArray, to_nanotesla
+
+
+def residue_of(nominal: Model, model: Model, before: WhitenedChannels, variance: float) -> Residue:
+    """Return what each row of each sample is off in front of the causes, with them, and in a twin with noise alone.
+
+    Parameters
+    ----------
+    nominal, model : Model
+        In front of the causes, and with them.
+    before : Channels
+        Of the nominal model, all samples.
+    variance : float
+        Of the channels' white noise, in what is stated.
+    """
+    array = nominal.array
+    generator = np.random.default_rng(0)
+    covariates = before.covariates
+    scale = float(np.sqrt(variance))
+    noise = generator.normal(size=(covariates.sample_count, covariates.sensor_count, 3)) * (
+        scale * nominal.row_noise_T.reshape(-1, 3)
+    )
+    direction = covariates.field_T / covariates.intensity_T[:, None]
+    field_T: FloatArray = nominal.intensity_T * direction
+    scalar = None
+    if nominal.recording.scalar_T is not None:
+        drawn = generator.normal(size=covariates.sample_count) * (scale * (array.scalar_noise_T or 0.0))
+        field_T, scalar = covariates.field_T, np.where(before.precision > 0, covariates.intensity_T + drawn, np.nan)
+    readings = covariates.errors.distort(field_T) + noise
+    twin = WhitenedChannels.at(
+        replace(nominal.recording, readings_T=readings, scalar_T=scalar),
+        array,
+        nominal.errors,
+        nominal.intensity_T,
+        world=nominal.world,
+    )
+
+    typical = np.array([np.median(row[row > 0]) if row.any() else np.inf for row in before.residuals.row_information.T])
+
+    def shifts(channels: WhitenedChannels) -> FloatArray:
+        information = channels.residuals.row_information
+        shift: FloatArray = channels.residuals.row_shift_T * np.sqrt(information / typical)
+        shift[information == 0] = np.nan
+        return shift
+
+    found, left = shifts(before), shifts(model.base().channels)
+    left[~model.is_counted] = np.nan
+    return Residue(
+        covariates.time_s,
+        direction,
+        found,
+        left,
+        shifts(twin),
+        scale / np.sqrt(typical),
+        nominal.recording.temperature_C,
+        nominal.recording.current_A,
+    )
+
 
 _FOLLOWS = {
     "function_of_rate": "follows the rate of the field",

@@ -7,11 +7,11 @@ from typing import Literal
 import numpy as np
 
 from tam_calibration.effects.effect import Sized
-from tam_calibration.effects.fitted import FittedEffect
 from tam_calibration.gap.checks import Checks
 from tam_calibration.gap.floor import Floor
-from tam_calibration.gap.standing import Standing
-from tam_calibration.units import FloatArray
+from tam_calibration.gap.surrogates import SurrogateTest
+from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.units import FloatArray
 
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained", "not_identifiable"]
 Status = Literal["supported", "not_supported", "not_identifiable", "channel_missing"]
@@ -95,7 +95,7 @@ class Cause:
         Part of the gap's energy that it explains out of sample.
     indistinguishable_from : tuple of str
         Effects that explain these data as well.
-    standing : Standing, optional
+    surrogate_test : Standing, optional
         How it stands among its surrogates, which have nothing to do with the residual; None where it needs none.
     sizes : tuple of Sized
         Beside the largest known in nature, where there is such a prior.
@@ -110,7 +110,7 @@ class Cause:
     delta_bic: float
     r2_cv: float
     indistinguishable_from: tuple[str, ...] = ()
-    standing: Standing | None = None
+    surrogate_test: SurrogateTest | None = None
     sizes: tuple[Sized, ...] = ()
 
 

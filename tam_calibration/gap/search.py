@@ -1,164 +1,314 @@
-"""The best form of one hypothesis: over the shapes of an effect, the terms that the data ask for."""
+"""The search for the causes of a gap: what is accepted, the strongest first, and what of it holds."""
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from heapq import nlargest
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import log
 
-import numpy as np
-
-from tam_calibration.effects.effect import SCALAR, Finding, FittedEffect, LinearEffect, Shape, Situation, Term
-from tam_calibration.effects.term import Key, chosen
+from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.excess_variance import LARGEST_NOISE
+from tam_calibration.effects.grades import MINOR, NOTABLE, SLIGHT
+from tam_calibration.effects.library import installed_effects
+from tam_calibration.gap.evidence import Evidence, evidence_of, examine, rivals, sharpened, usable
+from tam_calibration.gap.hypothesis import Hypothesis, given_form, places_of, restricted, sensors_of
+from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
-from tam_calibration.gap.selection import Choice, Selection, columns_of, evidence
-from tam_calibration.units import FloatArray
+from tam_calibration.gap.result import Considered
+from tam_calibration.gap.support import (
+    LEAST_EVIDENCE,
+    Step,
+    absorbed,
+    beyond_surrogates,
+    energy_explained,
+    holds,
+    is_new,
+    open_part,
+    special,
+    stands,
+    supported,
+)
+from tam_calibration.gap.surrogates import SurrogateTest
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
 
-_FULLY_SELECTED = 2
-"""Shapes, the most promising ones, of which the terms are selected."""
+Progress = Callable[[str, float], None]
 
-Place = tuple[int, int | None]
-"""Sensor (index, ``SCALAR`` or ``ALL``) and axis."""
+LARGEST_REST = 1.0
+"""Noise floors that causes may leave: what is larger than the noise is a gap of its own."""
+
+_MOST_CAUSES = 4
+"""Of one gap; more are no longer told apart."""
+
+_STARTS = 2
+"""Effects from which a search starts, at most."""
 
 
 @dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """An effect in the form in which it explains most.
+class SearchResult:
+    """Causes that hold, the model with them, what is still open, and the evidence for it all."""
+
+    first: Evidence | None
+    steps: tuple[Step, ...]
+    model: Model
+    remaining: tuple[Evidence, ...]
+    evidence: float
+    is_clean: bool
+
+
+class CauseSearch:
+    """Searches at one nominal model."""
+
+    def __init__(self, nominal: Model, without: Collection[str], tell: Progress) -> None:
+        self.nominal, self._tell = nominal, tell
+        self.first_base = nominal.base()
+        self._effects, missing = usable(installed_effects(), without, self.first_base.channels)
+        self._considered = {one.effect: one for one in missing}
+        self._known: dict[tuple[Evidence, ...], tuple[Model, Base]] = {}
+
+    @property
+    def gross(self) -> Evidence | None:
+        """The jump that was seen without a calibration, where there is one."""
+        jump = self.nominal.gross
+        effect = None if jump is None else self._effects.get(jump.effect)
+        if jump is None or not isinstance(effect, LinearEffect):
+            return None
+        return evidence_of(self.first_base, given_form(self.first_base, effect, jump))
+
+    @property
+    def considered(self) -> tuple[Considered, ...]:
+        """What nothing speaks for."""
+        return tuple(self._considered.values())
+
+    @cached_property
+    def weighed(self) -> tuple[Evidence, ...]:
+        """What speaks for each effect in front of all causes."""
+        return self._weigh(self.first_base, 0)
+
+    def found(self, first: Evidence | None) -> SearchResult:
+        """Return the causes that hold of those found from a start, or from the strongest."""
+        steps = self._forward([], first, ())
+        held = self._beside_held(steps)
+        kept = self._holding(self._swapped(held)) or held
+        model, base = self._beside(kept)
+        unknown, count = rivals(base), base.channels.count
+        spent = base.rank - self.first_base.rank + sum(finding.parameter_count for finding in model.findings)
+        evidence = -count * log(base.energy / count) - spent * log(count)
+        is_small = base.energy < (1 + LARGEST_REST**2) * count
+        is_clean = bool(kept or not steps) and is_small and open_part(self.first_base, base, unknown) < MINOR
+        return SearchResult(steps[0].accepted if steps else None, tuple(kept), model, unknown, evidence, is_clean)
+
+    def other_starts(self, found: SearchResult) -> list[Evidence]:
+        """Return from what else to start: the first cause at one sensor, and the next effects where a gap remains."""
+        first = found.first
+        if first is None or first.is_certain or self.nominal.gross is not None:
+            return []
+        ranked = sorted(self.weighed, key=lambda one: -one.delta_bic)
+        others = [one for one in ranked if one is not first and one.delta_bic > NOTABLE * first.delta_bic]
+        starts = [] if found.is_clean else [self._alone(one) or one for one in others[:_STARTS]]
+        alone = self._alone(first)
+        base = self.first_base
+        return [one for one in (alone, *starts) if one is not None and is_new(one, (), base) and stands(base, one)[0]]
+
+    def _weigh(self, base: Base, depth: int) -> tuple[Evidence, ...]:
+        weighed = []
+        for number, (name, effect) in enumerate(self._effects.items()):
+            self._tell(name, (depth + number / len(self._effects)) / (_MOST_CAUSES + 1))
+            found = examine(base, effect)
+            if isinstance(found, Evidence):
+                weighed.append(found)
+            elif depth == 0:
+                self._considered[name] = Considered(name, "not_supported", found)
+        return sharpened(base, weighed)
+
+    def _beside_held(self, steps: Sequence[Step]) -> list[Step]:
+        """Return the causes that hold, and those found beside them in place of causes that do not."""
+        held, passed_over = self._holding(steps), set[str]()
+        while held and len(held) < len(steps):
+            passed_over |= {step.accepted.effect for step in steps if step not in held}
+            steps = self._forward(held, None, passed_over)
+            more = self._holding(steps)
+            if len(more) <= len(held):
+                break
+            held = more
+        return held
+
+    def _forward(self, known: Sequence[Step], first: Evidence | None, without: Collection[str]) -> list[Step]:
+        """Accept causes beside known ones, the strongest first, or one that is given and then the strongest."""
+        steps = list(known)
+        weighed = self.weighed
+        least = SLIGHT * self._visible()
+        while len(steps) < _MOST_CAUSES:
+            base = self._beside(steps)[1]
+            if steps:
+                # Effects are modelled to some per cent in size: what is less may be what they leave of themselves.
+                least = max(min(least, LARGEST_REST**2 * base.channels.count), SLIGHT**2 * self._visible())
+                if base.energy < least:  # Nothing explains more than there is.
+                    return steps
+                weighed = self._weigh(base, len(steps))
+            given = (first, stands(base, first)[1]) if first is not None and not steps else None
+            found = given or supported(base, [one for one in weighed if one.effect not in without], steps, least)
+            if found is None:
+                return steps
+            accepted, surrogate_test = found
+            steps.append(Step(absorbed(accepted, steps), weighed, surrogate_test))
+        return steps
+
+    def _visible(self) -> float:
+        """Return the energy of the gap: what anything explains of it, or what exceeds noise beyond all doubt."""
+        base = self.first_base
+        explained = max((energy_explained(one, base) for one in (*self.weighed, *rivals(base))), default=0.0)
+        return max(explained, base.energy - LARGEST_NOISE**2 * base.channels.count)
+
+    def _beside(self, steps: Sequence[Step], step: Step | None = None) -> tuple[Model, Base]:
+        """Return the model with all causes, or all but one, and its base."""
+        return self._fitted(tuple(other.accepted for other in steps if other is not step))
+
+    def _fitted(self, causes: tuple[Evidence, ...]) -> tuple[Model, Base]:
+        """Return the model with some causes, and its base; those asked for last are kept, for long ones take memory."""
+        fit = self._known.pop(causes) if causes in self._known else self._fit(causes)
+        if len(self._known) == _MOST_CAUSES:
+            del self._known[next(iter(self._known))]
+        self._known[causes] = fit
+        return fit
+
+    def _fit(self, causes: tuple[Evidence, ...]) -> tuple[Model, Base]:
+        if not causes:
+            return self.nominal, self.first_base
+        model = self._fitted(causes[:-1])[0].accept(causes[-1].form)
+        return model, model.base()
+
+    def _holding(self, steps: Sequence[Step]) -> list[Step]:
+        """Return the causes that, beside all others, explain what functions without physics do in their sensors."""
+        kept = list(steps)
+        while True:
+            weakest_first = sorted(kept, key=lambda step: step.accepted.gain)
+            failing = next((step for step in weakest_first if not self._holds(kept, step)), None)
+            if failing is None:
+                return kept
+            kept.remove(failing)
+
+    def _holds(self, steps: Sequence[Step], step: Step) -> bool:
+        base = self._beside(steps, step)[1]
+        return holds(base, step.accepted)
+
+    def _swapped(self, steps: Sequence[Step]) -> list[Step]:
+        """Return the causes, each replaced by the effect, and the form of it, that explains most beside the others."""
+        kept = list(steps)
+        if len(kept) < 2 and self.nominal.gross is not None:
+            return kept
+        for index, step in enumerate(kept):
+            if isinstance(step.accepted.form, Hypothesis):
+                kept[index] = self._chosen_again(step, [one for one in kept if one is not step])
+        return kept
+
+    def _chosen_again(self, step: Step, rest: Sequence[Step]) -> Step:
+        """Return the same cause, or one that had much evidence too, has more beside the rest, and stands out more."""
+        base, own = self._beside(rest)[1], step.accepted.effect
+        others = {one.accepted.effect for one in rest}
+        names = [
+            one.effect
+            for one in (*step.weighed, step.accepted)
+            if isinstance(one.form, Hypothesis)
+            and one.delta_bic > max(LEAST_EVIDENCE, NOTABLE * step.accepted.delta_bic)
+            and (one.effect not in others or one.effect == own)
+        ]
+        offers = [examine(base, self._effects[name]) for name in dict.fromkeys(names)]
+        sharp = sharpened(base, [offer for offer in offers if isinstance(offer, Evidence)])
+        fitting = [offer for offer in sharp if is_new(offer, rest, base)]
+        same = next((offer for offer in fitting if offer.effect == own), None)
+        if same is None:
+            return step
+
+        def surrogate_test_of(offer: Evidence) -> tuple[bool, SurrogateTest | None]:
+            is_held, surrogate_test = stands(base, offer)
+            return is_held or offer is same, surrogate_test
+
+        best, most = same, beyond_surrogates(same, surrogate_test_of(same)[1])
+        for offer in fitting:
+            if offer.delta_bic > same.delta_bic and offer.gain > most:
+                is_held, surrogate_test = surrogate_test_of(offer)
+                beyond = beyond_surrogates(offer, surrogate_test)
+                best, most = (offer, beyond) if is_held and beyond > most else (best, most)
+        nested = special(best, fitting)
+        best = nested if surrogate_test_of(nested)[0] else best
+        return Step(best, step.weighed, step.surrogate_test if best is same else surrogate_test_of(best)[1])
+
+    def _alone(self, one: Evidence) -> Evidence | None:
+        """Return the evidence at the strongest sensor alone of what is spread over several."""
+        if not isinstance(one.form, Hypothesis):
+            return None
+        sensors = sensors_of(places_of(one.form))
+        alone = [restricted(self.first_base, one.form, sensor) for sensor in sensors] if len(sensors) > 1 else []
+        best = max((form for form in alone if form is not None), key=lambda form: form.selection.gain, default=None)
+        return None if best is None else evidence_of(self.first_base, best)
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The whole search.
 
     Parameters
     ----------
-    effect : LinearEffect
-        The effect.
-    shape : Shape
-        Its shape.
-    terms : tuple of Term
-        What was selected of it.
-    selection : Selection
-        Its evidence.
-    tried : tuple of Shape
-        The shapes among which this was the best.
-    values : (P,) array, optional
-        Coefficients to start from, where the fit does not find them from zero.
+    nominal, model : Model
+        In front of the causes, and with them.
+    steps : tuple of Step
+        The causes, in the order in which they were accepted.
+    weighed, rivals : tuple of Evidence
+        What was weighed at the nominal model.
+    remaining : tuple of Evidence
+        What functions without physics still explain beside the causes.
+    considered : tuple of Considered
+        Hypotheses without evidence.
     """
 
-    effect: LinearEffect
-    shape: Shape
-    terms: tuple[Term, ...]
-    selection: Selection
-    tried: tuple[Shape, ...] = ()
-    values: FloatArray | None = None
-
-    def moved(self, situation: Situation) -> "Hypothesis":
-        """Return the same terms of the same shape in another situation, at all of its samples."""
-        return replace(self, terms=tuple(chosen(self.effect.terms(situation, self.shape), self.keys)))
-
-    @property
-    def keys(self) -> tuple[Key, ...]:
-        """Of the terms."""
-        return tuple(term.key for term in self.terms)
-
-    @property
-    def width(self) -> int:
-        """Number of coefficients P."""
-        return sum(len(term.coefficients) for term in self.terms)
+    nominal: Model
+    model: Model
+    steps: tuple[Step, ...]
+    weighed: tuple[Evidence, ...]
+    rivals: tuple[Evidence, ...]
+    remaining: tuple[Evidence, ...]
+    considered: tuple[Considered, ...]
 
 
-def places_of(form: Hypothesis | Finding) -> list[Place]:
-    """Return the places of a hypothesis or finding."""
-    if isinstance(form, Hypothesis):
-        return list(dict.fromkeys((term.sensor, term.axis) for term in form.terms))
-    return list(dict.fromkeys((one.sensor, one.axis) for one in form.fitted.contributions))
+def search(
+    recording: Recording, array: Array, without: Collection[str] = (), progress: Progress | None = None
+) -> Search:
+    """Look for causes, the strongest first, until nothing more speaks for one; then drop those that do not hold.
+
+    The strongest at first need not be a cause: what acts on all sensors may be one thing at one of them and another at
+    the scalar magnetometer. The search is made again from other starts where that may be, and the best is kept; also
+    from the calibration of a steady part, where that of the whole leaves gross misfits that no cause explains.
+    """
+    tell = progress or (lambda what, part: None)
+    tell("nominal calibration", 0.0)
+    cause_search = CauseSearch(Model.nominal(recording, array), frozenset(without), tell)
+    best = _best(cause_search)
+    if not best.is_clean and (steady := cause_search.nominal.steady()) is not None:
+        again = CauseSearch(steady, frozenset(without), tell)
+        there = _best(again)
+        if not (best.steps or there.steps) or _rank(there) > _rank(best):
+            cause_search, best = again, there
+    unknown = rivals(cause_search.first_base)
+    return Search(
+        cause_search.nominal,
+        best.model,
+        best.steps,
+        cause_search.weighed,
+        unknown,
+        best.remaining,
+        cause_search.considered,
+    )
 
 
-def sensors_of(places: Iterable[Place]) -> set[int]:
-    """Return the sensors of places."""
-    return {sensor for sensor, _ in places}
+def _best(cause_search: CauseSearch) -> SearchResult:
+    """Return the best outcome of the starts at one nominal model."""
+    best = cause_search.found(cause_search.gross)
+    for start in cause_search.other_starts(best):
+        if best.is_clean:
+            break
+        best = max(best, cause_search.found(start), key=_rank)
+    return best
 
 
-def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
-    """Return the form of an effect with the most evidence among its shapes, or None when no part of it is visible."""
-    shapes = tuple(effect.shapes(base.channels.situation, base.channels.misfit))
-    offers = (offer for shape in shapes for offer in _offers(base, effect, shape))
-    promising = nlargest(_FULLY_SELECTED, offers, key=lambda offer: offer.evidence)
-    selected = (_selected(effect, offer) for offer in promising)
-    forms = [form for form in selected if form is not None]
-    if not forms:
-        return None
-    best = replace(max(forms, key=lambda form: form.selection.delta_bic), tried=shapes)
-    price = _searched(best) * float(np.log(base.channels.count))
-    return replace(best, selection=replace(best.selection, delta_bic=best.selection.delta_bic - price))
-
-
-def _searched(form: Hypothesis) -> int:
-    """Return the number of parameters of a shape that were searched, not a convention."""
-    if form.effect.has_exact_shapes:
-        return len(form.shape)
-    return sum(len({other.get(name) for other in form.tried}) > 1 for name in form.shape)
-
-
-def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypothesis:
-    """Return an effect with known shape and coefficients as a form."""
-    wanted = {(one.sensor, one.axis, one.term): one for one in fitted.contributions}
-    terms = [
-        term for term in base.channels.terms(effect, fitted.shape) if (term.sensor, term.axis, term.name) in wanted
-    ]
-    values = [
-        wanted[term.sensor, term.axis, term.name].values.get(coefficient.name, 0.0)
-        for term in terms
-        for coefficient in term.coefficients
-    ]
-    gain, rank = base.project(base.channels.design(terms)).gain()
-    selection = Selection(tuple(range(len(terms))), gain, rank, evidence(base.energy, gain, base.channels.count, rank))
-    return Hypothesis(effect, fitted.shape, tuple(terms), selection, (), np.array(values))
-
-
-def restricted(base: Base, form: Hypothesis, sensor: int) -> Hypothesis | None:
-    """Return what the data ask for of the same effect and shape at one sensor."""
-    offers = list(_offers(base, form.effect, form.shape, sensor))
-    return _selected(form.effect, offers[0]) if offers else None
-
-
-@dataclass(frozen=True, eq=False)
-class _Offer:
-    """All terms of a shape, and the evidence for the best step of choosing among them."""
-
-    shape: Shape
-    choice: Choice
-    evidence: float
-
-
-def _offers(base: Base, effect: LinearEffect, shape: Shape, sensor: int | None = None) -> Iterator[_Offer]:
-    """Yield the terms of a shape, at one sensor or all; those of each apart where the effect is of a single one."""
-    terms = [
-        term
-        for term in base.channels.terms(effect, shape)
-        if sensor in (None, term.sensor) and (term.sensor != SCALAR or effect.is_of_site or base.channels.has_scalar)
-    ]
-    if not terms:
-        return
-    projected, count = base.project(base.channels.design(terms)), base.channels.count - base.rank
-    choices = [Choice(projected, terms, base.energy, count)]
-    if effect.is_of_one_sensor:
-        columns = columns_of(terms)
-        groups = [
-            [index for index, term in enumerate(terms) if term.sensor == one]
-            for one in dict.fromkeys(term.sensor for term in terms)
-        ]
-        choices = [
-            Choice(
-                projected.take(np.concatenate([columns[index] for index in group])),
-                [terms[index] for index in group],
-                base.energy,
-                count,
-            )
-            for group in groups
-        ]
-    for choice in choices:
-        first = choice.first_step()
-        if np.isfinite(first):
-            yield _Offer(shape, choice, first)
-
-
-def _selected(effect: LinearEffect, offer: _Offer) -> Hypothesis | None:
-    selection = offer.choice.select()
-    if not selection.terms:
-        return None
-    return Hypothesis(effect, offer.shape, tuple(offer.choice.terms[index] for index in selection.terms), selection)
+def _rank(outcome: SearchResult) -> tuple[bool, float]:
+    return outcome.is_clean, outcome.evidence

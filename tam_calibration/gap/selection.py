@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.ridge import ridged
+from tam_calibration.core.normal_equations import ridged
 from tam_calibration.effects.term import Term
 from tam_calibration.gap.regression import Numbers, Projected, twice_log_likelihood_ratio
-from tam_calibration.units import FloatArray
+from tam_calibration.model.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,16 +4,16 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 
-from tam_calibration.effects.effect import ALL, Effect
-from tam_calibration.gap.candidates import Candidate, candidates
-from tam_calibration.gap.expected import Setting, expected_evidence
-from tam_calibration.gap.hypotheses import CHANNEL_NAMES, Evidence
+from tam_calibration.effects.effect import Effect
+from tam_calibration.gap.candidates import Candidate, Setting, candidates, expected_evidence
+from tam_calibration.gap.evidence import CHANNEL_NAMES, Evidence
+from tam_calibration.gap.hypothesis import Hypothesis, places_of
 from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Cause, Verdict
-from tam_calibration.gap.search import Hypothesis, places_of
-from tam_calibration.gap.steps import Search
+from tam_calibration.gap.search import Search
 from tam_calibration.gap.support import LEAST_EVIDENCE
+from tam_calibration.model.fitted_effect import ALL
 
 _LONGEST_MIN = 60.0
 """Minutes for which people may be asked to record."""
@@ -68,7 +68,7 @@ class Separation:
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt:
+class Ambiguity:
     """Two hypotheses that explain the data nearly alike, and the model without either."""
 
     first: Evidence
@@ -76,13 +76,13 @@ class Doubt:
     beside: Model
 
 
-def doubt_of(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> Doubt | None:
+def ambiguity_of(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> Ambiguity | None:
     """Return the first cause that another effect comes near, or the two best effects where none is a cause."""
     if verdict == "unexplained":
         ranked = sorted(found.weighed, key=lambda one: -one.delta_bic)[:2]
         if len(ranked) < 2 or ranked[1].delta_bic < max(LEAST_EVIDENCE, ranked[0].delta_bic - LEAST_EVIDENCE):
             return None
-        return Doubt(ranked[0], ranked[1], found.nominal)
+        return Ambiguity(ranked[0], ranked[1], found.nominal)
     named = {cause.fitted.effect for cause in causes}
     linear = [step for step in found.steps if isinstance(step.accepted.form, Hypothesis)]
     for cause in causes:
@@ -91,7 +91,7 @@ def doubt_of(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> Doubt 
         if close:
             others = [part for own, part in zip(linear, found.model.parts, strict=True) if own is not step]
             second = max(close, key=lambda one: one.delta_bic)
-            return Doubt(step.accepted, second, replace(found.model, parts=tuple(others)))
+            return Ambiguity(step.accepted, second, replace(found.model, parts=tuple(others)))
     return None
 
 
@@ -105,21 +105,21 @@ def _is_close(accepted: Evidence, other: Evidence) -> bool:
     return other.delta_bic > max(LEAST_EVIDENCE, accepted.delta_bic - LEAST_EVIDENCE)
 
 
-def separate(setting: Setting, doubt: Doubt) -> Separation | None:
+def separate(setting: Setting, ambiguity: Ambiguity) -> Separation | None:
     """Return the recording that tells two hypotheses apart; None where one of them is not found by regression."""
-    pair = [doubt.first, doubt.second]
+    pair = [ambiguity.first, ambiguity.second]
     if (pair[0].effect, pair[1].effect) in _NESTED:
         pair.reverse()
     is_nested = (pair[1].effect, pair[0].effect) in _NESTED
     forms = [one.form for one in pair if isinstance(one.form, Hypothesis)]
     if len(forms) < 2:
         return None
-    base = doubt.beside.base()
+    base = ambiguity.beside.base()
     first, second = (_fitted(base, form) for form in forms)
     needed = channels_of([first.effect, second.effect])
     offers = [
         (expected_evidence(setting, first, second, offer, is_nested), offer)
-        for offer in candidates(setting.situation, needed)
+        for offer in candidates(setting.covariates, needed)
     ]
     # Noise alone gives each as much as it has directions.
     beyond = [one.gain - one.form.selection.rank for one in pair if isinstance(one.form, Hypothesis)]
@@ -131,7 +131,7 @@ def separate(setting: Setting, doubt: Doubt) -> Separation | None:
 
 
 def _fitted(base: Base, form: Hypothesis) -> Part:
-    moved = form.moved(base.channels.situation)
+    moved = form.moved(base.channels.covariates)
     projected = base.project(base.channels.design(moved.terms))
     return replace(Part.of(moved), values=projected.inverse()[0] @ projected.score)
 

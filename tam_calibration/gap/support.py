@@ -6,18 +6,16 @@ from math import expm1, log
 
 import numpy as np
 
-from tam_calibration.effects.effect import ALL, Contribution, Effect, Finding, FittedEffect
+from tam_calibration.effects.effect import Effect, Finding
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.abrupt import MOST_STEPS, SHARPEST, standing_of_change
-from tam_calibration.gap.hypotheses import Evidence, examine, rivals
-from tam_calibration.gap.kept import kept
+from tam_calibration.gap.evidence import Evidence, examine, kept, rivals
+from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
-from tam_calibration.gap.search import Hypothesis, places_of, sensors_of
+from tam_calibration.gap.rivals import MOST_STEPS, SHARPEST, FunctionOfDirection, surrogate_test_of_change
 from tam_calibration.gap.selection import columns_of
-from tam_calibration.gap.standing import Standing
-from tam_calibration.gap.surrogates import standing_of
-from tam_calibration.gap.unknown import FunctionOfDirection
+from tam_calibration.gap.surrogates import SurrogateTest, surrogate_test_of
+from tam_calibration.model.fitted_effect import ALL, Contribution, FittedEffect
 
 LEAST_EVIDENCE = 12.0
 """ΔBIC from which a hypothesis counts: odds of 400 to 1 in white noise (Kass and Raftery, JASA 90, 1995: above 10)."""
@@ -38,12 +36,12 @@ class Step:
 
     accepted: Evidence
     weighed: tuple[Evidence, ...]
-    standing: Standing | None = None
+    surrogate_test: SurrogateTest | None = None
 
 
 def supported(
     base: Base, weighed: Sequence[Evidence], steps: Sequence[Step], least: float
-) -> tuple[Evidence, Standing | None] | None:
+) -> tuple[Evidence, SurrogateTest | None] | None:
     """Return the hypothesis whose evidence exceeds that of its best surrogate most, of those that a residual supports.
 
     Parameters
@@ -57,9 +55,9 @@ def supported(
     least : float
         Energy that a cause must explain.
     """
-    best: tuple[Evidence, Standing | None] | None = None
+    best: tuple[Evidence, SurrogateTest | None] | None = None
     beyond = 0.0
-    held: list[tuple[Evidence, Standing | None]] = []
+    held: list[tuple[Evidence, SurrogateTest | None]] = []
     for candidate in sorted(weighed, key=lambda one: (-one.is_certain, -_worth(one))):
         if not candidate.is_certain and _worth(candidate) <= beyond:
             break
@@ -67,15 +65,15 @@ def supported(
             continue
         if not is_new(candidate, steps, base):
             continue
-        is_held, standing = stands(base, candidate)
+        is_held, surrogate_test = stands(base, candidate)
         if not is_held:
             continue
-        own = beyond_surrogates(candidate, standing)
+        own = beyond_surrogates(candidate, surrogate_test)
         if candidate.is_certain:
-            return candidate, standing
-        held.append((candidate, standing))
+            return candidate, surrogate_test
+        held.append((candidate, surrogate_test))
         if own > beyond:
-            best, beyond = (candidate, standing), own
+            best, beyond = (candidate, surrogate_test), own
     if best is None:
         return None
     others = [one for one, _ in held]
@@ -108,9 +106,9 @@ def special(best: Evidence, others: Sequence[Evidence]) -> Evidence:
     return max(nearly, key=lambda one: one.delta_bic, default=best)
 
 
-def beyond_surrogates(one: Evidence, standing: Standing | None) -> float:
+def beyond_surrogates(one: Evidence, surrogate_test: SurrogateTest | None) -> float:
     """Return by how much the evidence for a hypothesis exceeds that for the best of its surrogates, or for nothing."""
-    return one.gain - standing.largest if standing else _worth(one)
+    return one.gain - surrogate_test.largest if surrogate_test else _worth(one)
 
 
 def _worth(one: Evidence) -> float:
@@ -127,7 +125,7 @@ def _is_step(one: Evidence) -> bool:
 
 
 @kept
-def stands(base: Base, candidate: Evidence) -> tuple[bool, Standing | None]:
+def stands(base: Base, candidate: Evidence) -> tuple[bool, SurrogateTest | None]:
     """Return whether a residual supports a hypothesis, and how it stands among its surrogates, where it has any."""
     form = candidate.form
     if isinstance(form, Finding):
@@ -137,31 +135,31 @@ def stands(base: Base, candidate: Evidence) -> tuple[bool, Standing | None]:
         return False, None
     if candidate.delta_bic < LEAST_EVIDENCE:
         return False, None
-    if form.effect.oversize(base.channels.situation, fitted_at(base, form)) is not None:
+    if form.effect.oversize(base.channels.covariates, fitted_at(base, form)) is not None:
         return False, None
     whole = form.effect.always(form.shape)
     if whole is not None:
-        among_times, wanders = standing_of_change(base, form, whole, candidate.delta_bic)
+        among_times, wanders = surrogate_test_of_change(base, form, whole, candidate.delta_bic)
         is_sharp = not wanders or among_times.ratio > SHARPEST * NOTABLE
         if not is_sharp or form.effect.surrogates == "at_other_times":
             return is_sharp, among_times
-    standing = _standing(base, form)
-    if standing.gain <= standing.largest + LEAST_EVIDENCE:
-        return False, standing
-    is_promising = form.effect.surrogates == "of_channel" or standing.ratio > _PROMISES
-    return is_promising or _is_whole(base, candidate, form), standing
+    surrogate_test = _surrogate_test(base, form)
+    if surrogate_test.gain <= surrogate_test.largest + LEAST_EVIDENCE:
+        return False, surrogate_test
+    is_promising = form.effect.surrogates == "of_channel" or surrogate_test.ratio > _PROMISES
+    return is_promising or _is_whole(base, candidate, form), surrogate_test
 
 
-def _is_far_out(standing: Standing, form: Hypothesis) -> bool:
+def _is_far_out(surrogate_test: SurrogateTest, form: Hypothesis) -> bool:
     """Whether a form stands so far above its surrogates that what it leaves may be something else.
 
     What is free in time or free to switch gains little in other rows, whatever it is.
     """
     if form.effect.always(form.shape) is not None:
-        return standing.ratio > SHARPEST
+        return surrogate_test.ratio > SHARPEST
     is_recorded = form.effect.surrogates == "of_channel"
     least = 1 + NOTABLE if is_recorded else _STANDS_OUT
-    return form.effect.surrogates != "elsewhere" and standing.ratio > least
+    return form.effect.surrogates != "elsewhere" and surrogate_test.ratio > least
 
 
 def _is_whole(base: Base, cause: Evidence, form: Hypothesis) -> bool:
@@ -201,19 +199,19 @@ def holds(base: Base, cause: Evidence) -> bool:
     form = cause.form
     if isinstance(form, Finding):
         return not _effect_of(cause).explains_any_excess or isinstance(examine(base, _effect_of(cause)), Evidence)
-    moved = form.moved(base.channels.situation)
+    moved = form.moved(base.channels.covariates)
     gain, rank = base.project(base.channels.design(moved.terms)).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
     alone = Evidence(cause.effect, moved, gain - rank * log(base.channels.count), gain)
-    is_held, standing = stands(base, alone)
-    if not is_held or standing is None:
+    is_held, surrogate_test = stands(base, alone)
+    if not is_held or surrogate_test is None:
         return is_held
-    return _is_far_out(standing, moved) or _is_whole(base, alone, moved)
+    return _is_far_out(surrogate_test, moved) or _is_whole(base, alone, moved)
 
 
 @kept
-def _standing(base: Base, form: Hypothesis) -> Standing:
-    return standing_of(base, form)
+def _surrogate_test(base: Base, form: Hypothesis) -> SurrogateTest:
+    return surrogate_test_of(base, form)
 
 
 def open_part(first: Base, last: Base, unknown: Sequence[Evidence]) -> float:
@@ -247,14 +245,14 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
     if any(_is_nested(candidate, other) for other in there):
         return False
-    return not _is_step(candidate) or _changes([candidate, *there], base.channels.situation.step_s) <= MOST_STEPS
+    return not _is_step(candidate) or _changes([candidate, *there], base.channels.covariates.step_s) <= MOST_STEPS
 
 
 def _is_same(one: Evidence, other: Evidence, base: Base) -> bool:
     """Whether two forms of an effect are one cause."""
     if not (isinstance(one.form, Hypothesis) and isinstance(other.form, Hypothesis)):
         return False
-    return one.form.effect.is_same(one.form.shape, other.form.shape, base.channels.situation)
+    return one.form.effect.is_same(one.form.shape, other.form.shape, base.channels.covariates)
 
 
 def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:

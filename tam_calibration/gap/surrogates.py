@@ -1,30 +1,52 @@
-"""How much of a residual a form would explain if it had nothing to do with it.
-
-A form explains some energy of the residual. So do its surrogates, which are as it is in all but what ties it to the
-residual: the residual is moved in time, the recorded channel is another of the same spectrum, a tone has another
-frequency. Whatever else is real in the residual is there for
-them too, coloured and unknown, so that neither its noise level nor its colour has to be known (randomisation test,
-Fisher, The design of experiments, 1935; Theiler et al., Testing for nonlinearity in time series: the method of
-surrogate data, Physica D 58, 1992, p. 77). An effect says which surrogates it has.
-"""
+"""How much of a residual a form would explain if it had nothing to do with it: how it stands among its surrogates."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from tam_calibration.effects.effect import SurrogateKind, Term
-from tam_calibration.effects.fitted import SCALAR
+from tam_calibration.effects.effect import SurrogateKind
 from tam_calibration.effects.grades import MOST, NEGLIGIBLE, SLIGHT
 from tam_calibration.effects.periodic_interference import SAME_LINE
-from tam_calibration.effects.term import chosen
-from tam_calibration.gap.design import Design
+from tam_calibration.effects.term import Term, chosen
+from tam_calibration.gap.hypothesis import Hypothesis
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
-from tam_calibration.gap.search import Hypothesis
+from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.selection import columns_of
-from tam_calibration.gap.standing import Standing
-from tam_calibration.units import FloatArray
+from tam_calibration.model.fitted_effect import SCALAR
+from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True)
+class SurrogateTest:
+    """How a form stands among its surrogates.
+
+    Parameters
+    ----------
+    gain : float
+        Twice the logarithm of its likelihood ratio.
+    largest : float
+        The same of the best surrogate; zero where there is none.
+    rank : float
+        Part of the surrogates, itself among them, that explain as much.
+    """
+
+    gain: float
+    largest: float
+    rank: float
+
+    @classmethod
+    def among(cls, gain: float, others: FloatArray) -> "SurrogateTest":
+        """Return the standing of a gain among others (S,)."""
+        largest = float(np.max(others, initial=0.0))
+        return cls(gain, largest, float(1 + np.sum(others >= gain)) / (1 + len(others)))
+
+    @property
+    def ratio(self) -> float:
+        """How many times the best surrogate's gain."""
+        return self.gain / max(self.largest, 1.0)
+
 
 _MOVES = 150
 """Times by which a residual is moved, forwards and reversed: a rank among 300."""
@@ -36,7 +58,7 @@ _FREQUENCIES = 60
 """At which a tone is set instead, evenly up to half the sampling rate."""
 
 
-def standing_of(base: Base, form: Hypothesis) -> Standing:
+def surrogate_test_of(base: Base, form: Hypothesis) -> SurrogateTest:
     """Return how a form stands among its surrogates in the residual of a base.
 
     No more surrogates are made once one explains as much: its rank is then told (sequential Monte Carlo test; Besag and
@@ -49,7 +71,7 @@ def standing_of(base: Base, form: Hypothesis) -> Standing:
         others.append(explained)
         if explained >= gain:
             break
-    return Standing.among(
+    return SurrogateTest.among(
         twice_log_likelihood_ratio(base.energy, gain, count),
         twice_log_likelihood_ratio(base.energy, np.array(others), count),
     )
@@ -65,7 +87,7 @@ def _moved(base: Base, form: Hypothesis) -> Iterator[float]:
     projected = base.project(design)
     inverse, _ = projected.inverse()
     values = inverse @ projected.score
-    own = _explained(base, design, inverse, *base.channels.residual)
+    own = _explained(base, design, inverse, *base.channels.taken_residual)
     of_itself = _explained(base, design, inverse, *_whitened(base, form, values))
     # Motion repeats: what a form explains of itself, moved, is no surrogate, unless it always explains as much.
     is_other = of_itself < MOST * float(projected.score @ values)
@@ -73,7 +95,7 @@ def _moved(base: Base, form: Hypothesis) -> Iterator[float]:
 
 
 def _explained(
-    base: Base, design: Design, inverse: FloatArray, differential: FloatArray, common: FloatArray
+    base: Base, design: Regressors, inverse: FloatArray, differential: FloatArray, common: FloatArray
 ) -> FloatArray:
     """Return the energy (S,) that columns explain of whitened residuals moved in time, the base eliminated."""
     moved = _Moved(base, differential, common)
@@ -104,7 +126,7 @@ class _Moved:
         rows = np.column_stack([differential @ base.channels.directions.T, np.zeros(self._count)])
         self._between, self._common = np.fft.rfft(rows, axis=0).T, np.fft.rfft(common)
 
-    def scores(self, design: Design) -> FloatArray:
+    def scores(self, design: Regressors) -> FloatArray:
         """Return the score (P, S) of a design's columns in the moved residuals."""
         features, _ = self._channels.seen(design, slice(None))
         spectrum = np.fft.rfft(features, axis=1)[design.index]
@@ -114,7 +136,7 @@ class _Moved:
         reversed_ = spectrum * between + slope * self._common
         return np.concatenate([self._at_shifts(design, product) for product in (forwards, reversed_)], axis=1)
 
-    def _at_shifts(self, design: Design, product: np.ndarray) -> FloatArray:
+    def _at_shifts(self, design: Regressors, product: np.ndarray) -> FloatArray:
         of_columns = product if design.scatter is None else design.scatter.T @ product
         score: FloatArray = np.fft.irfft(of_columns, self._count, axis=1)[:, self._shifts]
         return score
@@ -122,21 +144,21 @@ class _Moved:
 
 def _of_channel(base: Base, form: Hypothesis) -> Iterator[float]:
     """Yield what a form explains with its channel moved, reversed, or replaced by another of the same spectrum."""
-    situation = base.channels.situation
+    covariates = base.channels.covariates
     for name in form.effect.channels:
-        channel = getattr(situation, name)
+        channel = getattr(covariates, name)
         for other in (*_moved_in_time(channel), *_of_spectrum(channel, _CHANNELS // 2)):
             if abs(np.corrcoef(channel, other)[0, 1]) < 1 - NEGLIGIBLE:
                 changed: dict[str, Any] = {name: other}
-                yield _explained_by(base, form.effect.terms(replace(situation, **changed), form.shape), form)
+                yield _explained_by(base, form.effect.terms(replace(covariates, **changed), form.shape), form)
 
 
 def _of_attitude(base: Base, form: Hypothesis) -> Iterator[float]:
     """Yield what a form explains with the attitude moved against what the sensors read."""
-    situation = base.channels.situation
-    assert situation.attitude is not None
-    for other in _moved_in_time(situation.attitude):
-        yield _explained_by(base, form.effect.terms(replace(situation, attitude=other), form.shape), form)
+    covariates = base.channels.covariates
+    assert covariates.attitude is not None
+    for other in _moved_in_time(covariates.attitude):
+        yield _explained_by(base, form.effect.terms(replace(covariates, attitude=other), form.shape), form)
 
 
 def _moved_in_time(channel: FloatArray) -> Iterator[FloatArray]:
@@ -159,22 +181,22 @@ def _of_spectrum(course: FloatArray, count: int) -> Iterator[FloatArray]:
 
 def _elsewhere(base: Base, form: Hypothesis) -> Iterator[float]:
     """Yield what the same functions explain in each other row."""
-    situation = base.channels.situation
+    covariates = base.channels.covariates
     own = {int(row) for term in form.terms for row in term.rows}
-    for row in set(range(situation.scalar_row + base.channels.has_scalar)) - own:
-        sensor, axis = (SCALAR, None) if row == situation.scalar_row else divmod(row, 3)
+    for row in set(range(covariates.scalar_row + base.channels.has_scalar)) - own:
+        sensor, axis = (SCALAR, None) if row == covariates.scalar_row else divmod(row, 3)
         terms = [replace(term, sensor=sensor, axis=axis, rows=np.full_like(term.rows, row)) for term in form.terms]
         yield base.project(base.channels.design(terms)).gain()[0]
 
 
 def _at_other_frequencies(base: Base, form: Hypothesis) -> Iterator[float]:
     """Yield what a tone explains at other frequencies."""
-    situation = base.channels.situation
-    span = float(np.ptp(situation.time_s))
+    covariates = base.channels.covariates
+    span = float(np.ptp(covariates.time_s))
     own = form.shape["frequency_hz"]
-    for frequency in np.linspace(0.02, 0.49, _FREQUENCIES) / situation.step_s:
+    for frequency in np.linspace(0.02, 0.49, _FREQUENCIES) / covariates.step_s:
         if abs(frequency - own) * span > SAME_LINE:
-            yield _explained_by(base, form.effect.terms(situation, {**form.shape, "frequency_hz": frequency}), form)
+            yield _explained_by(base, form.effect.terms(covariates, {**form.shape, "frequency_hz": frequency}), form)
 
 
 def _explained_by(base: Base, terms: Iterable[Term], form: Hypothesis) -> float:

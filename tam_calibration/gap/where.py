@@ -4,17 +4,17 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from tam_calibration.effects.fitted import ALL, SCALAR
+from tam_calibration.core.normal_equations import ridged
 from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR, MOST, NEGLIGIBLE, NOTABLE
-from tam_calibration.effects.ridge import ridged
-from tam_calibration.gap.channels import Channels
-from tam_calibration.gap.hypotheses import Evidence
+from tam_calibration.gap.evidence import Evidence
+from tam_calibration.gap.hypothesis import Hypothesis, Place
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Where
-from tam_calibration.gap.search import Hypothesis, Place
 from tam_calibration.gap.selection import columns_of
-from tam_calibration.recording import Recording
-from tam_calibration.units import FloatArray
+from tam_calibration.gap.whitened_channels import WhitenedChannels
+from tam_calibration.model.fitted_effect import ALL, SCALAR
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray
 
 
 def sensors_and_axes(places: Iterable[Place], recording: Recording) -> tuple[tuple[int | str, ...], tuple[str, ...]]:
@@ -38,7 +38,7 @@ def sensors_and_axes(places: Iterable[Place], recording: Recording) -> tuple[tup
     return tuple(sensors), tuple("xyz"[axis] for axis in sorted(axis for axis in axes if axis is not None))
 
 
-def noisy_places(channels: Channels) -> tuple[list[Place], float]:
+def noisy_places(channels: WhitenedChannels) -> tuple[list[Place], float]:
     """Return the axis, sensor or scalar that explains most if its noise is larger than that of the others.
 
     With it twice the logarithm of the likelihood ratio of two variances against one; every sample's channels are
@@ -62,24 +62,24 @@ def noisy_places(channels: Channels) -> tuple[list[Place], float]:
     return best
 
 
-def _candidates(channels: Channels) -> list[tuple[list[Place], list[int]]]:
-    sensors = channels.situation.sensor_count
+def _candidates(channels: WhitenedChannels) -> list[tuple[list[Place], list[int]]]:
+    sensors = channels.covariates.sensor_count
     found: list[tuple[list[Place], list[int]]] = []
     for sensor in range(sensors):
         found += [([(sensor, axis)], [3 * sensor + axis]) for axis in range(3)]
         if sensors > 2:
             found.append(([(sensor, None)], [3 * sensor, 3 * sensor + 1, 3 * sensor + 2]))
     if channels.recording.scalar_T is not None:
-        found.append(([(SCALAR, None)], [channels.situation.scalar_row]))
+        found.append(([(SCALAR, None)], [channels.covariates.scalar_row]))
     return found
 
 
 def _energy_along(
-    channels: Channels, direction: FloatArray, score: FloatArray, rows: list[int]
+    channels: WhitenedChannels, direction: FloatArray, score: FloatArray, rows: list[int]
 ) -> tuple[FloatArray, int]:
     """Return the energy (N,) of each sample that shifts of some rows can explain, and how many channels that is."""
     information = np.broadcast_to(
-        channels.coupling[np.ix_(rows, rows)], (len(channels.misfit_T), len(rows), len(rows))
+        channels.coupling[np.ix_(rows, rows)], (len(channels.intensity_residual_T), len(rows), len(rows))
     ).copy()
     information += channels.precision[:, None, None] * direction[:, :, None] * direction[:, None, :]
     size = np.sqrt(np.maximum(np.einsum("nii->ni", information), np.finfo(float).tiny))
@@ -88,7 +88,7 @@ def _energy_along(
     return np.sum(solved * score / size, axis=1), len(rows)
 
 
-def span_of(channels: Channels, excess: FloatArray) -> tuple[float, float] | None:
+def span_of(channels: WhitenedChannels, excess: FloatArray) -> tuple[float, float] | None:
     """Return the time in which nearly all of the energy beyond noise (N,) lies, where it is much less than the run."""
     total = np.cumsum(excess)
     if total[-1] <= 0:
@@ -96,19 +96,19 @@ def span_of(channels: Channels, excess: FloatArray) -> tuple[float, float] | Non
     margin = MINOR / 2
     first = int(np.searchsorted(total, margin * total[-1]))
     last = int(np.searchsorted(total, (1 - margin) * total[-1]))
-    time_s = channels.situation.time_s
+    time_s = channels.covariates.time_s
     low, high = float(time_s[first]), float(time_s[min(last, len(time_s) - 1)])
     return (low, high) if high - low < MOST * float(np.ptp(time_s)) else None
 
 
-def band_of(channels: Channels, row: int, variance: float) -> tuple[float, float] | None:
+def band_of(channels: WhitenedChannels, row: int, variance: float) -> tuple[float, float] | None:
     """Return the band that holds most of what a row has beyond white noise, where it is not white."""
-    situation = channels.situation
-    if situation.sample_count < 2 * LEAST_SAMPLES:
+    covariates = channels.covariates
+    if covariates.sample_count < 2 * LEAST_SAMPLES:
         return None
-    shift = channels.misfit.row_shift_T[:, row] * np.sqrt(channels.misfit.row_information[:, row] / variance)
+    shift = channels.residuals.row_shift_T[:, row] * np.sqrt(channels.residuals.row_information[:, row] / variance)
     power = np.abs(np.fft.rfft(shift)) ** 2 / len(shift)
-    frequency = np.fft.rfftfreq(len(shift), situation.step_s)
+    frequency = np.fft.rfftfreq(len(shift), covariates.step_s)
     beyond = np.maximum(power[1:] - 1, 0) * (power[1:] > 1 + 3.0)
     if beyond.sum() < NEGLIGIBLE * len(beyond):
         return None
@@ -197,15 +197,15 @@ def main_places(base: Base, rival: Evidence) -> list[Place]:
     return chosen
 
 
-def _first_row(places: list[Place], channels: Channels) -> int:
+def _first_row(places: list[Place], channels: WhitenedChannels) -> int:
     sensor, axis = places[0] if places else (0, 0)
     if sensor == SCALAR:
-        return channels.situation.scalar_row
+        return channels.covariates.scalar_row
     return 3 * max(sensor, 0) + (axis or 0)
 
 
-def _common_mode(channels: Channels) -> float:
+def _common_mode(channels: WhitenedChannels) -> float:
     known = channels.is_counted & (channels.precision > 0)
     if not known.any():
         return float("nan")
-    return float(np.mean(channels.precision[known] * channels.misfit_T[known] ** 2))
+    return float(np.mean(channels.precision[known] * channels.intensity_residual_T[known] ** 2))

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.linalg import inv
 
-from tam_calibration.array import Array
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.model.array import Array
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

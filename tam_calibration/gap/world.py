@@ -10,12 +10,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tam_calibration.effects.effect import Situation
-from tam_calibration.exceptions import Refused
+from tam_calibration.effects.situation import Covariates
 from tam_calibration.fit.scale import free_scale
-from tam_calibration.gap.design import Design, update
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.units import FloatArray
+from tam_calibration.gap.regressors import Regressors, update
+from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,12 +100,12 @@ class World:
         return stepped, replace(world, variance_T2=self.variance_T2)
 
 
-def world_design(situation: Situation, unit_T: float, stride: int = 1) -> Design:
+def world_design(covariates: Covariates, unit_T: float, stride: int = 1) -> Regressors:
     """Return the design of the world's field: its three components as the rows read them, in units of the intensity."""
-    assert situation.attitude is not None
-    read = unit_T * situation.errors.matrix.reshape(-1, 3) @ turns(situation.attitude[::stride])
+    assert covariates.attitude is not None
+    read = unit_T * covariates.errors.matrix.reshape(-1, 3) @ turns(covariates.attitude[::stride])
     rows, columns = np.divmod(np.arange(read[0].size), 3)
-    return Design(read.reshape(len(read), -1), np.arange(len(rows)), rows, columns, 3)
+    return Regressors(read.reshape(len(read), -1), np.arange(len(rows)), rows, columns, 3)
 
 
 def turns(attitude: FloatArray) -> FloatArray:

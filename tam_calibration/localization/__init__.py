@@ -1,1 +1,1 @@
-"""From the field and its gradient to the source: where it is, and how strong."""
+"""Localisation: from a recording, or its field and gradient, to the source: where it is, and how strong."""

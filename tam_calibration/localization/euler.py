@@ -12,27 +12,17 @@ from functools import partial
 
 import numpy as np
 
-from tam_calibration.exceptions import InputError, Refused
-from tam_calibration.localization.dipole import moment_of_field
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
-from tam_calibration.units import FloatArray
+from tam_calibration.model.array import UNIT_TENSORS, tensors_of
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.units import FloatArray
+from tam_calibration.sources.dipole import moment_of_field
 
 DIPOLE_INDEX = 3.0
-
-_BASIS = np.zeros((5, 3, 3))
-"""(5, 3, 3) tensors in which one of xx, xy, xz, yy, yz is 1."""
-_BASIS[range(5), (0, 0, 0, 1, 1), (0, 1, 2, 1, 2)] = _BASIS[range(5), (0, 1, 2, 1, 2), (0, 0, 0, 1, 1)] = 1
-_BASIS[(0, 3), 2, 2] = -1
 
 # 99.73 % points of χ² with 3 and 5 degrees of freedom: as rare as three standard deviations.
 _FIELD_CHI_SQUARE, _TENSOR_CHI_SQUARE, _DEVIATIONS = 14.16, 18.21, 3.0
 _ROUNDING = 1e-12
-
-
-def tensors_of(outputs: FloatArray) -> FloatArray:
-    """Return the symmetric, trace-free tensors (N, 3, 3) of outputs (N, 8) or (N, 9); the ninth is not read."""
-    tensors: FloatArray = np.einsum("ni,ijk->njk", np.asarray(outputs)[:, 3:8], _BASIS)
-    return tensors
 
 
 def locate(
@@ -146,7 +136,7 @@ class _System:
         if constrained:
             inverse[:, 2] = 0
         field = np.einsum("nik,ni->nk", vectors, outputs[:, :3])
-        by_output = np.einsum("nik,oij,njl->nokl", vectors, _BASIS, vectors, optimize=True)
+        by_output = np.einsum("nik,oij,njl->nokl", vectors, UNIT_TENSORS, vectors, optimize=True)
         tensor_noise = noise[:, 3:8, 3:8]
         slopes = np.diagonal(by_output, axis1=2, axis2=3)
         deviations = np.sqrt(np.einsum("nok,nop,npk->nk", slopes, tensor_noise, slopes))

@@ -9,13 +9,13 @@ from functools import partial
 
 import numpy as np
 
-from tam_calibration.array import Array
-from tam_calibration.exceptions import InputError
-from tam_calibration.localization.dipole import dipole_field
 from tam_calibration.localization.euler import locate
 from tam_calibration.localization.least_squares import Problem, solve
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
-from tam_calibration.units import FloatArray
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray
+from tam_calibration.sources.dipole import dipole_field
 
 
 def locate_dipole(outputs: FloatArray, array: Array, covariance: FloatArray | None = None) -> EulerSolutions:

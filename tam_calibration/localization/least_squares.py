@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.units import FloatArray
+from tam_calibration.model.units import FloatArray
 
 Kernel = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 """From offset and moment to field, gradient and the field's derivative by the moment: ``dipole_field`` is one."""

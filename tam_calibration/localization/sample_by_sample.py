@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tam_calibration.array import Array
-from tam_calibration.exceptions import InputError
 from tam_calibration.localization.euler import DIPOLE_INDEX, locate
 from tam_calibration.localization.finite_baseline import locate_dipole
 from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.units import FloatArray
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

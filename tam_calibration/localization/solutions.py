@@ -7,7 +7,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.units import FloatArray
+from tam_calibration.model.units import FloatArray
 
 
 class Status(IntEnum):

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from importlib.resources import files
 from importlib.util import find_spec
 
-from tam_calibration.exceptions import InputError
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes import signals
 
 

@@ -3,7 +3,7 @@
 from collections import deque
 from typing import NamedTuple
 
-from tam_calibration.units import FloatArray
+from tam_calibration.model.units import FloatArray
 
 LONGEST_WAIT = 100
 """Outputs that wait for their sample; the oldest beyond these goes on without attitude."""

@@ -3,26 +3,90 @@
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Lock
 from traceback import format_exc
 from typing import Any
 
+import numpy as np
 from rclpy.service import Service
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from tam_calibration.calibration import Calibration
-from tam_calibration.exceptions import InputError, Refused
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files import calibration_to_yaml, read_calibration, write_calibration
-from tam_calibration.files.gap_json import write_gap
+from tam_calibration.files.results_json import write_gap
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.result import Gap
+from tam_calibration.messages.point_cloud import SampleLayout
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
+from tam_calibration.nodes.calibration_figures import describe, figures
 from tam_calibration.nodes.cloud import CloudReader
 from tam_calibration.nodes.parameters import ARRAY_FILE, Rule, array_of
-from tam_calibration.nodes.quality import describe, figures
-from tam_calibration.nodes.store import SampleStore
+
+
+class SampleStore:
+    """The samples since the last start over.
+
+    When it is full every second sample is given up, and only every second new one is taken, so that the whole
+    run stays covered. Time that goes backwards (a bag that loops) or other columns start it over. One thread may add
+    while another asks for the recording.
+
+    Parameters
+    ----------
+    capacity : int
+        Greatest number of samples.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self._capacity = capacity
+        self._columns: tuple[str, ...] = ()
+        self._lock = Lock()
+        self.start_over()
+
+    def __len__(self) -> int:
+        """Return the number of stored samples."""
+        return len(self._rows)
+
+    def start_over(self) -> None:
+        """Forget all samples."""
+        self._rows: list[FloatArray] = []
+        self._stride, self._seen = 1, 0
+        self._newest_s = -np.inf
+
+    def add(self, columns: tuple[str, ...], row: FloatArray) -> None:
+        """Add one sample, whose first column is its time."""
+        with self._lock:
+            if columns != self._columns or row[0] <= self._newest_s:
+                self._columns = columns
+                self.start_over()
+            if self._seen % self._stride == 0:
+                self._rows.append(row)
+            self._seen += 1
+            self._newest_s = row[0]
+            if len(self._rows) == self._capacity:
+                self._rows, self._stride = self._rows[::2], 2 * self._stride
+
+    def recording(self) -> Recording:
+        """Return the stored samples.
+
+        Raises
+        ------
+        InputError
+            When there is none, or they are no recording.
+        """
+        with self._lock:
+            columns, rows = self._columns, self._rows.copy()
+        if not rows:
+            raise InputError(
+                "no samples are stored: check in /diagnostics that the collector runs and every sensor publishes"
+            )
+        return SampleLayout.from_columns(columns).recording(np.array(rows))
+
 
 RULES = (
     ARRAY_FILE,
@@ -154,7 +218,7 @@ class Calibrator(TamNode):
             raise Refused(f"the node ended while it was {stage}")
 
     def _write(self, gap: Gap) -> str:
-        from tam_calibration.report.gap_report import write_gap_report  # late, as it brings matplotlib with it
+        from tam_calibration.report.gap_report import write_gap_report
 
         paths: list[str] = []
         for name, write in (("gap_file", write_gap), ("gap_report_file", write_gap_report)):

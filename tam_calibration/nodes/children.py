@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
-from tam_calibration.exceptions import InputError, Refused
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.nodes import signals
 
 GRACE_S = 5.0

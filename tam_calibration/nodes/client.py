@@ -4,15 +4,52 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+import rclpy
+from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
-from tam_calibration.exceptions import Refused
+from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import RELIABLE_STREAM
 from tam_calibration.nodes.children import NODES, Children
 from tam_calibration.nodes.cloud import read_cloud
 from tam_calibration.nodes.monitor import TURN_S, Monitor
-from tam_calibration.units import FloatArray
+
+CALL_TURN_S = 1.0
+
+
+def call(service: str, find_s: float) -> str:
+    """Call a service and return its message.
+
+    Parameters
+    ----------
+    service : str
+        Name, relative or absolute.
+    find_s : float
+        Longest time to find the service, seconds; its answer takes as long as its node lives.
+
+    Raises
+    ------
+    Refused
+        When nobody offers the service, its node ends before it answers, or it answers no, with its reason.
+    """
+    node = Node("tam_call")
+    try:
+        client = node.create_client(Trigger, service)
+        if not client.wait_for_service(timeout_sec=find_s):
+            raise Refused(f"nobody offers the service {service}: are the nodes running (tam nodes), in this namespace?")
+        future = client.call_async(Trigger.Request())
+        while not future.done() and client.service_is_ready():
+            rclpy.spin_until_future_complete(node, future, timeout_sec=CALL_TURN_S)
+        response = future.result() if future.done() else None
+        if response is None:
+            raise Refused(f"the node of {service} ended before it answered: its log says why")
+        if not response.success:
+            raise Refused(f"{service}: {response.message}")
+        return str(response.message)
+    finally:
+        node.destroy_node()
 
 
 class Client(Monitor):

@@ -12,18 +12,17 @@ from sensor_msgs.msg import Imu, MagneticField, PointCloud2, Temperature
 from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
 
-from tam_calibration.exceptions import InputError
-from tam_calibration.files.bag_topics import CHANNEL_TOPICS, sensor_topic
-from tam_calibration.files.cdr import read_float64, read_stamp_and_doubles
 from tam_calibration.files.recording_file import TOLERANCE_S
 from tam_calibration.fit.coverage import Coverage, LiveCoverage
-from tam_calibration.message_stream import sensor_stream
+from tam_calibration.messages.cdr import read_float64, read_stamp_and_doubles
+from tam_calibration.messages.point_cloud import SampleLayout
+from tam_calibration.messages.stream import sensor_stream
+from tam_calibration.messages.synchroniser import Sample, Synchroniser
+from tam_calibration.messages.topics import CHANNEL_TOPICS, sensor_topic
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.base import ERROR, OK, RELIABLE_STREAM, STALE, STREAM, WARN, Health, TamNode
-from tam_calibration.nodes.cloud import cloud_writer, make_cloud
-from tam_calibration.nodes.message_writer import to_stamp
+from tam_calibration.nodes.cloud import cloud_writer, make_cloud, to_stamp
 from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
-from tam_calibration.pointcloud_layout import SampleLayout
-from tam_calibration.synchronisation import Sample, Synchroniser
 
 SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
 SCALAR_TYPES = {"sensor_msgs/MagneticField": MagneticField, "std_msgs/Float64": Float64}

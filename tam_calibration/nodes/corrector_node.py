@@ -9,24 +9,23 @@ import numpy as np
 from sensor_msgs.msg import MagneticField, PointCloud2
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, String
 
-from tam_calibration.calibration import Calibration
-from tam_calibration.correction import Correction, why_left_in
-from tam_calibration.exceptions import InputError
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.streaming import Correction, why_left_in
 from tam_calibration.files import calibration_from_yaml, read_calibration
-from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
-from tam_calibration.nodes.cloud import CloudReader, Rows, cloud_writer, layout_of
-from tam_calibration.nodes.message_writer import MessageWriter
-from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
-from tam_calibration.nodes.quality import figures
-from tam_calibration.pointcloud_layout import (
+from tam_calibration.messages.batch_stream import IntArray
+from tam_calibration.messages.point_cloud import (
     FIELD_GRADIENT_COLUMNS,
     GRADIENT_DIMENSIONS,
     GRADIENT_ROW_MAJOR,
     SampleLayout,
     center_covariance,
 )
-from tam_calibration.stream_batch import IntArray
-from tam_calibration.units import FloatArray, to_nanotesla
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
+from tam_calibration.nodes.calibration_figures import figures
+from tam_calibration.nodes.cloud import CloudReader, MessageWriter, Rows, cloud_writer, layout_of
+from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 
 RULES = (
     ARRAY_FILE,

@@ -13,21 +13,64 @@ from geometry_msgs.msg import PointStamped
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header, String
 
-from tam_calibration.calibration import Calibration
-from tam_calibration.exceptions import InputError
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files import calibration_from_yaml, read_calibration
-from tam_calibration.geomagnetic import field_at
+from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
 from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.geomagnetic_field import field_at
+from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.attitude_join import AttitudeJoin, Joined
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
-from tam_calibration.nodes.cloud import CloudReader, cloud_writer, layout_of
-from tam_calibration.nodes.localizer_rules import FITTED, NONE, RULES
-from tam_calibration.nodes.message_writer import MessageWriter, from_stamp, to_stamp
-from tam_calibration.nodes.parameters import array_of
-from tam_calibration.nodes.source_rows import source_rows
-from tam_calibration.pointcloud_layout import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS
-from tam_calibration.units import FloatArray
+from tam_calibration.nodes.cloud import CloudReader, MessageWriter, cloud_writer, from_stamp, layout_of, to_stamp
+from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
+
+FITTED, NONE = "fitted", "none"
+RULES = (
+    ARRAY_FILE,
+    FRAME_ID,
+    Rule("calibration_file", "", "Calibration YAML that is loaded at the start; a newer one comes over `calibration`."),
+    Rule(
+        "index", DIPOLE_INDEX, "Structural index: 3 dipole, 2 line of dipoles, 1 line of current.", bounds=(0.1, 10.0)
+    ),
+    Rule(
+        "regional",
+        FITTED,
+        "Field beside the source's, taken off with the attitude: fitted to the first samples, LAT,LON,DATE for IGRF "
+        "there, or none.",
+    ),
+    Rule("regional_samples", 500, "Samples to which the regional field is fitted.", bounds=(1, 1_000_000)),
+    Rule("attitude_noise_rad", 0.0, "Standard deviation of the attitude about each axis [rad].", bounds=(0.0, 1.0)),
+    Rule(
+        "batch_s",
+        0.0,
+        "Time for which samples are gathered to be located at once [s]; 0: each when it comes, at up to ten times the "
+        "cost.",
+        bounds=(0.0, 0.5),
+    ),
+    Rule(
+        "fixed_frame",
+        "",
+        "Frame of what is published, with the axes of the attitude's world and the array's centre as origin; empty "
+        "for the array frame.",
+    ),
+)
+
+
+def source_rows(solutions: EulerSolutions) -> FloatArray:
+    """Return solutions as the (N, 19) rows of ``pointcloud_layout.SOURCE_COLUMNS``."""
+    row, column = np.triu_indices(3)
+    parts = (
+        solutions.position_m,
+        solutions.position_covariance_m2[:, row, column],
+        solutions.moment_Am2,
+        solutions.moment_covariance_A2m4[:, row, column],
+        solutions.status[:, None],
+    )
+    return np.concatenate(parts, axis=1)
+
 
 SILENCE_S = 2.0
 _ROUNDING = 1e-9

@@ -8,9 +8,9 @@ from pathlib import Path
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
-from tam_calibration.array import Array
 from tam_calibration.files import read_array
-from tam_calibration.pointcloud_layout import FRAME_ID as DEFAULT_FRAME_ID
+from tam_calibration.messages.point_cloud import FRAME_ID as DEFAULT_FRAME_ID
+from tam_calibration.model.array import Array
 
 
 @dataclass(frozen=True)

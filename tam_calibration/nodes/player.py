@@ -11,8 +11,8 @@ from rclpy.time import Time
 from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
 
-from tam_calibration.exceptions import InputError
 from tam_calibration.files.bag import raw_messages
+from tam_calibration.model.exceptions import InputError
 
 CLOCK_PERIOD_NS = 10_000_000
 SENSOR_TYPE = "sensor_msgs/msg/MagneticField"

@@ -9,7 +9,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.utilities import ok, try_shutdown
 
-from tam_calibration.exceptions import InputError
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes import signals
 from tam_calibration.nodes.signals import Startup
 

@@ -6,7 +6,7 @@
 import sys
 from importlib import import_module
 
-from tam_calibration.exceptions import InputError
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.signals import Startup
 
 

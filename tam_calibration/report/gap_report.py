@@ -1,14 +1,260 @@
-"""The report on a gap: one HTML page for an engineer who never met the method."""
+"""The report on a gap, in the order of its questions: is there one, where, why, how far does it shrink."""
 
+from collections.abc import Callable
 from pathlib import Path
 
-from tam_calibration.calibration import Provenance
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from tam_calibration.correction.calibration import Provenance
+from tam_calibration.effects.library import effect_named
 from tam_calibration.files import write_whole
+from tam_calibration.gap.checks import LAGS, Check, Checks, row_name
 from tam_calibration.gap.result import Gap
-from tam_calibration.report.formatting import count
-from tam_calibration.report.gap_sections import SECTIONS
+from tam_calibration.report.formatting import count, fixed, number, sentence
+from tam_calibration.report.gap_cause_plots import plot_dependence, plot_evidence, plot_shares, plot_sphere
+from tam_calibration.report.gap_residual_plots import plot_histogram, plot_map, plot_spectrum, plot_time
+from tam_calibration.report.gap_rows import (
+    CAUSES_HEADER,
+    CONSIDERED_HEADER,
+    NOISE_HEADER,
+    SIZE_HEADER,
+    cause_row,
+    cause_words,
+    closed_words,
+    considered_row,
+    noise_rows,
+    parameter_rows,
+    place,
+    set_words,
+    size_rows,
+    unseen_words,
+    where_words,
+)
 from tam_calibration.report.gap_view import GapView
-from tam_calibration.report.page import render
+from tam_calibration.report.page import Block, Points, Section, Table, Text, figure_blocks, render
+from tam_calibration.report.style import AFTER_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, STYLE
+
+_HEADER = {
+    "chi_square": "χ²/n",
+    "lag_1_correlation": "lag-1 correlation",
+    "strongest_line": "strongest line (mean power)",
+    "part_of_direction": "part that goes with the direction",
+    "excess_kurtosis": "excess kurtosis",
+}
+
+
+def checks_section(view: GapView) -> list[Section]:
+    """Return the section; none without a verdict."""
+    checks = view.gap.checks
+    if checks is None:
+        return []
+    row = view.rows[0]
+    figure = figure_blocks(
+        plot_autocorrelation(checks, row),
+        "Alike from sample to sample",
+        f"how alike residuals of {row_name(row, len(checks.line_hz))} are that lie so many samples apart; the band is "
+        "that of noise at the first.",
+        "all bars would end within the band.",
+    )
+    return [Section("Against the simulated twin", [*_summary(checks), *figure])]
+
+
+def _summary(checks: Checks) -> list[Block]:
+    compared = "With its causes the recording would look like its simulated twin, which has noise alone"
+    if not checks.departing_rows:
+        return [Text(f"{compared}, and so it does: every statistic of every axis is in the range of noise.", "good")]
+    rows = [row_name(row, len(checks.line_hz)) for row in checks.departing_rows]
+    cells = [
+        [name, *(_cell(check, row) for check in checks.by_name.values())]
+        for name, row in zip(rows, checks.departing_rows, strict=True)
+    ]
+    twin = ["noise alone", *(_range(check, checks.departing_rows[0]) for check in checks.by_name.values())]
+    return [
+        Text(f"{compared}, if nothing else were in it. It does not:"),
+        Points(checks.sentences),
+        Table(
+            ["axis", *(_HEADER[name] for name in checks.by_name)],
+            [twin, *cells],
+            "Axes that depart; ▲ and ▼ mark what is above and below the range of noise.",
+        ),
+    ]
+
+
+def _cell(check: Check, row: int) -> str:
+    value = check.values[row]
+    return number(value) + (" ▲" if value > check.high[row] else " ▼" if value < check.low[row] else "")
+
+
+def _range(check: Check, row: int) -> str:
+    return f"{fixed(check.low[row], 2)} to {number(check.high[row])}"
+
+
+@matplotlib.rc_context(STYLE)
+def plot_autocorrelation(checks: Checks, row: int) -> Figure:
+    """Draw the autocorrelation of one row, and the band of noise."""
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.8), layout="constrained")
+    axes = figure.subplots()
+    check = checks.lag_1_correlation
+    axes.axhspan(check.low[row], check.high[row], color=MISSING_COLOR, alpha=0.3, linewidth=0)
+    axes.bar(np.arange(1, LAGS + 1), checks.autocorrelation[row], width=0.5, color=AFTER_COLOR)
+    axes.axhline(0, color="black", linewidth=0.6)
+    axes.set(xlabel="samples apart", ylabel="correlation", ylim=(-1.05, 1.05))
+    return figure
+
+
+_TERMS = (
+    "The simulated twin is a recording made by the computer: the same attitudes and field, the sensor errors that were "
+    "fitted, the noise of the recording, and nothing else. Whatever the recording shows and its twin does not is the "
+    "gap.",
+    "A residual is what is left of a reading when the fitted model is taken off: the shift of that one axis that would "
+    "explain the sample best. A fault of one axis casts a weaker image on the others and on the scalar, since "
+    "each sample alone cannot tell which of them is at fault.",
+    "The noise floor is the standard deviation that white noise alone gives a residual. The size of the gap is what "
+    "the residual has beyond it: 1 means as large as the noise, 0 none.",
+    "Out of sample: measured on parts of the recording that were not used to fit what is tested.",
+)
+
+
+def _verdict(view: GapView) -> list[Section]:
+    gap = view.gap
+    emphasis = "good" if gap.verdict in ("no_gap", "explained") else "doubt"
+    blocks: list[Block] = [*(Text(remark, "doubt") for remark in gap.remarks), Text(gap.headline, emphasis)]
+    if gap.verdict != "not_identifiable":
+        blocks.append(Table(SIZE_HEADER, size_rows(gap.size)))
+    if gap.floor is not None:
+        blocks.append(Table(NOISE_HEADER, noise_rows(gap.floor)))
+    if gap.causes:
+        blocks.append(Text(sentence(closed_words(gap.size))))
+    if gap.remainder:
+        blocks.append(Text(f"What no cause explains: {gap.remainder}", "doubt"))
+    blocks += [Text(words) for words in (*set_words(gap), *unseen_words(gap))]
+    blocks += [Text("Words of this page:"), Points(_TERMS)]
+    return [Section("Verdict", blocks)]
+
+
+def _where(view: GapView) -> list[Section]:
+    if view.gap.verdict == "not_identifiable":
+        return []
+    row = view.rows[0]
+    name = view.row_name(row)
+    words = where_words(view.gap.where, view.sensor_count)
+    found = f"The gap lies in: {words}." if view.gap.where.sensors else "No place stands out."
+    band = "" if view.gap.where.frequency_hz is None else "; the band that holds the gap is shaded"
+    blocks: list[Block] = [
+        Text(f"{found} This was found without assuming a cause. Figures of one axis show {name}, the largest there."),
+        *figure_blocks(
+            plot_map(view),
+            "Which sensor and axis",
+            "the size of each residual against its noise floor, dark where it is too large.",
+            "every cell would be near 1, as in the twin.",
+        ),
+        *figure_blocks(
+            plot_sphere(view, row),
+            "Which attitude",
+            "the mean residual over the directions of the field, seen from the array; cells without samples are white.",
+            "a faint random pattern, as in the twin; a smooth pattern is an effect that depends on attitude.",
+        ),
+        *figure_blocks(
+            plot_spectrum(view, row),
+            "Which frequency",
+            f"the residual by frequency, in noise floors{band}.",
+            "a flat line near 1. A rise to the left is slow (drift), a narrow peak is interference.",
+        ),
+        *figure_blocks(
+            plot_dependence(view, row),
+            "Which condition",
+            "the residual over the rate of turning, and over temperature and current where they were recorded.",
+            "flat lines near the dashed one. A slope says that the residual goes with that quantity, not yet why.",
+        ),
+    ]
+    return [Section("Where it lies", blocks)]
+
+
+def _causes(view: GapView) -> list[Section]:
+    gap = view.gap
+    if gap.verdict == "not_identifiable":
+        return []
+    blocks: list[Block] = [
+        *figure_blocks(
+            plot_evidence(gap),
+            "What can be the cause",
+            "the probability of each cause, of no gap at all, and of a cause that is not in the library; what the data "
+            "support is blue.",
+            "“no gap” would have the longest bar.",
+        )
+    ]
+    if not gap.causes:
+        return [Section("Causes", [Text("No effect of the library is supported by these data."), *blocks])]
+    blocks.append(Table(CAUSES_HEADER, [cause_row(cause, view.sensor_count) for cause in gap.causes], numeric=False))
+    for cause in gap.causes:
+        effect = effect_named(cause.fitted.effect)
+        blocks.append(Text(f"{cause.fitted.effect}: {effect.title}. {effect.physics}"))
+        where = place(cause.sensors, cause.axes, view.sensor_count)
+        if rows := parameter_rows(cause):
+            header = ["parameter", "value ± standard error", "unit"]
+            blocks.append(Table(header, rows, f"{cause.fitted.effect}: {where}", numeric=False))
+        if words := cause_words(cause):
+            blocks.append(Points(words))
+    return [Section("Causes, ranked", blocks)]
+
+
+def _shrink(view: GapView) -> list[Section]:
+    gap = view.gap
+    if gap.verdict == "not_identifiable":
+        return []
+    blocks: list[Block] = []
+    if gap.causes:
+        blocks += figure_blocks(
+            plot_shares(gap),
+            "What each cause takes away",
+            "the energy of the gap above the noise, out of sample, and each cause's part of it, whatever their order.",
+            "there would be nothing to take away. Causes that are not the true ones leave a tall bar on the right.",
+        )
+    shaded = "" if gap.where.time_s is None else "; the span that holds the gap is shaded"
+    for row in view.rows:
+        blocks += figure_blocks(
+            plot_time(view, row),
+            f"Over time: {view.row_name(row)}",
+            f"the residual of each sample; dashed lines are ± the noise floor{shaded}.",
+            "all panels would look like the twin's.",
+        )
+    blocks += figure_blocks(
+        plot_histogram(view, view.rows[0]),
+        "Distribution",
+        "how often the residual has which size; what lies further out is counted in the outermost bins.",
+        "all lines would follow the dashed one. Broad shoulders are a slow or large effect, far tails are outliers.",
+    )
+    return [Section("How far it shrinks" if gap.causes else "The residuals", blocks)]
+
+
+def _considered(view: GapView) -> list[Section]:
+    others = [each for each in view.gap.considered if each.status != "supported"]
+    if not others:
+        return []
+    blocks: list[Block] = [
+        Text("These were tried, or could not be, and are no cause as far as these data tell."),
+        Table(CONSIDERED_HEADER, [considered_row(each) for each in others], numeric=False),
+    ]
+    return [Section("What explained nothing", blocks)]
+
+
+def _next(view: GapView) -> list[Section]:
+    words = view.gap.next_recording
+    return [Section("What to record next", [Text(sentence(words))])] if words else []
+
+
+SECTIONS: tuple[Callable[[GapView], list[Section]], ...] = (
+    _verdict,
+    _where,
+    _causes,
+    _shrink,
+    checks_section,
+    _considered,
+    _next,
+)
+"""What makes each section."""
 
 
 def write_gap_report(path: Path, gap: Gap, source: Provenance | None = None) -> None:

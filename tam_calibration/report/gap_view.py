@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from tam_calibration.gap.result import Gap
+from tam_calibration.model.units import FloatArray
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, QUIET_COLOR
-from tam_calibration.units import FloatArray
 
 _SHOWN_ROWS = 3
 

@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from tam_calibration.localization.spectrum import Spectrum
+from tam_calibration.localization.survey import ARRAY_FRAME, Survey
+from tam_calibration.model.units import FloatArray, to_degrees
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
-from tam_calibration.survey.result import ARRAY_FRAME, Survey
-from tam_calibration.units import FloatArray, to_degrees
+from tam_calibration.sources.spectrum import Spectrum
 
 _PANEL_INCH = 2.5
 """Height of one row of views."""

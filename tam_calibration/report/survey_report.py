@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from tam_calibration.files import write_whole
+from tam_calibration.localization.survey import Survey
 from tam_calibration.report.formatting import count, fixed
 from tam_calibration.report.page import Block, Points, Section, Table, embed, render
 from tam_calibration.report.survey_plots import plot_source_spectrum, plot_survey_map
 from tam_calibration.report.survey_rows import HEADER, MOST_ROWS, overall_rows, sample_rows, statements
-from tam_calibration.survey.result import Survey
 
 _MAP = "The source in plan and in profile, with ellipses that hold 95 %; the array, or its track, for scale. "
 _MAGNIFIED = "Below, magnified, the source of all samples together among those of single samples."

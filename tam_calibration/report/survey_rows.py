@@ -3,9 +3,9 @@
 import numpy as np
 
 from tam_calibration.localization.solutions import Status
+from tam_calibration.localization.survey import Overall, Survey, standard_errors
+from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report.formatting import count, number, with_error
-from tam_calibration.survey.result import Overall, Survey, standard_errors
-from tam_calibration.units import FloatArray, to_nanotesla
 
 HEADER = ("time (s)", "x (m)", "y (m)", "z (m)", "distance (m)", "moment (A m²)")
 MOST_ROWS = 20

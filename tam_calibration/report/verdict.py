@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tam_calibration.calibration import Calibration
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import Coverage
+from tam_calibration.model.residuals import Residuals
+from tam_calibration.model.units import to_nanotesla
 from tam_calibration.report.formatting import join, number, ratio, sentence
-from tam_calibration.residuals import Residuals
-from tam_calibration.units import to_nanotesla
 
 ACCEPTED_RATIO = 1.1
 """Largest residual over noise floor of a calibration that is not doubted, apart from chance."""

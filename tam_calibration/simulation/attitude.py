@@ -10,8 +10,8 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.exceptions import InputError
-from tam_calibration.units import FloatArray, from_degrees
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray, from_degrees
 
 GOLDEN_RATIO = (1 + np.sqrt(5)) / 2
 

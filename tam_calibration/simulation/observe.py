@@ -1,17 +1,83 @@
-"""From a scenario to the recording that its array would have made, and the truth behind it."""
+"""From a scenario to the recording that its array would have made, effects included, and the truth behind it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.ambient_gradient import gradient_field, turned
-from tam_calibration.effects.situation import Situation
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
-from tam_calibration.simulation.effects import add_effects
+from tam_calibration.effects.effect import Effect, LinearEffect
+from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation.scenario import Scenario
-from tam_calibration.units import FloatArray
+
+LAST = ("saturation", "quantization")
+"""What ends the way of a reading, in this order."""
+
+_CHANNELS = {"temperature_C": "temperature", "current_A": "current"}
+
+
+def add_effects(
+    rows_T: FloatArray,
+    covariates: Covariates,
+    effects: Sequence[FittedEffect],
+    generators: Sequence[np.random.Generator],
+    stage: Literal["field", "reading"],
+) -> FloatArray:
+    """Return the rows (N, 3K + 1) with the effects of a stage in them, tesla.
+
+    Parameters
+    ----------
+    rows_T : (N, 3K + 1) array
+        Without noise for the stage "field", with it for "reading".
+    covariates : Covariates
+        The truth.
+    effects : sequence of FittedEffect
+        All effects of the scenario.
+    generators : sequence of numpy.random.Generator
+        One for each of them.
+    stage : str
+        "field" or "reading".
+
+    Raises
+    ------
+    InputError
+        When an effect is not known, needs a channel that the scenario has not, or has no such sensor, term or value.
+    """
+    for index in sorted(range(len(effects)), key=lambda index: _place(effects[index].effect)):
+        fitted, generator = effects[index], generators[index]
+        effect = effect_named(fitted.effect)
+        if isinstance(effect, LinearEffect) != (stage == "field"):
+            continue
+        try:
+            _check(effect, fitted, covariates)
+            rows_T = effect.add(rows_T, covariates, fitted, generator)
+        except KeyError as missing:
+            raise InputError(f"the effect {fitted.effect} needs the value {missing}") from None
+    return rows_T
+
+
+def _place(name: str) -> int:
+    return LAST.index(name) if name in LAST else -1
+
+
+def _check(effect: Effect, fitted: FittedEffect, covariates: Covariates) -> None:
+    for channel, key in _CHANNELS.items():
+        if channel in effect.channels and getattr(covariates, channel) is None:
+            raise InputError(f"the effect {effect.name} follows the {key}: add {key} to the scenario")
+    for part in fitted.contributions:
+        if part.sensor >= covariates.sensor_count:
+            raise InputError(
+                f"the effect {effect.name} acts on sensor {part.sensor + 1}, and there are {covariates.sensor_count}"
+            )
+
 
 RANDOM_PARTS = ("motion", "vector", "scalar", "temperature", "current", "attitude", "effect")
 """What draws random numbers; each has a generator of its own, so that one more channel changes no other's noise."""
@@ -61,7 +127,7 @@ def simulate(scenario: Scenario) -> Simulation:
     at_scalar = np.zeros(3) if scenario.array.scalar_position_m is None else scenario.array.scalar_position_m
     fields = _field(scenario, rotation, np.vstack([np.zeros(3), at_scalar, scenario.array.positions_m]))
     center, at_sensors = fields[:, 0], fields[:, 2:]
-    readings, scalar = _readings(scenario, _situation(scenario, center, attitude), at_sensors, fields[:, 1])
+    readings, scalar = _readings(scenario, _covariates(scenario, center, attitude), at_sensors, fields[:, 1])
     recording = Recording(
         time_s,
         readings,
@@ -116,10 +182,10 @@ def _gradient(scenario: Scenario, rotation: Rotation) -> FloatArray:
     return turned(world[None], rotation.as_quat())[:, 0]
 
 
-def _situation(scenario: Scenario, center_T: FloatArray, attitude: FloatArray) -> Situation:
+def _covariates(scenario: Scenario, center_T: FloatArray, attitude: FloatArray) -> Covariates:
     """Return the truth that effects follow."""
     temperature, current, time_s = scenario.temperature, scenario.current, scenario.time_s
-    return Situation(
+    return Covariates(
         time_s,
         center_T,
         scenario.errors,
@@ -131,18 +197,18 @@ def _situation(scenario: Scenario, center_T: FloatArray, attitude: FloatArray) -
 
 
 def _readings(
-    scenario: Scenario, situation: Situation, at_sensors_T: FloatArray, at_scalar_T: FloatArray
+    scenario: Scenario, covariates: Covariates, at_sensors_T: FloatArray, at_scalar_T: FloatArray
 ) -> tuple[FloatArray, FloatArray | None]:
     """Return what the sensors (N, K, 3) and the scalar magnetometer (N,) read, with effects and noise, tesla."""
     count = scenario.sample_count
     generators = [_generator(scenario, "effect", number) for number in range(len(scenario.effects))]
     vectors = scenario.errors.distort(at_sensors_T).reshape(count, -1)
     rows = np.column_stack([vectors, np.linalg.norm(at_scalar_T, axis=1)])
-    rows = add_effects(rows, situation, scenario.effects, generators, "field")
-    rows[:, :-1] += _vector_noise(scenario).reshape(-1, 3 * situation.sensor_count)
+    rows = add_effects(rows, covariates, scenario.effects, generators, "field")
+    rows[:, :-1] += _vector_noise(scenario).reshape(-1, 3 * covariates.sensor_count)
     scalar = _scalar(scenario, rows[:, -1])
     rows[:, -1] = np.nan if scalar is None else scalar
-    rows = add_effects(rows, situation, scenario.effects, generators, "reading")
+    rows = add_effects(rows, covariates, scenario.effects, generators, "reading")
     return rows[:, :-1].reshape(at_sensors_T.shape), None if scalar is None else rows[:, -1]
 
 

@@ -4,15 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tam_calibration.array import Array
-from tam_calibration.effects.fitted import FittedEffect
-from tam_calibration.exceptions import InputError
-from tam_calibration.localization.dipole import Dipole
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation.attitude import Motion
-from tam_calibration.simulation.channels import AttitudeChannel, Current, ScalarReference, Temperature
+from tam_calibration.simulation.instruments import AttitudeChannel, Current, ScalarReference, Temperature
 from tam_calibration.simulation.sources import Drift
-from tam_calibration.units import FloatArray
+from tam_calibration.sources.dipole import Dipole
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.exceptions import InputError
-from tam_calibration.units import FloatArray
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray
 
 
 def field_from_elements(intensity_T: float, inclination: float, declination: float) -> FloatArray:

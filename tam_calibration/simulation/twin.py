@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.calibration import Calibration
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.removal import agreed_field, filled, removable
-from tam_calibration.effects.situation import Situation
-from tam_calibration.recording import Recording
-from tam_calibration.simulation.effects import add_effects
-from tam_calibration.units import FloatArray
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray
+from tam_calibration.simulation.observe import add_effects
 
 _LARGEST_EXCESS = 1.2
 """More noise than so many times that stated is a gap of another kind."""
@@ -39,14 +39,14 @@ def twin(calibration: Calibration, recording: Recording, seed: int) -> Recording
     array, errors, effects = calibration.array, calibration.errors, calibration.effects
     field = agreed_field(calibration.without_effects(recording).readings_T, errors, array, _is_trusted(calibration))
     run = filled(recording)
-    situation = Situation(run.time_s, field, errors, array, run.temperature_C, run.current_A, run.attitude)
+    covariates = Covariates(run.time_s, field, errors, array, run.temperature_C, run.current_A, run.attitude)
     vector_noise, scalar_noise, *of_effects = np.random.default_rng(seed).spawn(2 + len(effects))
-    rows = np.column_stack([errors.distort(field).reshape(len(field), -1), situation.intensity_T])
-    rows = add_effects(rows, situation, effects, of_effects, "field")
+    rows = np.column_stack([errors.distort(field).reshape(len(field), -1), covariates.intensity_T])
+    rows = add_effects(rows, covariates, effects, of_effects, "field")
     vector_T, scalar_T = _noise(calibration)
-    rows[:, :-1] += vector_noise.normal(0, np.repeat(vector_T, 3), (len(field), situation.scalar_row))
+    rows[:, :-1] += vector_noise.normal(0, np.repeat(vector_T, 3), (len(field), covariates.scalar_row))
     rows[:, -1] += scalar_noise.normal(0, scalar_T, len(field))
-    rows = add_effects(rows, situation, effects, of_effects, "reading")
+    rows = add_effects(rows, covariates, effects, of_effects, "reading")
     scalar = None if recording.scalar_T is None else np.where(np.isfinite(recording.scalar_T), rows[:, -1], np.nan)
     return replace(recording, readings_T=rows[:, :-1].reshape(recording.readings_T.shape), scalar_T=scalar)
 

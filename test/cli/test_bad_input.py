@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tam_calibration.array import Array
 from tam_calibration.cli.main import SUBCOMMANDS, main
 from tam_calibration.files import write_array, write_calibration, write_recording
-from tam_calibration.files.bag_topics import MAGNETIC_FIELD, sensor_topic
 from tam_calibration.files.bag_writing import TYPESTORE, serialise, write_bag
 from tam_calibration.fit import calibrate
-from tam_calibration.recording import Recording
+from tam_calibration.messages.topics import MAGNETIC_FIELD, sensor_topic
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
 
 
 @pytest.fixture
@@ -299,7 +299,7 @@ def test_numbers_out_of_range(folder, value):
 
 def test_a_refusal_is_exit_1(folder, recording, monkeypatch):
     """Sound input whose answer is no ends with exit 1 and the reason."""
-    from tam_calibration.exceptions import Refused
+    from tam_calibration.model.exceptions import Refused
 
     def refused(*arguments, **options):
         raise Refused("the sensor was disturbed")

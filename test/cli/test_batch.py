@@ -47,7 +47,7 @@ def asked(monkeypatch, gap):
             process(task)
             yield task, ""
 
-    monkeypatch.setattr(import_module("tam_calibration.fleet.local"), "run_here", run_here)
+    monkeypatch.setattr(import_module("tam_calibration.fleet.execution"), "run_here", run_here)
     task = import_module("tam_calibration.fleet.task")
     monkeypatch.setattr(task, "diagnose", lambda recording, array: asked["answer"])
     return asked

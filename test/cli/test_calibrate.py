@@ -13,7 +13,7 @@ from tam_calibration.files import read_calibration, write_array, write_recording
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.channels import AttitudeChannel
+from tam_calibration.simulation.instruments import AttitudeChannel
 
 
 @pytest.fixture
@@ -113,8 +113,8 @@ def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder):
 
 def test_sensors_that_stamp_apart_need_a_tolerance(folder, recording):
     """A bag whose sensors are read one after the other is joined within the tolerance that is given."""
-    from tam_calibration.files.bag_topics import MAGNETIC_FIELD, sensor_topic
     from tam_calibration.files.bag_writing import TYPESTORE, serialise, write_bag
+    from tam_calibration.messages.topics import MAGNETIC_FIELD, sensor_topic
 
     stamps_ns = np.arange(recording.sample_count) * 10_000_000
     with write_bag(folder / "apart", "sqlite3") as writer:

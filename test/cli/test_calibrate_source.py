@@ -9,14 +9,14 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.array import Array
 from tam_calibration.cli.main import main
 from tam_calibration.files import write_array, write_recording
 from tam_calibration.files.calibration_yaml import read_calibration
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.localization.loop import Loop, area_of
-from tam_calibration.recording import Recording
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
 from tam_calibration.simulation import simulate
+from tam_calibration.sources.loop import Loop, area_of
 
 COIL = """# The coil of the field test.
 recording: coil.csv

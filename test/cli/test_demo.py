@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tam_calibration.cli import demo_figures
+from tam_calibration.cli import demo
 from tam_calibration.cli.main import main
-from tam_calibration.exceptions import Refused
 from tam_calibration.files.scenario import read_scenario
+from tam_calibration.model.exceptions import Refused
 from tam_calibration.simulation import simulate
 
 
@@ -36,13 +36,13 @@ def run():
 def test_judge_accepts_the_true_correction_only(run):
     """What the true errors leave passes; the raw readings and a stream with gaps are refused with their figures."""
     restored = run.errors.restore(run.recording.readings_T).reshape(300, -1) @ run.scenario.array.operator.T
-    demo_figures.require_success(run, restored)
+    demo.require_success(run, restored)
     with pytest.raises(Refused, match="times the noise floor"):
-        demo_figures.require_success(run, demo_figures.raw_outputs(run))
+        demo.require_success(run, demo.raw_outputs(run))
     with pytest.raises(Refused, match="299 of 300 samples"):
-        demo_figures.require_success(run, restored[1:])
+        demo.require_success(run, restored[1:])
 
 
 def test_error_of_the_truth_is_zero(run):
     """The figures are errors against the simulated truth."""
-    assert np.allclose(demo_figures.errors_of(run, demo_figures.true_outputs(run)), 0)
+    assert np.allclose(demo.errors_of(run, demo.true_outputs(run)), 0)

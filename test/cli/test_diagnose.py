@@ -11,7 +11,7 @@ from tam_calibration.cli.main import main
 from tam_calibration.effects.effect import Limit, Sized
 from tam_calibration.files import write_array, write_recording
 from tam_calibration.gap.checks import checks_of
-from tam_calibration.gap.standing import Standing
+from tam_calibration.gap.surrogates import SurrogateTest
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def test_people_see_what_is_left_and_what_it_means(folder, asked, gap):
     residue = gap.residue
     cause = replace(
         gap.causes[0],
-        standing=Standing(640.0, 53.0, 0.01),
+        surrogate_test=SurrogateTest(640.0, 53.0, 0.01),
         sizes=(Sized("offset", 2e-9, Limit(1e-6, "a book", "T")),),
     )
     checks = checks_of(residue.time_s, residue.direction, residue.before, residue.floor_T)

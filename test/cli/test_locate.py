@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.cli.main import main
 from tam_calibration.files import read_calibration, write_calibration, write_recording
 from tam_calibration.fit import calibrate
-from tam_calibration.localization.dipole import Dipole
 from tam_calibration.localization.sample_by_sample import Regional, locate_samples, turned
-from tam_calibration.recording import Recording
+from tam_calibration.model.recording import Recording
+from tam_calibration.sources.dipole import Dipole
 
 PASSED = [30.0, 2.5, -2.3]
 COIL = Dipole(np.array([2.4, -1.0, 0.46]), np.array([300.0, -200.0, 250.0]))

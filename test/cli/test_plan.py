@@ -11,8 +11,8 @@ from tam_calibration.cli.main import main
 from tam_calibration.files import write_array, write_calibration, write_recording
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
+from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
-from tam_calibration.units import from_degrees
 
 
 @pytest.fixture(scope="module")

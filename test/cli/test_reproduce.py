@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
-from tam_calibration.reproduce import li2018a, wu2025, wu2025_coil_sweeps
+from tam_calibration.validation.papers import li2018a, wu2025, wu2025_coil_sweeps
 
 
 @pytest.fixture

@@ -8,12 +8,12 @@ from numpy.linalg import inv, norm
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.array import Array
-from tam_calibration.effects.fitted import Contribution, FittedEffect
-from tam_calibration.effects.misfit import Misfit
-from tam_calibration.effects.situation import Situation
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import WhitenedResiduals
+from tam_calibration.model.array import Array
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
 
 NOISE_T = 1e-9
 SCALAR_NOISE_T = 0.1e-9
@@ -36,9 +36,9 @@ def misfit_of(recording, array, errors, intensity_T=INTENSITY_T, is_counted=None
     slope = np.column_stack([-direction @ estimate, np.ones(len(rows))]) / np.sqrt(noise)[:, None]
     directions = weight[:, None] * complement
     common = (scalar - norm(field, axis=1)) / np.sqrt(noise)
-    return Misfit(
+    return WhitenedResiduals(
         recording,
-        Situation(recording.time_s, field, errors, array, recording.temperature_C, recording.current_A),
+        Covariates(recording.time_s, field, errors, array, recording.temperature_C, recording.current_A),
         rows @ directions,
         directions,
         common,
@@ -52,7 +52,7 @@ def misfit_of(recording, array, errors, intensity_T=INTENSITY_T, is_counted=None
 class Bench:
     """A simulated array whose rows can be disturbed in front of the misfit of the true errors."""
 
-    situation: Situation
+    covariates: Covariates
     rows_T: np.ndarray
     has_scalar: bool
 
@@ -64,19 +64,19 @@ class Bench:
     def with_effect(self, effect, *contributions):
         """Return the bench with an effect added to its rows."""
         fitted = FittedEffect(effect.name, {}, contributions)
-        return self.with_rows(effect.add(self.rows_T, self.situation, fitted, self.generator))
+        return self.with_rows(effect.add(self.rows_T, self.covariates, fitted, self.generator))
 
     def with_rows(self, rows_T):
         """Return the bench with other rows."""
-        return Bench(self.situation, rows_T, self.has_scalar)
+        return Bench(self.covariates, rows_T, self.has_scalar)
 
-    def misfit(self, is_counted=None):
+    def residuals(self, is_counted=None):
         """Return what the true errors leave."""
-        situation = self.situation
-        readings = self.rows_T[:, :-1].reshape(situation.sample_count, -1, 3)
+        covariates = self.covariates
+        readings = self.rows_T[:, :-1].reshape(covariates.sample_count, -1, 3)
         scalar = self.rows_T[:, -1] if self.has_scalar else None
-        recording = Recording(situation.time_s, readings, scalar)
-        return misfit_of(recording, situation.array, situation.errors, is_counted=is_counted)
+        recording = Recording(covariates.time_s, readings, scalar)
+        return misfit_of(recording, covariates.array, covariates.errors, is_counted=is_counted)
 
 
 def make_bench(samples=2000, sensors=4, has_scalar=True, moves=True, seed=1, sheet=1.0, noise_T=NOISE_T):
@@ -97,11 +97,11 @@ def make_bench(samples=2000, sensors=4, has_scalar=True, moves=True, seed=1, she
         direction = generator.normal(size=(samples, 3))
         direction /= norm(direction, axis=1)[:, None]
     field = INTENSITY_T * direction
-    situation = Situation(time, field, errors, array)
+    covariates = Covariates(time, field, errors, array)
     rows = np.empty((samples, 3 * sensors + 1))
     rows[:, :-1] = errors.distort(field).reshape(samples, -1) + generator.normal(0, noise_T, (samples, 3 * sensors))
     rows[:, -1] = INTENSITY_T + generator.normal(0, SCALAR_NOISE_T, samples)
-    return Bench(situation, rows, has_scalar)
+    return Bench(covariates, rows, has_scalar)
 
 
 @pytest.fixture
@@ -131,7 +131,7 @@ def make_turning(samples=1200, step_s=0.05, sensors=4, start_s=0.0, attitude=Non
     array = Array(cross, np.full(sensors, NOISE_T), SCALAR_NOISE_T, np.array([0.1, 0.2, 0.4]))
     temperature = 20 + 3 * np.sin(0.31 * phase) + np.sin(1.7 * phase)
     current = 2.0 * (np.sin(0.83 * phase) > 0.2) + 0.2 * np.sin(2.1 * phase)
-    return Situation(time, field, errors, array, temperature, current, attitude)
+    return Covariates(time, field, errors, array, temperature, current, attitude)
 
 
 @pytest.fixture(scope="session")
@@ -145,9 +145,9 @@ class Slew:
 
     name = "slew"
 
-    def add(self, rows_T, situation, fitted, generator):
+    def add(self, rows_T, covariates, fitted, generator):
         """Return the rows with up to 12 nT less over five samples."""
-        rows, middle = rows_T.copy(), int(np.argmax(np.abs(np.diff(situation.sensed_T[:, 3]))))
+        rows, middle = rows_T.copy(), int(np.argmax(np.abs(np.diff(covariates.sensed_T[:, 3]))))
         rows[middle - 2 : middle + 3, 3] -= np.array([4e-9, 8e-9, 12e-9, 12e-9, 5e-9])
         return rows
 
@@ -158,14 +158,14 @@ def refitted():
     return refit
 
 
-def refit(effect, situation, shape, *terms):
+def refit(effect, covariates, shape, *terms):
     """Return the deviations of coefficients found by regression in their standard errors, and the relative errors.
 
     Coefficients of the terms, given as (sensor, axis, name), are drawn so that each adds some ten times the noise.
     """
-    found = {(term.sensor, term.axis, term.name): term for term in effect.terms(situation, shape)}
+    found = {(term.sensor, term.axis, term.name): term for term in effect.terms(covariates, shape)}
     generator = np.random.default_rng(8)
-    row_count = situation.scalar_row + 1
+    row_count = covariates.scalar_row + 1
     blocks, truth, contributions = [], [], []
     for key in terms:
         term = found[key]
@@ -178,14 +178,14 @@ def refit(effect, situation, shape, *terms):
         names = [coefficient.name for coefficient in term.coefficients]
         contributions.append(Contribution(*key, dict(zip(names, values, strict=True))))
     fitted = FittedEffect(effect.name, shape, tuple(contributions))
-    clean = np.zeros((situation.sample_count, row_count))
-    added = effect.add(clean, situation, fitted, generator)
+    clean = np.zeros((covariates.sample_count, row_count))
+    added = effect.add(clean, covariates, fitted, generator)
     assert_allclose(added.ravel(), np.column_stack(blocks) @ truth, atol=1e-20)
     observed = added + NOISE_T * generator.normal(size=added.shape)
     nuisance = np.kron(
-        np.column_stack([np.ones(situation.sample_count), situation.field_T / INTENSITY_T]), np.eye(row_count)
+        np.column_stack([np.ones(covariates.sample_count), covariates.field_T / INTENSITY_T]), np.eye(row_count)
     )
-    nuisance = nuisance.reshape(situation.sample_count * row_count, -1)
+    nuisance = nuisance.reshape(covariates.sample_count * row_count, -1)
     size = np.max(np.abs(blocks), axis=1)
     design = np.column_stack([np.transpose(blocks) / size, nuisance])
     covariance = np.linalg.pinv(design.T @ design, hermitian=True)
@@ -200,13 +200,13 @@ def left_by():
     return make_left_by
 
 
-def make_left_by(effect, situation, shape, *contributions, seed=6):
+def make_left_by(effect, covariates, shape, *contributions, seed=6):
     """Return what the true errors leave of readings with an effect; contributions are (sensor, axis, term, values)."""
     generator = np.random.default_rng(seed)
     fitted = FittedEffect(effect.name, shape, tuple(Contribution(*contribution) for contribution in contributions))
-    rows = np.column_stack([situation.sensed_T + situation.errors.bias_T.ravel(), situation.intensity_T])
-    rows = effect.add(rows, situation, fitted, generator)
+    rows = np.column_stack([covariates.sensed_T + covariates.errors.bias_T.ravel(), covariates.intensity_T])
+    rows = effect.add(rows, covariates, fitted, generator)
     rows[:, :-1] += NOISE_T * generator.normal(size=rows[:, :-1].shape)
     rows[:, -1] += SCALAR_NOISE_T * generator.normal(size=len(rows))
-    readings = rows[:, :-1].reshape(situation.sample_count, -1, 3)
-    return misfit_of(Recording(situation.time_s, readings, rows[:, -1]), situation.array, situation.errors)
+    readings = rows[:, :-1].reshape(covariates.sample_count, -1, 3)
+    return misfit_of(Recording(covariates.time_s, readings, rows[:, -1]), covariates.array, covariates.errors)

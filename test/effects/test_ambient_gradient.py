@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.array import Array
 from tam_calibration.effects.ambient_gradient import (
     BASIS,
     COLUMNS,
@@ -18,12 +17,13 @@ from tam_calibration.effects.ambient_gradient import (
     turned,
     without_gradient,
 )
-from tam_calibration.effects.fitted import ALL, Contribution, FittedEffect
-from tam_calibration.exceptions import InputError
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.recording import Recording
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import ALL, Contribution, FittedEffect
+from tam_calibration.model.recording import Recording
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.channels import AttitudeChannel
+from tam_calibration.simulation.instruments import AttitudeChannel
 
 GRADIENT = 1e-9 * np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]])
 
@@ -85,15 +85,15 @@ def test_no_attitude_is_told(scenario):
 
 def test_the_effect_is_the_gradient_of_the_fit(turning):
     """Its terms of degree 2 add, at sensors and scalar, what the fit takes off."""
-    situation, weak = turning(samples=60), GRADIENT / 100
+    covariates, weak = turning(samples=60), GRADIENT / 100
     names = ("xx", "xy", "xz", "yy", "yz")
     values = {f"gradient {name}": value for name, value in zip(names, weak[ROWS, COLUMNS], strict=True)}
     fitted = FittedEffect("ambient_gradient", {}, (Contribution(ALL, None, "degree 2", values),))
-    rows = np.column_stack([situation.sensed_T + situation.errors.bias_T.ravel(), situation.intensity_T])
-    disturbed = AmbientGradient().add(rows, situation, fitted, np.random.default_rng(1))
+    rows = np.column_stack([covariates.sensed_T + covariates.errors.bias_T.ravel(), covariates.intensity_T])
+    disturbed = AmbientGradient().add(rows, covariates, fitted, np.random.default_rng(1))
     readings = disturbed[:, :-1].reshape(60, -1, 3)
-    recording = Recording(situation.time_s, readings, disturbed[:, -1], attitude=situation.attitude)
-    uniform = without_gradient(recording, situation.errors, situation.array, weak)
+    recording = Recording(covariates.time_s, readings, disturbed[:, -1], attitude=covariates.attitude)
+    uniform = without_gradient(recording, covariates.errors, covariates.array, weak)
     assert_allclose(uniform.readings_T.reshape(60, -1), rows[:, :-1], atol=1e-18)
     assert_allclose(uniform.scalar_T, rows[:, -1], rtol=0, atol=1e-13)
 
@@ -107,7 +107,7 @@ def test_coefficients_come_back(turning, refitted):
 
 def test_a_dipole_at_some_distance_is_within_the_terms(turning):
     """Two metres from a cross of half a metre the degrees 2 to 4 leave a hundredth of its field."""
-    situation = turning(samples=300)
+    covariates = turning(samples=300)
     source, moment = np.array([1.2, 0.9, -1.4]), np.array([2.0, -1.0, 3.0])
 
     def field(position):
@@ -115,12 +115,12 @@ def test_a_dipole_at_some_distance_is_within_the_terms(turning):
         distance = np.linalg.norm(away, axis=1, keepdims=True)
         return 1e-7 * (3 * away * (away @ moment)[:, None] / distance**5 - moment / distance**3)
 
-    rotation = Rotation.from_quat(situation.attitude)
+    rotation = Rotation.from_quat(covariates.attitude)
     change = [
-        rotation.inv().apply(field(rotation.apply(at)) - field(np.zeros((1, 3)))) for at in situation.array.positions_m
+        rotation.inv().apply(field(rotation.apply(at)) - field(np.zeros((1, 3)))) for at in covariates.array.positions_m
     ]
-    signal = np.einsum("kij,knj->nki", situation.errors.matrix, change).reshape(300, -1)
-    terms = list(AmbientGradient().terms(situation, {}))
+    signal = np.einsum("kij,knj->nki", covariates.errors.matrix, change).reshape(300, -1)
+    terms = list(AmbientGradient().terms(covariates, {}))
     basis = np.column_stack(
         [term.signal(one, 13)[:, :-1].ravel() for term in terms for one in np.eye(len(term.coefficients))]
     )
@@ -131,8 +131,8 @@ def test_a_dipole_at_some_distance_is_within_the_terms(turning):
 
 def test_where_no_gradient_can_be_seen(turning):
     """Neither an array at rest nor a sensor in the centre of rotation shows it."""
-    situation = turning()
-    assert AmbientGradient().obstacle(situation) is None
+    covariates = turning()
+    assert AmbientGradient().obstacle(covariates) is None
     rest = turning(attitude=np.tile([0.0, 0.6, 0.0, 0.8], (1200, 1)))
     assert "the attitude changes by" in AmbientGradient().obstacle(rest)
     middle = replace(turning(sensors=1), array=Array(np.zeros((1, 3)), np.array([1e-9]), 1e-10))

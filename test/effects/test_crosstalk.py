@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.crosstalk import Crosstalk
-from tam_calibration.effects.fitted import Contribution, FittedEffect
-from tam_calibration.exceptions import InputError
 from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 EFFECT = Crosstalk()
 LATE = {"late_y_s": 0.05}
@@ -23,10 +23,10 @@ def test_coefficients_come_back(turning, refitted):
 
 def test_the_reading_before_is_what_a_multiplexer_held(turning):
     """A capacitor that keeps a part of the reading before adds that, less the same part of the present one."""
-    situation = turning()
-    other = situation.field_T[:, 1]
+    covariates = turning()
+    other = covariates.field_T[:, 1]
     fitted = FittedEffect("crosstalk", LATE, (Contribution(0, 2, "from y", {"bleed": 0.01}),))
-    added = EFFECT.signal(situation, fitted)
+    added = EFFECT.signal(covariates, fitted)
     assert_allclose(added[1:, 2], 0.01 * (other[:-1] - other[1:]), atol=1e-15)
     assert not np.delete(added, 2, axis=1).any()
 
@@ -39,18 +39,18 @@ def test_before_the_record_and_a_hole_the_array_turned_as_evenly_as_then(turning
     whole = turning(attitude=evenly)
     kept = np.r_[8:400, 600:1200]
     ours, theirs = (
-        EFFECT.terms(situation, {"late_y_s": late_s})[0].features[:, 0] for situation in (whole.take(kept), whole)
+        EFFECT.terms(covariates, {"late_y_s": late_s})[0].features[:, 0] for covariates in (whole.take(kept), whole)
     )
     assert_allclose(ours, theirs[kept], atol=1e-4 * np.abs(theirs).max())
 
 
 def test_the_windows_in_which_a_channel_bleeds_are_found(turning, left_by):
     """On the row that gets most of it, with the part of the field that comes and goes."""
-    situation = turning()
+    covariates = turning()
     edges = np.arange(2.025, 58, 2.5)
     shape = {f"{('on', 'off')[i % 2]}_{i // 2 + 1}_s": edge for i, edge in enumerate(edges.tolist()[:22])}
-    misfit = left_by(EFFECT, situation, {"late_z_s": 0.0, **shape}, (2, 0, "from z", {"bleed": 0.02}))
-    found = [one for one in EFFECT.shapes(situation, misfit) if "on_1_s" in one]
+    residuals = left_by(EFFECT, covariates, {"late_z_s": 0.0, **shape}, (2, 0, "from z", {"bleed": 0.02}))
+    found = [one for one in EFFECT.shapes(covariates, residuals) if "on_1_s" in one]
     assert found[2] == pytest.approx({"late_z_s": 0.0, **shape}, abs=0.21) and len(found) == 3
 
 
@@ -82,8 +82,8 @@ def test_it_survives_a_file():
 
 def test_one_to_ten_steps_late_are_tried(turning, left_by):
     """The channel before, and a queue of usual length; between them no more than twice as late as the one before."""
-    situation = turning()
-    shapes = EFFECT.shapes(situation, left_by(EFFECT, situation, LATE))
-    late = np.array([shape["late_x_s"] for shape in shapes if "late_x_s" in shape]) / situation.step_s
+    covariates = turning()
+    shapes = EFFECT.shapes(covariates, left_by(EFFECT, covariates, LATE))
+    late = np.array([shape["late_x_s"] for shape in shapes if "late_x_s" in shape]) / covariates.step_s
     assert_allclose([late.min(), late.max()], [1, 10])
     assert (late[1:] <= 2 * late[:-1]).all()

@@ -10,7 +10,7 @@ import pytest
 
 from tam_calibration.effects import library
 from tam_calibration.gap import diagnose
-from tam_calibration.recording import Recording
+from tam_calibration.model.recording import Recording
 
 DOCS = Path(__file__).parents[2] / "docs"
 

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.fitted import SCALAR
 from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
+from tam_calibration.model.fitted_effect import SCALAR
 
 SHAPE = {"start_s": 1.7e9, "span_s": 60.0}
 EFFECT = GeomagneticDrift()
@@ -20,15 +20,15 @@ def test_coefficients_come_back(turning, refitted):
 
 def test_a_line_in_time_is_the_first_order(turning):
     """The first function is the time itself, from -1 to 1."""
-    situation = turning(samples=1201)
-    lowest = EFFECT.terms(situation, {"start_s": 0.0, "span_s": 60.0})[0]
+    covariates = turning(samples=1201)
+    lowest = EFFECT.terms(covariates, {"start_s": 0.0, "span_s": 60.0})[0]
     assert_allclose(lowest.features[:, 0], np.linspace(-1, 1, 1201), atol=1e-12)
 
 
 def test_outside_the_record_it_stays_where_it_was(turning):
     """A drift is not extrapolated."""
-    situation = turning(samples=1200)
-    terms = EFFECT.terms(situation, {"start_s": 20.0, "span_s": 20.0})
+    covariates = turning(samples=1200)
+    terms = EFFECT.terms(covariates, {"start_s": 20.0, "span_s": 20.0})
     for term in terms:
         assert_allclose(term.features[-1], 1, atol=1e-12)
 

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.hysteresis import Hysteresis, play, rounded_loop
-from tam_calibration.effects.memory import Memory
+from tam_calibration.effects.recursions import Memory
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 EFFECT = Hysteresis()
 SHAPE = {"full_scale_T": 50e-6}
@@ -44,29 +44,29 @@ def test_a_rounded_loop_forgets_along_its_way():
 
 def test_the_rate_does_not_matter(turning):
     """The same way in another time, and with rests, makes the same loops."""
-    situation = turning()
-    slow = replace(situation.take(np.repeat(np.arange(1200), 2)), time_s=0.2 * np.arange(2400))
-    for quick, rested in zip(EFFECT.terms(situation, SHAPE), EFFECT.terms(slow, SHAPE), strict=True):
+    covariates = turning()
+    slow = replace(covariates.take(np.repeat(np.arange(1200), 2)), time_s=0.2 * np.arange(2400))
+    for quick, rested in zip(EFFECT.terms(covariates, SHAPE), EFFECT.terms(slow, SHAPE), strict=True):
         assert_allclose(rested.features[::2], quick.features, atol=1e-12 * np.abs(quick.features).max())
 
 
 def test_it_goes_on_from_batch_to_batch(turning):
     """Taken off while samples arrive it is what it is in the whole recording."""
-    situation = turning()
+    covariates = turning()
     loop, rounded = {"play 0.15": 1e-4, "play 0.4": 2e-4}, {"width 0.1": 1e-4, "width 0.5": -1e-4}
     parts = Contribution(2, 1, "loop", loop), Contribution(0, 0, "rounded loop", rounded)
     fitted, memory, batches = FittedEffect(EFFECT.name, SHAPE, parts), Memory(), []
     for batch in (slice(0, 1), slice(1, 300), slice(300, 1200)):
         memory.rewind()
-        batches.append(EFFECT.signal(replace(situation.take(batch), memory=memory), fitted))
-    assert_allclose(np.concatenate(batches), EFFECT.signal(situation, fitted), atol=1e-20)
+        batches.append(EFFECT.signal(replace(covariates.take(batch), memory=memory), fitted))
+    assert_allclose(np.concatenate(batches), EFFECT.signal(covariates, fitted), atol=1e-20)
 
 
 @pytest.mark.parametrize("kind", ["relays", "friction"])
 def test_loops_of_other_makes_are_within_the_terms(turning, kind):
     """Preisach's relays of scattered thresholds and Bouc and Wen's equation are met to a sixth of their amplitude."""
-    situation = turning(samples=3000, step_s=0.1)
-    way = situation.sensed_T[:, 4] / 50e-6
+    covariates = turning(samples=3000, step_s=0.1)
+    way = covariates.sensed_T[:, 4] / 50e-6
     if kind == "relays":
         generator = np.random.default_rng(1)
         middle, width = generator.normal(0, 0.3, 500), np.abs(generator.normal(0, 0.25, 500))
@@ -79,8 +79,8 @@ def test_loops_of_other_makes_are_within_the_terms(turning, kind):
         for change in np.repeat(np.diff(way) / 8, 8):
             signal.append(signal[-1] + 4 * change - 5 * abs(change) * signal[-1])
         signal = signal[::8]
-    curves = [term.features for term in EFFECT.terms(situation, SHAPE) if (term.sensor, term.axis) == (1, 1)]
-    linear = np.column_stack([np.ones(3000), situation.field_T / 50e-6])
+    curves = [term.features for term in EFFECT.terms(covariates, SHAPE) if (term.sensor, term.axis) == (1, 1)]
+    linear = np.column_stack([np.ones(3000), covariates.field_T / 50e-6])
 
     def left(*functions):
         basis = np.column_stack([linear, *functions])
@@ -92,9 +92,9 @@ def test_loops_of_other_makes_are_within_the_terms(turning, kind):
 
 def test_a_field_that_is_not_turned_back_shows_nothing(turning):
     """A single turn one way has no loop."""
-    situation = turning(samples=1200)
+    covariates = turning(samples=1200)
     rising = np.linspace(0.2, 0.9, 1200)
     field = 50e-6 * np.column_stack([rising, np.sqrt(1 - rising**2 - 0.01), np.full(1200, 0.1)])
-    aligned = replace(situation.errors, non_orthogonality=np.zeros((4, 3)), misalignment=np.zeros((4, 3)))
-    assert "no axis" in EFFECT.obstacle(replace(situation, field_T=field, errors=aligned))
-    assert EFFECT.obstacle(situation) is None
+    aligned = replace(covariates.errors, non_orthogonality=np.zeros((4, 3)), misalignment=np.zeros((4, 3)))
+    assert "no axis" in EFFECT.obstacle(replace(covariates, field_T=field, errors=aligned))
+    assert EFFECT.obstacle(covariates) is None

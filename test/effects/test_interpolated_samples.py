@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.array import Array
-from tam_calibration.effects.fitted import Contribution
 from tam_calibration.effects.interpolated_samples import InterpolatedSamples, _digit, _exact
-from tam_calibration.effects.situation import Situation
+from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.stale_samples import StaleSamples
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.model.array import Array
+from tam_calibration.model.fitted_effect import Contribution
+from tam_calibration.model.sensor_errors import SensorErrors
 
 FILLED = InterpolatedSamples()
 
@@ -25,16 +25,16 @@ def lines(made, starts, length, fresh_T=0.0):
     return rows, filled
 
 
-def evidence(finding, misfit):
+def evidence(finding, residuals):
     """Return how much BIC speaks for a finding."""
-    return finding.gain - finding.parameter_count * np.log(misfit.channel_count.sum())
+    return finding.gain - finding.parameter_count * np.log(residuals.channel_count.sum())
 
 
 @pytest.mark.parametrize(("samples", "sensors"), [(60, 4), (2000, 4), (500, 12), (1000, 2)])
 def test_noise_has_no_lines(bench, samples, sensors):
     """In motion and in poses, ten records each."""
     for seed in range(10):
-        assert isinstance(FILLED.find(bench(samples, sensors, moves=seed % 2 == 0, seed=seed).misfit()), str)
+        assert isinstance(FILLED.find(bench(samples, sensors, moves=seed % 2 == 0, seed=seed).residuals()), str)
 
 
 @pytest.mark.parametrize("length", [5, 12, 40])
@@ -43,20 +43,20 @@ def test_lines_are_found(bench, length, fresh_T):
     """The samples on them are flagged, and their part and length told, whether a little noise comes behind or none."""
     made = bench()
     rows, filled = lines(made, (300, 700, 1500), length, fresh_T)
-    misfit = made.with_rows(rows).misfit()
-    found = FILLED.find(misfit)
+    residuals = made.with_rows(rows).residuals()
+    found = FILLED.find(residuals)
     (part,) = found.fitted.contributions
     assert (part.sensor, part.axis, part.term) == (1, None, "lines")
     assert_allclose([part.values["rate"], part.values["burst"]], [filled.mean(), length], rtol=0.1)
     assert found.flagged[filled].mean() > 0.95 and found.flagged[~filled].mean() < 1e-3
-    assert evidence(found, misfit) > 100 and isinstance(StaleSamples().find(misfit), str)
+    assert evidence(found, residuals) > 100 and isinstance(StaleSamples().find(residuals), str)
 
 
 def test_with_noise_on_them_fewer_than_four_in_a_row_are_no_line(bench):
     """Any reading may lie about between its neighbours; two in a row are too few, four are enough."""
     made = bench()
     for length, is_found in ((2, False), (3, False), (4, True), (6, True)):
-        found = FILLED.find(made.with_rows(lines(made, (300, 700), length, 0.5e-9)[0]).misfit())
+        found = FILLED.find(made.with_rows(lines(made, (300, 700), length, 0.5e-9)[0]).residuals())
         assert isinstance(found, str) != is_found
 
 
@@ -68,7 +68,7 @@ def test_what_is_straight_to_the_last_digit_is_a_line_however_short(bench, lengt
     starts = np.arange(100, 1900, 60)
     rows, filled = lines(made, starts, length)
     rows = np.round(rows / digit_T) * digit_T if digit_T else rows
-    found = FILLED.find(made.with_rows(rows).misfit())
+    found = FILLED.find(made.with_rows(rows).residuals())
     assert np.array_equal(found.flagged, filled)
     assert found.fitted.contributions[0].values["burst"] == length
 
@@ -79,7 +79,7 @@ def test_a_coarse_digit_makes_no_line(bench):
     for digit_T in (5e-10, 2e-9, 2e-8):
         rows = made.rows_T.copy()
         rows[:, 3:6] = np.round(rows[:, 3:6] / digit_T) * digit_T
-        assert isinstance(FILLED.find(made.with_rows(rows).misfit()), str)
+        assert isinstance(FILLED.find(made.with_rows(rows).residuals()), str)
 
 
 def test_a_value_that_is_held_is_no_line_between_its_neighbours(bench):
@@ -88,9 +88,9 @@ def test_a_value_that_is_held_is_no_line_between_its_neighbours(bench):
     rows = made.rows_T.copy()
     for start in (400, 900):
         rows[start : start + 7, 3:6] = rows[start - 1, 3:6]
-    misfit = made.with_rows(rows).misfit()
-    found = FILLED.find(misfit)
-    assert isinstance(found, str) or evidence(found, misfit) < evidence(StaleSamples().find(misfit), misfit)
+    residuals = made.with_rows(rows).residuals()
+    found = FILLED.find(residuals)
+    assert isinstance(found, str) or evidence(found, residuals) < evidence(StaleSamples().find(residuals), residuals)
 
 
 def test_what_is_straight_where_the_others_are_is_no_line(bench):
@@ -98,12 +98,12 @@ def test_what_is_straight_where_the_others_are_is_no_line(bench):
     made = bench()
     rows = made.rows_T.copy()
     rows[600:900] = rows[600] + np.random.default_rng(3).normal(0, 1e-9, (300, 13))
-    assert isinstance(FILLED.find(made.with_rows(rows).misfit()), str)
+    assert isinstance(FILLED.find(made.with_rows(rows).residuals()), str)
 
 
 def test_one_sensor_alone_is_told(bench):
     """It has no other that tells how the field went."""
-    assert "one sensor alone" in FILLED.obstacle(bench(200, 1).situation)
+    assert "one sensor alone" in FILLED.obstacle(bench(200, 1).covariates)
 
 
 def test_the_twin_shows_what_was_found(bench):
@@ -111,7 +111,7 @@ def test_the_twin_shows_what_was_found(bench):
     made = bench(8000)
     twin = made.with_effect(FILLED, Contribution(1, None, "lines", {"rate": 0.05, "burst": 20.0}))
     assert not (twin.rows_T - made.rows_T)[:, np.r_[0:3, 6:13]].any()
-    (part,) = FILLED.find(twin.misfit()).fitted.contributions
+    (part,) = FILLED.find(twin.residuals()).fitted.contributions
     assert_allclose([part.values["rate"], part.values["burst"]], [0.05, 20], rtol=0.35)
 
 
@@ -127,8 +127,8 @@ def test_what_goes_straight_once_in_a_hundred_records_is_a_line(straight, is_fou
     bend[50 * np.arange(1, straight + 1) + 20, 1] = 0
     readings = np.column_stack([np.cumsum(np.cumsum(bend, axis=0), axis=0), 13 * index])
     readings[:, 2] -= 2 * np.maximum(index - 201, 0) + 3 * np.maximum(index - 390, 0)
-    situation = Situation(0.1 * index, np.ones((400, 3)), SensorErrors.none(1), Array(np.zeros((1, 3))))
-    rows = _exact(1e-9 * readings, situation)
+    covariates = Covariates(0.1 * index, np.ones((400, 3)), SensorErrors.none(1), Array(np.zeros((1, 3))))
+    rows = _exact(1e-9 * readings, covariates)
     assert [row.tolist() for row in rows] == ([[199]] if is_found else [])
 
 

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from tam_calibration.effects import library
 from tam_calibration.effects.effect import Effect
 from tam_calibration.effects.library import GROUP, effect_named, installed_effects
-from tam_calibration.exceptions import InputError
+from tam_calibration.model.exceptions import InputError
 
 NAMES = {
     "temperature_drift",

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tam_calibration.effects.effect import Limit, LinearEffect
-from tam_calibration.effects.fitted import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.effects.library import effect_named, installed_effects
+from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 
 NATURAL = {
     "temperature_drift": ({"time_constant_s": 0.0, "reference_C": 20.0}, (0, 0, "offset", {"offset": 730e-9})),
@@ -94,9 +94,9 @@ COUNTED = {"stale_samples", "interpolated_samples"}
 """Effects whose values are numbers of samples and parts of them, which their search bounds."""
 
 
-def oversize(situation, name, shape, contribution):
+def oversize(covariates, name, shape, contribution):
     """Return what an effect says of a value."""
-    return effect_named(name).oversize(situation, FittedEffect(name, shape, (Contribution(*contribution),)))
+    return effect_named(name).oversize(covariates, FittedEffect(name, shape, (Contribution(*contribution),)))
 
 
 @pytest.mark.parametrize("name", NATURAL)

@@ -5,10 +5,10 @@ import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.excess_variance import Moments, best_excess
-from tam_calibration.effects.fitted import ALL, SCALAR, Contribution
+from tam_calibration.effects.excess_variance import ChannelMoments, best_excess
 from tam_calibration.effects.noise_excess import NoiseExcess
 from tam_calibration.effects.regularity import objection_to
+from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution
 
 EXCESS = NoiseExcess()
 
@@ -29,15 +29,15 @@ def test_a_wrong_data_sheet_is_no_excess(bench, samples, sensors, sheet):
     """Noise that all sensors have alike, or that the scalar has more by less than 30 %, is the floor."""
     for seed in range(5):
         made = bench(samples, sensors, seed=seed, sheet=sheet)
-        assert isinstance(EXCESS.find(made.misfit()), str)
+        assert isinstance(EXCESS.find(made.residuals()), str)
 
 
 def test_noise_of_all_sensors_beyond_a_wrong_data_sheet(bench):
     """One and a half times the noise stated is told of all sensors, with its size within its error."""
     made = bench(2000, 4, seed=1, sheet=1.5)
-    (part,) = EXCESS.find(made.misfit()).fitted.contributions
+    (part,) = EXCESS.find(made.residuals()).fitted.contributions
     assert (part.sensor, part.axis) == (ALL, None)
-    stated = np.sqrt(np.mean(made.misfit().situation.array.vector_noise_T ** 2))
+    stated = np.sqrt(np.mean(made.residuals().covariates.array.vector_noise_T ** 2))
     value, error = part.values["standard deviation"], part.standard_errors["standard deviation"]
     assert abs(value - stated * np.sqrt(1.5**2 - 1)) < 3.5 * error
 
@@ -48,13 +48,13 @@ def test_the_noisy_row_is_found(bench, sensor, axis, moves):
     """Place and size come out within their standard errors, on a floor that is not the data sheet's."""
     size = 0.6e-9 if sensor == SCALAR else 1e-9
     made = bench(moves=moves, sheet=1.1).with_effect(EXCESS, noise(sensor, axis, size))
-    misfit = made.misfit()
-    found = EXCESS.find(misfit)
+    residuals = made.residuals()
+    found = EXCESS.find(residuals)
     (part,) = found.fitted.contributions
     assert (part.sensor, part.axis) == (sensor, axis)
     value, error = part.values["standard deviation"], part.standard_errors["standard deviation"]
     assert abs(value - size) < 3.5 * error and 0 < error < 0.1 * size
-    assert found.gain - found.parameter_count * np.log(misfit.channel_count.sum()) > 50
+    assert found.gain - found.parameter_count * np.log(residuals.channel_count.sum()) > 50
     rows = {SCALAR: [12], 1: [5], 3: [9, 10, 11]}[sensor]
     assert_allclose(found.variance[rows], value**2, rtol=1e-6)
     assert not np.delete(found.variance, rows).any()
@@ -63,16 +63,16 @@ def test_the_noisy_row_is_found(bench, sensor, axis, moves):
 def test_the_gain_is_that_of_the_likelihood(bench):
     """Twice the log likelihood ratio against one free variance, as full covariance matrices give it."""
     made = bench(300, has_scalar=False).with_effect(EXCESS, noise(1, 2, 1.5e-9))
-    misfit = made.misfit()
-    found = EXCESS.find(misfit)
+    residuals = made.residuals()
+    found = EXCESS.find(residuals)
     own = found.variance[5]
 
     def deviance(floor, variance):
         total = 0.0
         for sample in range(300):
-            shift = np.append(misfit.directions[5], misfit.row_slope[sample, 5])
+            shift = np.append(residuals.directions[5], residuals.row_slope[sample, 5])
             covariance = floor * np.eye(10) + variance * np.outer(shift, shift)
-            residual = np.append(misfit.differential[sample], misfit.common_mode[sample])
+            residual = np.append(residuals.differential[sample], residuals.common_mode[sample])
             total += np.linalg.slogdet(covariance)[1] + residual @ np.linalg.solve(covariance, residual)
         return total
 
@@ -91,7 +91,7 @@ def test_coloured_noise_counts(bench, slope):
     spectrum[1:] *= (np.arange(1, len(spectrum)) / len(spectrum)) ** (-slope / 2)
     rows = made.rows_T.copy()
     rows[:, 4] += np.fft.irfft(spectrum, 2000)
-    (part,) = EXCESS.find(made.with_rows(rows).misfit()).fitted.contributions
+    (part,) = EXCESS.find(made.with_rows(rows).residuals()).fitted.contributions
     assert (part.sensor, part.axis) == (1, 1)
 
 
@@ -100,7 +100,7 @@ def test_noise_for_a_while_counts(bench):
     made = bench()
     rows = made.rows_T.copy()
     rows[500:1200, 4] += np.random.default_rng(3).normal(0, 3e-9, 700)
-    (part,) = EXCESS.find(made.with_rows(rows).misfit()).fitted.contributions
+    (part,) = EXCESS.find(made.with_rows(rows).residuals()).fitted.contributions
     assert (part.sensor, part.axis) == (1, 1)
 
 
@@ -124,9 +124,9 @@ def test_noise_for_a_while_counts(bench):
 def test_what_has_a_regular_cause_is_no_noise(bench, course, sentence):
     """A jump, a slow drift, a line, a function of the direction, gains and offsets of two states, pulses: no noise."""
     made = bench(moves=False)
-    rows, situation = made.rows_T.copy(), made.situation
-    rows[:, 4] += course(situation.time_s, situation.field_T[:, 1] / situation.intensity_T)
-    assert sentence in EXCESS.find(made.with_rows(rows).misfit())
+    rows, covariates = made.rows_T.copy(), made.covariates
+    rows[:, 4] += course(covariates.time_s, covariates.field_T[:, 1] / covariates.intensity_T)
+    assert sentence in EXCESS.find(made.with_rows(rows).residuals())
 
 
 @pytest.mark.parametrize(("up", "is_noise"), [(0.65, True), (0.85, False)])
@@ -136,7 +136,7 @@ def test_noise_goes_to_both_sides(bench, up, is_noise):
     rows = made.rows_T.copy()
     signs = np.where(generator.random(250) < up, 1, -1)
     rows[np.sort(generator.choice(2000, 250, replace=False)), 4] += generator.normal(3e-9, 0.5e-9, 250) * signs
-    found = EXCESS.find(made.with_rows(rows).misfit())
+    found = EXCESS.find(made.with_rows(rows).residuals())
     assert (found == "the excess goes to one side") != is_noise
 
 
@@ -145,15 +145,15 @@ def test_spikes_are_no_noise(bench):
     made = bench()
     rows = made.rows_T.copy()
     rows[::100, 4] += 30e-9
-    misfit = made.with_rows(rows).misfit()
-    assert "spikes" in EXCESS.find(misfit)
+    residuals = made.with_rows(rows).residuals()
+    assert "spikes" in EXCESS.find(residuals)
     rest = np.arange(2000) % 100 > 0
-    assert isinstance(EXCESS.find(made.with_rows(rows).misfit(is_counted=rest)), str)
+    assert isinstance(EXCESS.find(made.with_rows(rows).residuals(is_counted=rest)), str)
 
 
 def test_too_few_samples_are_told(bench):
     """Twenty samples tell no variance."""
-    assert "24 samples" in EXCESS.find(bench(20).misfit())
+    assert "24 samples" in EXCESS.find(bench(20).residuals())
 
 
 def test_added_noise_has_the_stated_size(bench):
@@ -169,8 +169,8 @@ def excess(made, row, variance_T2):
     """Return the excess that is told of so much in one row."""
     rows = made.rows_T.copy()
     rows[:, row] += np.random.default_rng(3).normal(0, np.sqrt(variance_T2), len(rows))
-    misfit = made.with_rows(rows).misfit()
-    return best_excess(Moments.of(misfit), misfit.situation)
+    residuals = made.with_rows(rows).residuals()
+    return best_excess(ChannelMoments.of(residuals), residuals.covariates)
 
 
 @pytest.mark.parametrize(("part", "is_told"), [(0.08, False), (0.13, True)])
@@ -193,7 +193,7 @@ def test_noise_of_all_sensors_is_hardly_shared_by_neighbouring_samples(bench, pa
     rows = made.rows_T.copy()
     rows[:, :12] += 1.5e-9 * np.sqrt(part / 0.75) * slow
     rows[:, :12] += 1.5e-9 * np.sqrt(1 - part / 0.75) * generator.normal(size=slow.shape)
-    found = EXCESS.find(made.with_rows(rows).misfit())
+    found = EXCESS.find(made.with_rows(rows).residuals())
     assert (found == "the excess follows a course in time") == (not is_noise)
     assert isinstance(found, str) or found.fitted.contributions[0].sensor == ALL
 
@@ -242,15 +242,15 @@ def struck(times):
 def test_from_some_part_on_what_is_regular_is_no_noise(bench, signal, sentence, is_so):
     """Beside white noise: half in a fortieth of the band, a quarter by the direction, and so on."""
     made = bench(moves=False)
-    situation = made.situation
-    assert (sentence in objection_for(made, signal(situation.time_s, situation.field_T[:, 1] / 50e-6))) == is_so
+    covariates = made.covariates
+    assert (sentence in objection_for(made, signal(covariates.time_s, covariates.field_T[:, 1] / 50e-6))) == is_so
 
 
 @pytest.mark.parametrize(("growth", "is_so"), [(0.11, False), (0.16, True)])
 def test_a_size_that_grows_with_the_rate_is_no_noise(bench, growth, is_so):
     """Where the rate tells a hundredth of the variance of the squares beyond chance; half of that may be noise."""
     made = bench(moves=False)
-    rate = np.linalg.norm(np.gradient(made.situation.field_T / 50e-6, axis=0), axis=1)
+    rate = np.linalg.norm(np.gradient(made.covariates.field_T / 50e-6, axis=0), axis=1)
     assert ("follows the rate" in objection_for(made, sized(1 + growth * rate))) == is_so
 
 
@@ -258,10 +258,10 @@ def objection_for(made, signal):
     """Return what speaks against noise as the cause of a signal ten times as large as the noise in one row."""
     rows = made.rows_T.copy()
     rows[:, 4] += 10e-9 * signal
-    misfit = made.with_rows(rows).misfit()
-    return objection_to(misfit, best_excess(Moments.of(misfit), misfit.situation)) or ""
+    residuals = made.with_rows(rows).residuals()
+    return objection_to(residuals, best_excess(ChannelMoments.of(residuals), residuals.covariates)) or ""
 
 
 def test_forty_samples_tell_a_variance(bench):
     """They are not too few."""
-    assert "samples or more" not in EXCESS.find(bench(42).misfit())
+    assert "samples or more" not in EXCESS.find(bench(42).residuals())

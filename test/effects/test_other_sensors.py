@@ -14,28 +14,28 @@ from tam_calibration.effects.stale_samples import StaleSamples
 def test_a_shift_is_told_of_the_sensor_that_has_it(bench):
     """What one sensor reads beyond the others is its own shift, to the noise of both; what it should read is not."""
     made = bench()
-    before = AgainstOthers.of(made.misfit(), 1)
+    before = AgainstOthers.of(made.residuals(), 1)
     rows, shift = made.rows_T.copy(), np.array([40e-9, -70e-9, 20e-9])
     rows[700:800, 3:6] += shift
-    after = AgainstOthers.of(made.with_rows(rows).misfit(), 1)
+    after = AgainstOthers.of(made.with_rows(rows).residuals(), 1)
     assert_allclose(after.beyond_T[700:800] - before.beyond_T[700:800], np.tile(shift, (100, 1)), atol=1e-13)
     assert_allclose(after.expected_T, before.expected_T, rtol=0, atol=1e-13)
-    own = made.situation.sensed_T[:, 3:6]
+    own = made.covariates.sensed_T[:, 3:6]
     assert np.abs(after.expected_T - own).max() < 5e-9 and np.std(after.expected_T - own) < 0.7e-9
 
 
 def test_the_energy_of_noise_is_one_for_each_axis(bench):
     """The noise of the others counts."""
     for sensors in (2, 4):
-        against = AgainstOthers.of(bench(4000, sensors).misfit(), 0)
+        against = AgainstOthers.of(bench(4000, sensors).residuals(), 0)
         assert_allclose(against.energy(against.beyond_T).mean(), 3, rtol=0.06)
 
 
 def test_the_rate_is_that_of_the_field(bench):
     """Change by time of what the sensor should read, apart from the ends."""
     made = bench()
-    changing = np.gradient(made.situation.sensed_T[:, 6:9], 0.1, axis=0)[10:-10]
-    difference = AgainstOthers.of(made.misfit(), 2).rate[10:-10] - changing
+    changing = np.gradient(made.covariates.sensed_T[:, 6:9], 0.1, axis=0)[10:-10]
+    difference = AgainstOthers.of(made.residuals(), 2).rate[10:-10] - changing
     assert np.std(difference) < 0.02 * np.std(changing)
 
 
@@ -44,11 +44,11 @@ def test_a_minority_does_not_tilt_the_calibration(bench):
     made = bench()
     rows, off = made.rows_T.copy(), np.random.default_rng(3).random(2000) < 0.4
     rows[:, 3:6] = rows[:, 3:6] @ (np.eye(3) + 1e-3 * np.arange(9).reshape(3, 3)) + 50e-9
-    rows[off, 3:6] += 0.02 * made.situation.sensed_T[off, 6:9] + 300e-9
-    against = AgainstOthers.of(made.with_rows(rows).misfit(), 1)
+    rows[off, 3:6] += 0.02 * made.covariates.sensed_T[off, 6:9] + 300e-9
+    against = AgainstOthers.of(made.with_rows(rows).residuals(), 1)
     assert np.median(against.energy(against.beyond_T)[~off]) > 100
     assert_allclose(np.mean(_energy(against.recalibrated())[~off]), 3, rtol=0.15)
-    without = replace(against.misfit, channel_count=against.misfit.channel_count * ~off)
+    without = replace(against.residuals, channel_count=against.residuals.channel_count * ~off)
     assert_allclose(np.mean(_energy(AgainstOthers.of(without, 1).recalibrated())[~off]), 3, rtol=0.15)
 
 
@@ -59,5 +59,5 @@ def _energy(against):
 @pytest.mark.parametrize("effect", [InterpolatedSamples(), StaleSamples()], ids=lambda effect: effect.name)
 def test_one_other_sensor_is_enough(bench, effect):
     """None is too few."""
-    assert effect.obstacle(bench(60, 1).situation) is not None
-    assert effect.obstacle(bench(60, 2).situation) is None
+    assert effect.obstacle(bench(60, 1).covariates) is not None
+    assert effect.obstacle(bench(60, 2).covariates) is None

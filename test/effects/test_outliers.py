@@ -5,11 +5,11 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from tam_calibration.effects.fitted import ALL, SCALAR, Contribution
+from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.outliers import Outliers
-from tam_calibration.effects.robust import noise_deviation
 from tam_calibration.effects.saturation import Saturation
 from tam_calibration.effects.spikes import _chance, _improbable, _is_loud_around, find_spikes
+from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution
 
 OUTLIERS = Outliers()
 
@@ -19,9 +19,9 @@ def spikes(sensor, axis=None, rate=0.02, size=9e-9, burst=1.0):
     return Contribution(sensor, axis, "spikes", {"rate": rate, "size": size, "burst": burst})
 
 
-def evidence(finding, misfit):
+def evidence(finding, residuals):
     """Return how much BIC speaks for a finding."""
-    return finding.gain - finding.parameter_count * np.log(misfit.channel_count.sum())
+    return finding.gain - finding.parameter_count * np.log(residuals.channel_count.sum())
 
 
 @pytest.mark.parametrize(("samples", "sensors"), [(60, 4), (400, 2), (2000, 4), (500, 12), (2000, 1)])
@@ -30,9 +30,9 @@ def test_noise_has_no_outliers(bench, samples, sensors, has_scalar):
     """In ten records of noise alone, with data sheets wrong either way, no evidence for spikes is found."""
     for seed in range(10):
         made = bench(samples, sensors, has_scalar, moves=seed % 2 == 0, seed=seed, sheet=0.88 if seed < 5 else 1.12)
-        misfit = made.misfit()
-        found = OUTLIERS.find(misfit)
-        assert isinstance(found, str) or evidence(found, misfit) < 0
+        residuals = made.residuals()
+        found = OUTLIERS.find(residuals)
+        assert isinstance(found, str) or evidence(found, residuals) < 0
 
 
 @pytest.mark.parametrize(("sensor", "axis"), [(2, 1), (0, None), (SCALAR, None), (ALL, None)])
@@ -41,10 +41,10 @@ def test_spikes_are_found_where_they_are(bench, sensor, axis, burst):
     """Sensor and axis, the samples and the size come out; hardly any other sample is flagged."""
     made = bench()
     struck = made.with_effect(OUTLIERS, spikes(sensor, axis, burst=burst))
-    misfit = struck.misfit()
-    found = OUTLIERS.find(misfit)
+    residuals = struck.residuals()
+    found = OUTLIERS.find(residuals)
     assert [(part.sensor, part.axis) for part in found.fitted.contributions] == [(sensor, axis)]
-    assert evidence(found, misfit) > 100
+    assert evidence(found, residuals) > 100
     size = np.abs(struck.rows_T - made.rows_T).max(axis=1)
     large = size > (8e-9 if sensor != SCALAR else 4e-9)
     assert found.flagged[large].mean() > 0.9
@@ -58,7 +58,7 @@ def test_what_lasts_is_no_spike(bench, burst):
     made = bench()
     rows = made.rows_T.copy()
     rows[700 : 700 + burst, 4] += 20e-9
-    assert "longer than 8 samples" in OUTLIERS.find(made.with_rows(rows).misfit())
+    assert "longer than 8 samples" in OUTLIERS.find(made.with_rows(rows).residuals())
 
 
 def test_a_noisy_axis_has_no_spikes(bench):
@@ -68,16 +68,16 @@ def test_a_noisy_axis_has_no_spikes(bench):
     for while_loud in (slice(None), slice(300, 900)):
         rows = made.rows_T.copy()
         rows[while_loud, 4] += loud[while_loud]
-        assert isinstance(OUTLIERS.find(made.with_rows(rows).misfit()), str)
+        assert isinstance(OUTLIERS.find(made.with_rows(rows).residuals()), str)
 
 
 def test_what_follows_the_direction_is_no_spike(bench):
     """A sensor that errs at a few attitudes, met at random times, has no spikes: neighbouring attitudes err as well."""
     made = bench(moves=False)
     rows = made.rows_T.copy()
-    direction = made.situation.field_T[:, 0] / made.situation.intensity_T
+    direction = made.covariates.field_T[:, 0] / made.covariates.intensity_T
     rows[:, 4] += 40e-9 * np.exp(-(((direction - 1) / 0.2) ** 2))
-    found = OUTLIERS.find(made.with_rows(rows).misfit())
+    found = OUTLIERS.find(made.with_rows(rows).residuals())
     assert isinstance(found, str)
 
 
@@ -86,14 +86,14 @@ def test_readings_at_a_limit_are_no_spikes(bench):
     made = bench()
     limit = float(np.quantile(made.rows_T[:, 5], 0.99))
     cut = made.with_effect(Saturation(), Contribution(1, 2, "limit", {"upper limit": limit}))
-    assert isinstance(OUTLIERS.find(cut.misfit()), str)
+    assert isinstance(OUTLIERS.find(cut.residuals()), str)
 
 
 def test_found_again_when_left_out(bench):
     """Once its samples do not count they are found as before, with the same gain."""
     struck = bench().with_effect(OUTLIERS, spikes(1, 0))
-    first = OUTLIERS.find(struck.misfit())
-    again = OUTLIERS.find(struck.misfit(is_counted=~first.flagged))
+    first = OUTLIERS.find(struck.residuals())
+    again = OUTLIERS.find(struck.residuals(is_counted=~first.flagged))
     assert (again.flagged == first.flagged).all()
     assert_allclose(again.gain, first.gain)
 
@@ -103,9 +103,9 @@ def test_a_lone_spike_costs_about_two_parameters(bench):
     made = bench(4000)
     rows = made.rows_T.copy()
     rows[1234, 7] += 30e-9
-    lone = OUTLIERS.find(made.with_rows(rows).misfit())
+    lone = OUTLIERS.find(made.with_rows(rows).residuals())
     assert lone.flagged.nonzero()[0].tolist() == [1234] and lone.parameter_count in (3, 4)
-    many = OUTLIERS.find(made.with_effect(OUTLIERS, spikes(1, 0, rate=0.05)).misfit())
+    many = OUTLIERS.find(made.with_effect(OUTLIERS, spikes(1, 0, rate=0.05)).residuals())
     assert many.parameter_count < 1.7 * many.flagged.sum()
 
 
@@ -114,13 +114,13 @@ def test_samples_without_reference_are_no_obstacle(bench):
     struck = bench().with_effect(OUTLIERS, spikes(3, 2))
     rows = struck.rows_T.copy()
     rows[np.arange(2000) % 3 > 0, -1] = np.nan
-    found = OUTLIERS.find(struck.with_rows(rows).misfit())
+    found = OUTLIERS.find(struck.with_rows(rows).residuals())
     assert [(part.sensor, part.axis) for part in found.fitted.contributions] == [(3, 2)]
 
 
 def test_too_few_samples_are_told(bench):
     """A dozen samples tell nothing."""
-    assert "too few samples" in OUTLIERS.find(bench(12).misfit())
+    assert "too few samples" in OUTLIERS.find(bench(12).residuals())
 
 
 def test_added_spikes_have_the_stated_rate_and_size(bench):
@@ -136,7 +136,7 @@ def test_added_spikes_have_the_stated_rate_and_size(bench):
 
 def across(made, row):
     """Return how much a row should change from the sample before each to the one after, of all but the ends."""
-    sensed = made.situation.sensed_T[:, row]
+    sensed = made.covariates.sensed_T[:, row]
     return np.abs(sensed[2:] - sensed[:-2])
 
 
@@ -146,11 +146,13 @@ def test_spikes_that_come_with_the_motion_are_none(bench, order):
     made = bench(moves=False)
     rows = made.rows_T.copy()
     rows[1 + np.argsort(order * across(made, 4))[-20:], 4] += 80e-9
-    assert "where the field changes fastest, or where it stands still" in OUTLIERS.find(made.with_rows(rows).misfit())
+    assert "where the field changes fastest, or where it stands still" in OUTLIERS.find(
+        made.with_rows(rows).residuals()
+    )
     anywhere = np.random.default_rng(2).choice(len(rows), 20, replace=False)
     rows = made.rows_T.copy()
     rows[anywhere, 4] += 80e-9
-    assert not isinstance(OUTLIERS.find(made.with_rows(rows).misfit()), str)
+    assert not isinstance(OUTLIERS.find(made.with_rows(rows).residuals()), str)
 
 
 @pytest.mark.parametrize(("place", "comes_with_motion"), [(10, True), (40, False), (-1, False)])
@@ -159,7 +161,7 @@ def test_one_spike_comes_with_the_motion_where_one_in_a_hundred_would(bench, pla
     made = bench(moves=False)
     rows = made.rows_T.copy()
     rows[1 + np.argsort(-across(made, 4))[place], 4] += 80e-9
-    assert isinstance(OUTLIERS.find(made.with_rows(rows).misfit()), str) == comes_with_motion
+    assert isinstance(OUTLIERS.find(made.with_rows(rows).residuals()), str) == comes_with_motion
 
 
 @pytest.mark.parametrize(("slowest", "stands_still"), [(0.1, True), (0.6, False)])
@@ -168,21 +170,21 @@ def test_spikes_where_an_axis_stands_still_must_be_several(bench, slowest, stand
     made = bench(moves=False)
     rows, order = made.rows_T.copy(), np.argsort(across(made, 4))
     rows[1 + order[np.linspace(0, slowest * len(order), 6).astype(int)], 4] += 80e-9
-    assert isinstance(OUTLIERS.find(made.with_rows(rows).misfit()), str) == stands_still
+    assert isinstance(OUTLIERS.find(made.with_rows(rows).residuals()), str) == stands_still
 
 
 def shaped(made, deviations, row=4):
     """Return the misfit of readings of a row of which some samples are off by so many standard errors."""
-    misfit, rows = made.misfit(), made.rows_T.copy()
-    errors = 1 / np.sqrt(misfit.row_information[:, row])
+    residuals, rows = made.residuals(), made.rows_T.copy()
+    errors = 1 / np.sqrt(residuals.row_information[:, row])
     for sample, size in deviations.items():
-        rows[sample, row] += size * errors[sample] - misfit.row_shift_T[sample, row]
-    return made.with_rows(rows).misfit()
+        rows[sample, row] += size * errors[sample] - residuals.row_shift_T[sample, row]
+    return made.with_rows(rows).residuals()
 
 
-def is_spike(misfit, sample=700):
+def is_spike(residuals, sample=700):
     """Return whether a sample is found to stand alone."""
-    found = find_spikes(misfit)
+    found = find_spikes(residuals)
     return not isinstance(found, str) and sample in found.samples
 
 

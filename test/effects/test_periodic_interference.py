@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.fitted import SCALAR, Contribution, FittedEffect
 from tam_calibration.effects.periodic_interference import PeriodicInterference, _lattice, _motion_band
+from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 
 EFFECT = PeriodicInterference()
 SHAPE = {"frequency_hz": 3.217, "start_s": 0.0}
@@ -34,18 +34,18 @@ def test_a_line_of_the_size_of_the_noise_is_found(turning, left_by, kind, where)
         steps[[500, 900]] = 613, 607
     elif kind == "uneven":
         steps = np.random.default_rng(3).integers(8, 13, 2200)
-    situation = finer.take(np.cumsum(steps))
-    misfit = left_by(EFFECT, situation, SHAPE, (*where, "line", LINE))
-    tried = [shape["frequency_hz"] for shape in EFFECT.shapes(situation, misfit)]
+    covariates = finer.take(np.cumsum(steps))
+    residuals = left_by(EFFECT, covariates, SHAPE, (*where, "line", LINE))
+    tried = [shape["frequency_hz"] for shape in EFFECT.shapes(covariates, residuals)]
     assert len(tried) <= 4
-    assert np.abs(np.array(tried) - 3.217).min() < 0.1 / np.ptp(situation.time_s)
+    assert np.abs(np.array(tried) - 3.217).min() < 0.1 / np.ptp(covariates.time_s)
 
 
 def test_lines_of_the_motion_are_not_proposed(turning, left_by):
     """What turns with the array is left to effects that depend on its attitude."""
-    situation = turning()
-    misfit = left_by(EFFECT, situation, {"frequency_hz": 0.1, "start_s": 0.0}, (1, 1, "line", {"cosine 1": 1e-7}))
-    assert min(shape["frequency_hz"] for shape in EFFECT.shapes(situation, misfit)) > 0.3
+    covariates = turning()
+    residuals = left_by(EFFECT, covariates, {"frequency_hz": 0.1, "start_s": 0.0}, (1, 1, "line", {"cosine 1": 1e-7}))
+    assert min(shape["frequency_hz"] for shape in EFFECT.shapes(covariates, residuals)) > 0.3
 
 
 def test_the_phase_does_not_depend_on_the_epoch(turning):
@@ -66,12 +66,14 @@ def test_some_thirty_samples_are_a_spectrum(turning):
 
 def test_all_of_four_lines_are_tried(turning, left_by):
     """Of which three may be harmonics that are stronger."""
-    situation, lines = turning(), (2.1, 3.217, 5.3, 7.9)
-    misfit = left_by(EFFECT, situation, SHAPE, (2, 0, "line", {"cosine 1": 2e-9}))
+    covariates, lines = turning(), (2.1, 3.217, 5.3, 7.9)
+    residuals = left_by(EFFECT, covariates, SHAPE, (2, 0, "line", {"cosine 1": 2e-9}))
     for size, frequency in zip((6, 5, 4), (2.1, 5.3, 7.9), strict=True):
-        wave = size * np.sin(2 * np.pi * frequency * situation.time_s)
-        misfit = replace(misfit, differential=misfit.differential + 1e-9 * wave[:, None] * misfit.directions[4])
-    tried = sorted(shape["frequency_hz"] for shape in EFFECT.shapes(situation, misfit))
+        wave = size * np.sin(2 * np.pi * frequency * covariates.time_s)
+        residuals = replace(
+            residuals, differential=residuals.differential + 1e-9 * wave[:, None] * residuals.directions[4]
+        )
+    tried = sorted(shape["frequency_hz"] for shape in EFFECT.shapes(covariates, residuals))
     assert_allclose(tried, lines, atol=0.01)
 
 
@@ -87,19 +89,19 @@ def test_stamps_lie_on_a_lattice_to_a_hundredth_of_a_step(part, is_even):
 @pytest.mark.parametrize(("part", "is_slow"), [(1.7e-3, True), (3.5e-3, False)])
 def test_a_slight_part_of_the_amplitude_is_no_motion(turning, part, is_slow):
     """A swing of a tenth of a hertz with so much of another at 2 Hz."""
-    situation = turning()
-    slow, fast = (np.sin(2 * np.pi * frequency * situation.time_s) for frequency in (0.1, 2.0))
+    covariates = turning()
+    slow, fast = (np.sin(2 * np.pi * frequency * covariates.time_s) for frequency in (0.1, 2.0))
     field = 1e-6 * np.column_stack([slow + np.sqrt(part) * fast, np.ones((1200, 2))])
-    band = _motion_band(replace(situation, field_T=field))
+    band = _motion_band(replace(covariates, field_T=field))
     assert band == pytest.approx(0.15 if is_slow else 2.05, abs=0.06)
 
 
 @pytest.mark.parametrize(("part", "is_beside"), [(0.2, True), (0.42, False)])
 def test_motion_in_a_third_of_the_band_fills_it(turning, part, is_beside):
     """Then lines are sought in all of it."""
-    situation = turning()
-    swing = np.sin(2 * np.pi * 10 * part * situation.time_s)
-    band = _motion_band(replace(situation, field_T=1e-6 * np.column_stack([swing, np.ones((1200, 2))])))
+    covariates = turning()
+    swing = np.sin(2 * np.pi * 10 * part * covariates.time_s)
+    band = _motion_band(replace(covariates, field_T=1e-6 * np.column_stack([swing, np.ones((1200, 2))])))
     assert band == pytest.approx(10 * part if is_beside else 0, abs=0.1)
 
 

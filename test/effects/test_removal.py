@@ -8,13 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.array import Array
-from tam_calibration.effects.effect import ALL, SCALAR, Contribution, FittedEffect, LinearEffect, Situation
+from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.effects.removal import EffectStream, added_to, agreed_field, filled, of_sensors, on_sensors
-from tam_calibration.exceptions import InputError
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
 
 COUNT = 240
 ARRAY = Array.cross(0.5, 1e-9, 1e-10)
@@ -65,11 +67,11 @@ def everything_of(name):
     effect = effect_named(name)
     channels = (RECORDING.temperature_C, RECORDING.current_A, RECORDING.attitude)
     field = agreed_field(RECORDING.readings_T, ERRORS, ARRAY)
-    situation = Situation(RECORDING.time_s, field, ERRORS, ARRAY, *channels)
+    covariates = Covariates(RECORDING.time_s, field, ERRORS, ARRAY, *channels)
     shape = {key: value + (100.0 if key in ("time_s", "end_s") else 0.0) for key, value in SHAPES.get(name, {}).items()}
     rng = np.random.default_rng(7)
     contributions = []
-    for term in effect.terms(situation, shape):
+    for term in effect.terms(covariates, shape):
         size = np.abs(term.features).max()
         values = rng.normal(size=len(term.coefficients)) * (1e-7 / size if size else 0)
         names = [coefficient.name for coefficient in term.coefficients]
@@ -123,9 +125,9 @@ def test_batches_of_any_size_give_the_same(sizes):
 def test_what_was_added_in_the_true_situation_is_found_in_the_readings():
     """The field that an effect follows is found in readings that hold the effect, to a millionth of it."""
     field = agreed_field(RECORDING.readings_T, ERRORS, ARRAY)
-    situation = Situation(RECORDING.time_s, field, ERRORS, ARRAY, RECORDING.temperature_C)
+    covariates = Covariates(RECORDING.time_s, field, ERRORS, ARRAY, RECORDING.temperature_C)
     effect = replace(DRIFT, contributions=(Contribution(1, 1, "scale", {"scale": 1e-4}),))
-    added = effect_named("temperature_drift").signal(situation, effect)
+    added = effect_named("temperature_drift").signal(covariates, effect)
     disturbed = replace(RECORDING, readings_T=RECORDING.readings_T + added[:, :-1].reshape(COUNT, 4, 3))
     found = added_to(disturbed, [effect], ERRORS, ARRAY)
     assert_allclose(found, added, rtol=0, atol=1e-6 * np.abs(added).max())

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.effects.fitted import ALL, Contribution
 from tam_calibration.effects.outliers import Outliers
 from tam_calibration.effects.saturation import Saturation, find_limits
+from tam_calibration.model.fitted_effect import ALL, Contribution
 
 SATURATION = Saturation()
 
@@ -16,16 +16,16 @@ def limit(sensor, axis, **ends):
     return Contribution(sensor, axis, "limit", {f"{end} limit": value for end, value in ends.items()})
 
 
-def evidence(finding, misfit):
+def evidence(finding, residuals):
     """Return how much BIC speaks for a finding."""
-    return finding.gain - finding.parameter_count * np.log(misfit.channel_count.sum())
+    return finding.gain - finding.parameter_count * np.log(residuals.channel_count.sum())
 
 
 @pytest.mark.parametrize(("samples", "sensors"), [(60, 4), (2000, 4), (500, 12), (1000, 2), (1000, 1)])
 def test_noise_has_no_limit(bench, samples, sensors):
     """Whether it moves or rests in poses, an array that stays within its range has no limit."""
     for seed in range(10):
-        assert isinstance(SATURATION.find(bench(samples, sensors, moves=seed % 2 == 0, seed=seed).misfit()), str)
+        assert isinstance(SATURATION.find(bench(samples, sensors, moves=seed % 2 == 0, seed=seed).residuals()), str)
 
 
 @pytest.mark.parametrize("part", [0.002, 0.02, 0.2])
@@ -34,14 +34,14 @@ def test_an_exact_limit_is_found(bench, part, end):
     """Every reading at the limit is flagged, and its value told, whether few or many are cut off."""
     made = bench()
     value = float(np.quantile(made.rows_T[:, 7], 1 - part if end == "upper" else part))
-    misfit = made.with_effect(SATURATION, limit(2, 1, **{end: value})).misfit()
-    found = SATURATION.find(misfit)
+    residuals = made.with_effect(SATURATION, limit(2, 1, **{end: value})).residuals()
+    found = SATURATION.find(residuals)
     (contribution,) = found.fitted.contributions
     assert (contribution.sensor, contribution.axis) == (2, 1)
     assert_allclose(contribution.values[f"{end} limit"], value, rtol=1e-12)
     beyond = made.rows_T[:, 7] >= value if end == "upper" else made.rows_T[:, 7] <= value
     assert_array_equal(found.flagged, beyond)
-    assert evidence(found, misfit) > 20
+    assert evidence(found, residuals) > 20
 
 
 def test_both_ends_and_several_axes(bench):
@@ -49,7 +49,7 @@ def test_both_ends_and_several_axes(bench):
     made = bench()
     ends = {(0, 0): (-45e-6, 44e-6), (3, 2): (-40e-6, 46e-6)}
     parts = [limit(sensor, axis, lower=low, upper=high) for (sensor, axis), (low, high) in ends.items()]
-    found = SATURATION.find(made.with_effect(SATURATION, *parts).misfit())
+    found = SATURATION.find(made.with_effect(SATURATION, *parts).residuals())
     told = {(part.sensor, part.axis): part.values for part in found.fitted.contributions}
     assert set(told) == set(ends) and found.parameter_count == 8
     for key, (low, high) in ends.items():
@@ -63,7 +63,7 @@ def test_a_limit_in_front_of_the_noise_is_found(bench):
     value = float(np.quantile(rows[:, 7], 0.97))
     beyond = rows[:, 7] > value
     rows[beyond, 7] = value + np.random.default_rng(4).normal(0, 1e-9, beyond.sum())
-    found = SATURATION.find(made.with_rows(rows).misfit())
+    found = SATURATION.find(made.with_rows(rows).residuals())
     assert [(part.sensor, part.axis) for part in found.fitted.contributions] == [(2, 1)]
     assert_allclose(found.fitted.contributions[0].values["upper limit"], value, rtol=0, atol=1e-9)
     assert found.flagged[beyond].mean() > 0.9 and found.flagged[~beyond].mean() < 0.01
@@ -75,21 +75,21 @@ def cut_short(made, *others):
     order = np.argsort(rows[:, 7])
     rows[order[-1], 7] = rows[order[-2], 7] + 1e-9
     rows[list(others), 7] -= 30e-9
-    return made.with_rows(rows).misfit(), int(order[-1])
+    return made.with_rows(rows).residuals(), int(order[-1])
 
 
 def test_a_single_reading_may_be_at_the_limit(bench):
     """A spike would strike just the outermost reading once in a thousand records."""
-    misfit, sample = cut_short(bench(1000, moves=False))
-    assert SATURATION.find(misfit).flagged.nonzero()[0].tolist() == [sample]
-    assert isinstance(Outliers().find(misfit), str)
+    residuals, sample = cut_short(bench(1000, moves=False))
+    assert SATURATION.find(residuals).flagged.nonzero()[0].tolist() == [sample]
+    assert isinstance(Outliers().find(residuals), str)
 
 
 def test_one_of_several_spikes_is_no_limit(bench):
     """Where other readings of the axis are off as well, or there are few, a lone reading is left to outliers."""
-    for misfit, sample in (cut_short(bench(1000, moves=False), 17, 400, 812), cut_short(bench(60, moves=False))):
-        assert isinstance(SATURATION.find(misfit), str)
-        assert Outliers().find(misfit).flagged[sample]
+    for residuals, sample in (cut_short(bench(1000, moves=False), 17, 400, 812), cut_short(bench(60, moves=False))):
+        assert isinstance(SATURATION.find(residuals), str)
+        assert Outliers().find(residuals).flagged[sample]
 
 
 def test_coarse_steps_are_no_limit(bench):
@@ -97,7 +97,7 @@ def test_coarse_steps_are_no_limit(bench):
     made = bench(moves=True)
     rows = made.rows_T.copy()
     rows[:, :12] = np.round(rows[:, :12] / 200e-9) * 200e-9
-    assert isinstance(SATURATION.find(made.with_rows(rows).misfit()), str)
+    assert isinstance(SATURATION.find(made.with_rows(rows).residuals()), str)
 
 
 def test_a_bent_transfer_function_is_no_limit(bench):
@@ -106,14 +106,14 @@ def test_a_bent_transfer_function_is_no_limit(bench):
     rows = made.rows_T.copy()
     part = rows[:, 7] / 50e-6
     rows[:, 7] -= 60e-9 * part**3
-    assert isinstance(SATURATION.find(made.with_rows(rows).misfit()), str)
+    assert isinstance(SATURATION.find(made.with_rows(rows).residuals()), str)
 
 
 def test_found_again_when_left_out(bench):
     """Once its samples do not count they are found as before, with the same gain."""
     cut = bench().with_effect(SATURATION, limit(1, 0, upper=44e-6))
-    first = SATURATION.find(cut.misfit())
-    again = SATURATION.find(cut.misfit(is_counted=~first.flagged))
+    first = SATURATION.find(cut.residuals())
+    again = SATURATION.find(cut.residuals(is_counted=~first.flagged))
     assert_array_equal(again.flagged, first.flagged)
     assert_allclose(again.gain, first.gain)
 
@@ -128,11 +128,11 @@ def test_all_sensors_may_have_one_range(bench):
 
 def short_by(made, errors, *others):
     """Return readings of an axis of which the largest falls short by so many standard errors, and others by theirs."""
-    row, rows, misfit = 7, made.rows_T.copy(), made.misfit()
-    deviation = np.sqrt(misfit.row_information[:, row])
+    row, rows, residuals = 7, made.rows_T.copy(), made.residuals()
+    deviation = np.sqrt(residuals.row_information[:, row])
     for sample, size in ((int(np.argmax(rows[:, row])), errors), *others):
-        rows[sample, row] -= misfit.row_shift_T[sample, row] + size / deviation[sample]
-    return made.with_rows(rows).misfit()
+        rows[sample, row] -= residuals.row_shift_T[sample, row] + size / deviation[sample]
+    return made.with_rows(rows).residuals()
 
 
 @pytest.mark.parametrize(("errors", "is_limit"), [(5, False), (11, True)])
@@ -162,4 +162,4 @@ def test_four_readings_within_their_noise_are_a_limit(bench, beyond, is_limit):
     rows = made.rows_T.copy()
     order = np.argsort(rows[:, 7])
     rows[order[-beyond:], 7] = rows[order[-beyond - 1], 7] + np.random.default_rng(4).normal(2e-9, 0.5e-9, beyond)
-    assert bool(find_limits(made.with_rows(rows).misfit())) == is_limit
+    assert bool(find_limits(made.with_rows(rows).residuals())) == is_limit

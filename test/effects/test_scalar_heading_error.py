@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.effects.fitted import SCALAR
 from tam_calibration.effects.scalar_heading_error import ScalarHeadingError
+from tam_calibration.model.fitted_effect import SCALAR
 
 EFFECT = ScalarHeadingError()
 AXIS = {"azimuth_rad": 0.7, "elevation_rad": 0.4}
@@ -35,7 +35,7 @@ def test_the_axis_is_found(sphere, left_by, kind):
     error = 3e-9 * (cosine**3 if kind == "cubic" else np.abs(cosine))
 
     class Heading(ScalarHeadingError):
-        def signal(self, situation, fitted):
+        def signal(self, covariates, fitted):
             return np.column_stack([np.zeros((1200, 12)), error])
 
     tried = EFFECT.shapes(sphere, left_by(Heading(), sphere, {}))
@@ -65,7 +65,7 @@ def test_three_axes_apart_from_each_other_are_tried(sphere, left_by):
     direction = sphere.field_T / sphere.intensity_T[:, None]
 
     class Heading(ScalarHeadingError):
-        def signal(self, situation, fitted):
+        def signal(self, covariates, fitted):
             return np.column_stack([np.zeros((1200, 12)), 3e-9 * direction[:, 0] ** 3])
 
     tried = EFFECT.shapes(sphere, left_by(Heading(), sphere, {}))[1:]

@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.scale_step import ScaleStep
 from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 EFFECT = ScaleStep()
 STEP = {"time_s": 31.42}
@@ -25,13 +25,13 @@ def test_coefficients_come_back(turning, refitted, shape, keys):
 
 def test_a_turn_is_that_of_the_sensor(turning):
     """What a small turn adds after its time is the reading of the turned field less that of the field."""
-    situation = turning()
+    covariates = turning()
     turn = np.array([3e-6, -1e-6, 2e-6])
     values = {f"turn about {axis}": value for axis, value in zip("xyz", turn, strict=True)}
-    added = EFFECT.signal(situation, FittedEffect("scale_step", STEP, (Contribution(2, None, "turn", values),)))
-    turned = Rotation.from_rotvec(turn).apply(situation.field_T) - situation.field_T
+    added = EFFECT.signal(covariates, FittedEffect("scale_step", STEP, (Contribution(2, None, "turn", values),)))
+    turned = Rotation.from_rotvec(turn).apply(covariates.field_T) - covariates.field_T
     expected = np.zeros_like(added)
-    expected[:, 6:9] = (turned @ situation.errors.matrix[2].T) * (situation.time_s > 31.42)[:, None]
+    expected[:, 6:9] = (turned @ covariates.errors.matrix[2].T) * (covariates.time_s > 31.42)[:, None]
     assert_allclose(added, expected, atol=1e-5 * np.abs(expected).max())
 
 
@@ -45,8 +45,8 @@ def test_a_turn_is_that_of_the_sensor(turning):
 @pytest.mark.parametrize("shape", [STEP, BOX])
 def test_the_times_are_found_to_the_sample(turning, left_by, shape, where):
     """Among the few shapes that are tried is the true one, and no end where there is none."""
-    situation = turning()
-    tried = list(EFFECT.shapes(situation, left_by(EFFECT, situation, shape, where)))
+    covariates = turning()
+    tried = list(EFFECT.shapes(covariates, left_by(EFFECT, covariates, shape, where)))
     assert len(tried) <= 4
     near = [
         other
@@ -61,17 +61,17 @@ def test_the_times_are_found_to_the_sample(turning, left_by, shape, where):
 )
 def test_a_slow_change_is_no_step(turning, left_by, course):
     """A scale that creeps, or swings to and fro slowly, has no time at which it changes."""
-    situation = turning()
-    phase = situation.time_s / situation.time_s[-1]
-    misfit = left_by(Creep(course(phase)), situation, {}, (1, 0, "offset", {"offset": 1.0}))
-    assert list(EFFECT.shapes(situation, misfit)) == []
+    covariates = turning()
+    phase = covariates.time_s / covariates.time_s[-1]
+    residuals = left_by(Creep(course(phase)), covariates, {}, (1, 0, "offset", {"offset": 1.0}))
+    assert list(EFFECT.shapes(covariates, residuals)) == []
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_noise_has_no_step(turning, left_by, seed):
     """Whatever chance makes, it pays for no time."""
-    situation = turning(samples=400)
-    assert list(EFFECT.shapes(situation, left_by(EFFECT, situation, STEP, seed=seed))) == []
+    covariates = turning(samples=400)
+    assert list(EFFECT.shapes(covariates, left_by(EFFECT, covariates, STEP, seed=seed))) == []
 
 
 class Creep:
@@ -82,33 +82,33 @@ class Creep:
     def __init__(self, course):
         self._course = course
 
-    def add(self, rows_T, situation, fitted, generator):
+    def add(self, rows_T, covariates, fitted, generator):
         """Return the rows with the scale changed by some 0.02 % at the end."""
         rows = rows_T.copy()
-        rows[:, 3] += 2e-4 * self._course * situation.sensed_T[:, 3]
+        rows[:, 3] += 2e-4 * self._course * covariates.sensed_T[:, 3]
         return rows
 
 
 def test_a_sensor_of_its_own_can_step(turning, left_by):
     """The length of the field shows a scale where there is no other sensor."""
-    situation = turning(sensors=1)
-    tried = EFFECT.shapes(situation, left_by(EFFECT, situation, STEP, (0, 0, "scale", {"scale": 5e-4})))
+    covariates = turning(sensors=1)
+    tried = EFFECT.shapes(covariates, left_by(EFFECT, covariates, STEP, (0, 0, "scale", {"scale": 5e-4})))
     assert min(abs(shape["time_s"] - 31.42) for shape in tried) <= 0.2
 
 
 def test_what_lags_behind_the_fastest_change_is_no_step(turning, left_by, slew):
     """An amplifier too slow for five samples of a run leaves no change for good or for a time."""
-    situation = turning()
-    tried = list(EFFECT.shapes(situation, left_by(slew, situation, {}, (1, 0, "offset", {"offset": 1.0}))))
-    fastest = situation.time_s[np.argmax(np.abs(np.diff(situation.sensed_T[:, 3])))]
+    covariates = turning()
+    tried = list(EFFECT.shapes(covariates, left_by(slew, covariates, {}, (1, 0, "offset", {"offset": 1.0}))))
+    fastest = covariates.time_s[np.argmax(np.abs(np.diff(covariates.sensed_T[:, 3])))]
     assert all(abs(time - fastest) > 0.5 for shape in tried for time in shape.values())
 
 
 def test_few_samples_show_nothing(turning, left_by):
     """A step needs a before and an after."""
-    situation = turning(samples=10)
-    assert "too few" in EFFECT.obstacle(situation)
-    assert list(EFFECT.shapes(situation, left_by(EFFECT, situation, STEP))) == []
+    covariates = turning(samples=10)
+    assert "too few" in EFFECT.obstacle(covariates)
+    assert list(EFFECT.shapes(covariates, left_by(EFFECT, covariates, STEP))) == []
 
 
 def test_it_survives_a_file():

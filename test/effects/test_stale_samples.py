@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.fitted import Contribution
 from tam_calibration.effects.outliers import Outliers
 from tam_calibration.effects.stale_samples import StaleSamples
+from tam_calibration.model.fitted_effect import Contribution
 
 STALE = StaleSamples()
 OWN = slice(6, 9)
 """Rows of the third sensor."""
 
 
-def evidence(finding, misfit):
+def evidence(finding, residuals):
     """Return how much BIC speaks for a finding."""
-    return finding.gain - finding.parameter_count * np.log(misfit.channel_count.sum())
+    return finding.gain - finding.parameter_count * np.log(residuals.channel_count.sum())
 
 
 def repeated(made, stale, fresh_T=0.0):
@@ -38,7 +38,7 @@ def late(made, by, start=500, length=40):
 def test_noise_has_no_stale_samples(bench, samples, sensors):
     """In motion and in poses, ten records each."""
     for seed in range(10):
-        assert isinstance(STALE.find(bench(samples, sensors, moves=seed % 2 == 0, seed=seed).misfit()), str)
+        assert isinstance(STALE.find(bench(samples, sensors, moves=seed % 2 == 0, seed=seed).residuals()), str)
 
 
 @pytest.mark.parametrize("fresh_T", [0.0, 1e-9])
@@ -49,32 +49,32 @@ def test_repeats_are_found(bench, rate, fresh_T, sensors):
     made = bench(sensors=sensors)
     stale = np.random.default_rng(5).random(2000) < rate
     stale[0] = False
-    misfit = made.with_rows(repeated(made, stale, fresh_T)).misfit()
-    found = STALE.find(misfit)
+    residuals = made.with_rows(repeated(made, stale, fresh_T)).residuals()
+    found = STALE.find(residuals)
     (part,) = found.fitted.contributions
     assert (part.sensor, part.axis, part.term) == (2, None, "repeats")
     assert_allclose(part.values["rate"], stale.mean(), atol=0.002)
     assert found.flagged[stale].mean() > 0.98 and not found.flagged[~stale].any()
-    assert evidence(found, misfit) > 100
+    assert evidence(found, residuals) > 100
 
 
 def test_a_single_repeat_is_told_from_a_spike(bench):
     """It explains what a spike does with fewer numbers; a spike of the same size in another direction is none."""
     made, stale = bench(), np.arange(2000) == 777
-    misfit = made.with_rows(repeated(made, stale)).misfit()
-    found = STALE.find(misfit)
+    residuals = made.with_rows(repeated(made, stale)).residuals()
+    found = STALE.find(residuals)
     assert found.flagged.nonzero()[0].tolist() == [777]
-    assert evidence(found, misfit) > evidence(Outliers().find(misfit), misfit)
+    assert evidence(found, residuals) > evidence(Outliers().find(residuals), residuals)
     rows = made.rows_T.copy()
     rows[777, OWN] += np.roll(made.rows_T[776, OWN] - made.rows_T[777, OWN], 1)
-    assert isinstance(STALE.find(made.with_rows(rows).misfit()), str)
+    assert isinstance(STALE.find(made.with_rows(rows).residuals()), str)
 
 
 @pytest.mark.parametrize("by", [1, 3, 8])
 def test_late_packets_are_found(bench, by):
     """The window is flagged, and by how many samples it is late is told."""
     made = bench()
-    found = STALE.find(made.with_rows(late(made, by)).misfit())
+    found = STALE.find(made.with_rows(late(made, by)).residuals())
     (part,) = found.fitted.contributions
     assert (part.sensor, part.term) == (2, "late packets")
     assert part.values["samples late"] == by and part.values["burst"] == 40
@@ -84,13 +84,13 @@ def test_late_packets_are_found(bench, by):
 def test_what_is_later_than_eight_samples_is_something_else(bench):
     """No queue holds so many."""
     made = bench()
-    assert isinstance(STALE.find(made.with_rows(late(made, 14)).misfit()), str)
+    assert isinstance(STALE.find(made.with_rows(late(made, 14)).residuals()), str)
 
 
 def test_a_value_held_for_long_is_a_repeat(bench):
     """Five samples in a row have the value of the one before them."""
     made, stale = bench(), np.isin(np.arange(2000) % 200, range(50, 55))
-    (part,) = STALE.find(made.with_rows(repeated(made, stale)).misfit()).fitted.contributions
+    (part,) = STALE.find(made.with_rows(repeated(made, stale)).residuals()).fitted.contributions
     assert part.term == "repeats" and part.values["burst"] == 5
 
 
@@ -98,7 +98,7 @@ def test_a_sensor_that_is_always_late_is_not_stale(bench):
     """What most samples are is a constant delay."""
     made = bench()
     for length in (1400, 1900):
-        assert isinstance(STALE.find(made.with_rows(late(made, 1, 50, length)).misfit()), str)
+        assert isinstance(STALE.find(made.with_rows(late(made, 1, 50, length)).residuals()), str)
 
 
 def test_residuals_at_other_places_are_not_stale(bench):
@@ -108,7 +108,7 @@ def test_residuals_at_other_places_are_not_stale(bench):
     stale[0] = False
     change = repeated(made, stale) - made.rows_T
     rows = made.rows_T + np.roll(change, 411, axis=0)
-    assert isinstance(STALE.find(made.with_rows(rows).misfit()), str)
+    assert isinstance(STALE.find(made.with_rows(rows).residuals()), str)
 
 
 def test_a_tilted_calibration_is_no_obstacle(bench):
@@ -117,7 +117,7 @@ def test_a_tilted_calibration_is_no_obstacle(bench):
     stale[0] = False
     rows = repeated(made, stale)
     rows[:, OWN] += rows[:, OWN] @ (1e-3 * np.arange(9).reshape(3, 3)) + 60e-9
-    found = STALE.find(made.with_rows(rows).misfit())
+    found = STALE.find(made.with_rows(rows).residuals())
     assert found.flagged[stale].mean() > 0.98 and not found.flagged[~stale].any()
 
 
@@ -127,12 +127,12 @@ def test_several_sensors_are_told(bench):
     rows = repeated(made, stale)
     others = np.flatnonzero(stale[:-20]) + 20
     rows[others, :3] = rows[others - 1, :3]
-    assert [one.sensor for one in STALE.find(made.with_rows(rows).misfit()).fitted.contributions] == [0, 2]
+    assert [one.sensor for one in STALE.find(made.with_rows(rows).residuals()).fitted.contributions] == [0, 2]
 
 
 def test_one_sensor_alone_is_told(bench):
     """It has no other that tells where the field was."""
-    assert "one sensor alone" in STALE.obstacle(bench(200, 1).situation)
+    assert "one sensor alone" in STALE.obstacle(bench(200, 1).covariates)
 
 
 @pytest.mark.parametrize(("term", "samples"), [("repeats", 1.0), ("late packets", 3.0)])
@@ -140,6 +140,6 @@ def test_the_twin_shows_what_was_found(bench, term, samples):
     """Rate, length and delay of simulated samples are found again."""
     values = {"rate": 0.05, "burst": 10.0 if samples > 1 else 1.0, "samples late": samples}
     made = bench(8000).with_effect(STALE, Contribution(1, None, term, values))
-    (part,) = STALE.find(made.misfit()).fitted.contributions
+    (part,) = STALE.find(made.residuals()).fitted.contributions
     assert (part.sensor, part.term) == (1, term) and part.values["samples late"] == samples
     assert_allclose([part.values["rate"], part.values["burst"]], [0.05, values["burst"]], rtol=0.35)

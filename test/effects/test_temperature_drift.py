@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from tam_calibration.effects.fitted import Contribution, FittedEffect
-from tam_calibration.effects.memory import Memory
+from tam_calibration.effects.recursions import Memory
 from tam_calibration.effects.temperature_drift import TemperatureDrift
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 SHAPE = {"time_constant_s": 4.0, "inner_share": 0.3, "reference_C": 20.0, "start_s": 0.0}
 EFFECT = TemperatureDrift()
@@ -24,40 +24,40 @@ def test_coefficients_come_back(turning, refitted):
 
 def test_heat_passes_both_layers(turning):
     """The change is that of two first-order lags in a row, by a library's integration, to the square of a step."""
-    situation = turning()
+    covariates = turning()
     outer_s, inner_s = 2.8, 1.2
 
     def rate(time, state):
-        outside = np.interp(time, situation.time_s, situation.temperature_C)
+        outside = np.interp(time, covariates.time_s, covariates.temperature_C)
         return [(outside - state[0]) / outer_s, (state[0] - state[1]) / inner_s]
 
-    start = [situation.temperature_C[0]] * 2
-    span = (situation.time_s[0], situation.time_s[-1])
-    inside = solve_ivp(rate, span, start, t_eval=situation.time_s, rtol=1e-8, max_step=0.05).y[1]
-    offset = next(term for term in EFFECT.terms(situation, SHAPE) if term.name == "offset")
+    start = [covariates.temperature_C[0]] * 2
+    span = (covariates.time_s[0], covariates.time_s[-1])
+    inside = solve_ivp(rate, span, start, t_eval=covariates.time_s, rtol=1e-8, max_step=0.05).y[1]
+    offset = next(term for term in EFFECT.terms(covariates, SHAPE) if term.name == "offset")
     assert_allclose(offset.features[:, 0], inside - SHAPE["reference_C"], atol=3e-4)
 
 
 def test_a_start_that_was_not_settled_is_told_from_the_drift(turning, refitted):
     """What the sensor still felt of the time before the record dies away, and is nothing before its start."""
-    situation = turning()
-    deviation, _ = refitted(EFFECT, situation, SHAPE, (0, 1, "offset"), (0, 1, "start"))
+    covariates = turning()
+    deviation, _ = refitted(EFFECT, covariates, SHAPE, (0, 1, "offset"), (0, 1, "start"))
     assert np.abs(deviation).max() < 4
-    later = replace(situation, time_s=situation.time_s - 1e6)
+    later = replace(covariates, time_s=covariates.time_s - 1e6)
     terms = [term for term in EFFECT.terms(later, SHAPE) if term.name == "start"]
     assert terms and all(not term.features.any() for term in terms)
 
 
 def test_the_reference_temperature_adds_nothing(turning):
     """At its reference temperature a sensor reads as calibrated."""
-    situation = turning(samples=50)
-    at_rest = replace(situation, temperature_C=np.full(50, SHAPE["reference_C"]))
+    covariates = turning(samples=50)
+    at_rest = replace(covariates, temperature_C=np.full(50, SHAPE["reference_C"]))
     assert all(not term.features.any() for term in EFFECT.terms(at_rest, SHAPE) if term.name != "start")
 
 
 def test_it_goes_on_from_batch_to_batch(turning):
     """Taken off while samples arrive it is what it is in the whole recording."""
-    situation = turning()
+    covariates = turning()
     fitted = FittedEffect(
         EFFECT.name,
         SHAPE,
@@ -66,32 +66,32 @@ def test_it_goes_on_from_batch_to_batch(turning):
     memory, parts = Memory(), []
     for batch in (slice(0, 1), slice(1, 300), slice(300, 1200)):
         memory.rewind()
-        parts.append(EFFECT.signal(replace(situation.take(batch), memory=memory), fitted))
-    assert_allclose(np.concatenate(parts), EFFECT.signal(situation, fitted), atol=1e-20)
+        parts.append(EFFECT.signal(replace(covariates.take(batch), memory=memory), fitted))
+    assert_allclose(np.concatenate(parts), EFFECT.signal(covariates, fitted), atol=1e-20)
 
 
 def test_a_constant_temperature_shows_nothing(turning):
     """Some hundredths of a kelvin are no change."""
-    situation = turning()
-    steady = 20 + 0.02 * np.random.default_rng(1).normal(size=situation.sample_count)
-    assert EFFECT.obstacle(situation) is None
-    assert "changes by 0.0" in EFFECT.obstacle(replace(situation, temperature_C=steady))
+    covariates = turning()
+    steady = 20 + 0.02 * np.random.default_rng(1).normal(size=covariates.sample_count)
+    assert EFFECT.obstacle(covariates) is None
+    assert "changes by 0.0" in EFFECT.obstacle(replace(covariates, temperature_C=steady))
 
 
 def test_lags_reach_from_none_to_a_third_of_the_record(turning, left_by):
     """Few are tried, with one reference."""
-    situation = turning()
-    shapes = EFFECT.shapes(situation, left_by(EFFECT, situation, SHAPE))
+    covariates = turning()
+    shapes = EFFECT.shapes(covariates, left_by(EFFECT, covariates, SHAPE))
     constants = [shape["time_constant_s"] for shape in shapes]
     assert constants[0] == 0
     assert_allclose(constants[-1], 0.05 * 1199 / 3)
     assert len(constants) <= 12
-    assert {shape["reference_C"] for shape in shapes} == {float(np.mean(situation.temperature_C))}
+    assert {shape["reference_C"] for shape in shapes} == {float(np.mean(covariates.temperature_C))}
 
 
 @pytest.mark.parametrize(("change_K", "is_enough"), [(0.14, False), (0.28, True)])
 def test_the_temperature_must_change_by_more_than_thermometers_err(turning, change_K, is_enough):
     """By a fifth of a kelvin."""
-    situation = turning()
-    temperature = 20 + change_K * (situation.time_s > 30)
-    assert (EFFECT.obstacle(replace(situation, temperature_C=temperature)) is None) == is_enough
+    covariates = turning()
+    temperature = 20 + change_K * (covariates.time_s > 30)
+    assert (EFFECT.obstacle(replace(covariates, temperature_C=temperature)) is None) == is_enough

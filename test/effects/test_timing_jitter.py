@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize_scalar
 
-from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.timing_jitter import TimingJitter
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 JITTER = TimingJitter()
 
@@ -14,7 +14,7 @@ JITTER = TimingJitter()
 def displaced(made, delay_s):
     """Return the bench whose third sensor is sampled late by each sample's own delay, to first order."""
     rows = made.rows_T.copy()
-    rows[:, 6:9] -= delay_s[:, None] * np.gradient(made.situation.sensed_T[:, 6:9], made.situation.step_s, axis=0)
+    rows[:, 6:9] -= delay_s[:, None] * np.gradient(made.covariates.sensed_T[:, 6:9], made.covariates.step_s, axis=0)
     return made.with_rows(rows)
 
 
@@ -27,9 +27,9 @@ def white(size_s, seed=5):
 def test_noise_has_no_jitter(bench, samples, sensors):
     """In ten records nothing is found that BIC would pay for."""
     for seed in range(10):
-        misfit = bench(samples, sensors, seed=seed, sheet=0.9 if seed < 5 else 1.1).misfit()
-        found = JITTER.find(misfit)
-        assert isinstance(found, str) or found.gain < found.parameter_count * np.log(misfit.channel_count.sum())
+        residuals = bench(samples, sensors, seed=seed, sheet=0.9 if seed < 5 else 1.1).residuals()
+        found = JITTER.find(residuals)
+        assert isinstance(found, str) or found.gain < found.parameter_count * np.log(residuals.channel_count.sum())
 
 
 @pytest.mark.parametrize("size_s", [3e-5, 1e-4, 1e-3])
@@ -38,7 +38,7 @@ def test_noise_has_no_jitter(bench, samples, sensors):
 def test_jitter_is_found(bench, size_s, sheet, sensors):
     """The sensor and its size come out, within the standard error, on a floor that is not the data sheet's."""
     made = displaced(bench(sensors=sensors + 1, sheet=sheet), white(size_s))
-    found = JITTER.find(made.misfit())
+    found = JITTER.find(made.residuals())
     (part,) = found.fitted.contributions
     assert (part.sensor, part.axis, part.term) == (2, None, "jitter")
     value, error = part.values["standard deviation"], part.standard_errors["standard deviation"]
@@ -48,11 +48,11 @@ def test_jitter_is_found(bench, size_s, sheet, sensors):
 
 def test_the_gain_is_that_of_the_likelihood(bench):
     """Twice the log likelihood ratio against one free variance, as full covariance matrices give it."""
-    misfit = displaced(bench(), white(1e-4)).misfit()
-    found = JITTER.find(misfit)
-    common = np.sum(misfit.row_slope * found.spread_T, axis=1)
-    along = np.column_stack([found.spread_T[:, :-1] @ misfit.directions, common])
-    residual = np.column_stack([misfit.differential, misfit.common_mode])
+    residuals = displaced(bench(), white(1e-4)).residuals()
+    found = JITTER.find(residuals)
+    common = np.sum(residuals.row_slope * found.spread_T, axis=1)
+    along = np.column_stack([found.spread_T[:, :-1] @ residuals.directions, common])
+    residual = np.column_stack([residuals.differential, residuals.common_mode])
 
     def deviance(floor, is_on):
         covariance = floor * np.eye(10) + is_on * along[:, :, None] * along[:, None, :]
@@ -68,16 +68,16 @@ def test_the_gain_is_that_of_the_likelihood(bench):
 def test_noise_that_follows_the_rate_alone_is_none(bench):
     """Noise as large, growing with the rate, but in all directions, is no jitter; nor is that of one axis."""
     made, generator = bench(), np.random.default_rng(6)
-    speed = np.linalg.norm(np.gradient(made.situation.sensed_T[:, 6:9], 0.1, axis=0), axis=1)
+    speed = np.linalg.norm(np.gradient(made.covariates.sensed_T[:, 6:9], 0.1, axis=0), axis=1)
     for axes in ([6, 7, 8], [7]):
         rows = made.rows_T.copy()
         rows[:, axes] += 1e-4 * speed[:, None] * generator.normal(size=(2000, len(axes)))
-        assert isinstance(JITTER.find(made.with_rows(rows).misfit()), str)
+        assert isinstance(JITTER.find(made.with_rows(rows).residuals()), str)
 
 
 def test_a_constant_delay_is_none(bench):
     """It has no scatter."""
-    assert isinstance(JITTER.find(displaced(bench(), np.full(2000, 3e-4)).misfit()), str)
+    assert isinstance(JITTER.find(displaced(bench(), np.full(2000, 3e-4)).residuals()), str)
 
 
 @pytest.mark.parametrize(("memory", "is_jitter"), [(0.45, True), (0.7, False), (0.95, False)])
@@ -86,21 +86,21 @@ def test_a_delay_that_goes_on_is_none(bench, memory, is_jitter):
     delay, drawn = np.zeros(2000), white(3e-4)
     for sample in range(1, 2000):
         delay[sample] = memory * delay[sample - 1] + drawn[sample]
-    assert isinstance(JITTER.find(displaced(bench(), delay).misfit()), str) != is_jitter
+    assert isinstance(JITTER.find(displaced(bench(), delay).residuals()), str) != is_jitter
 
 
 def test_a_few_large_delays_are_none(bench):
     """A packet that is late once is a stale sample."""
     delay = np.zeros(2000)
     delay[[50, 700, 1500]] = 0.1
-    assert "few samples" in JITTER.find(displaced(bench(), delay).misfit())
+    assert "few samples" in JITTER.find(displaced(bench(), delay).residuals())
 
 
 def test_it_takes_motion_and_another_sensor(bench):
     """Poses have no rate, and one sensor alone does not tell the rate at its own time."""
-    assert "jumps" in JITTER.obstacle(bench(moves=False).situation)
-    assert "one sensor alone" in JITTER.obstacle(bench(sensors=1).situation)
-    assert JITTER.obstacle(bench().situation) is None
+    assert "jumps" in JITTER.obstacle(bench(moves=False).covariates)
+    assert "one sensor alone" in JITTER.obstacle(bench(sensors=1).covariates)
+    assert JITTER.obstacle(bench().covariates) is None
 
 
 def test_more_than_a_tenth_of_a_second_is_no_jitter(turning):
@@ -113,7 +113,7 @@ def test_more_than_a_tenth_of_a_second_is_no_jitter(turning):
 def test_the_twin_shows_what_was_found(bench):
     """Its size is found again."""
     made = bench(8000).with_effect(JITTER, Contribution(1, None, "jitter", {"standard deviation": 2e-4}))
-    (part,) = JITTER.find(made.misfit()).fitted.contributions
+    (part,) = JITTER.find(made.residuals()).fitted.contributions
     assert part.sensor == 1
     assert_allclose(part.values["standard deviation"], 2e-4, rtol=0.05)
 
@@ -122,11 +122,11 @@ def test_the_twin_shows_what_was_found(bench):
 def test_times_that_scatter_have_no_far_tails(bench, part, is_jitter):
     """Where one sample in five is late by chance the kurtosis is eleven; where one in ten is, it is over twenty."""
     late = np.random.default_rng(2).random(2000) < part
-    found = JITTER.find(displaced(bench(), late * white(1e-3)).misfit())
+    found = JITTER.find(displaced(bench(), late * white(1e-3)).residuals())
     assert isinstance(found, str) != is_jitter
     assert is_jitter or "few samples" in found
 
 
 def test_its_size_and_the_sensor_are_paid_for(bench):
     """Two numbers, whatever the rest."""
-    assert JITTER.find(displaced(bench(), white(1e-4)).misfit()).parameter_count == 2
+    assert JITTER.find(displaced(bench(), white(1e-4)).residuals()).parameter_count == 2

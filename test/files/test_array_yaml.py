@@ -3,10 +3,10 @@
 import pytest
 from numpy.testing import assert_array_equal
 
-from tam_calibration.array import Array
-from tam_calibration.exceptions import InputError
-from tam_calibration.field_bounds import EARTH_FIELD, FieldBounds
 from tam_calibration.files import read_array, write_array
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 
 
 @pytest.fixture

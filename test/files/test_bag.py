@@ -10,9 +10,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from tam_calibration.exceptions import InputError
 from tam_calibration.files import read_recording, read_samples, write_recording
-from tam_calibration.recording import Recording
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 FIELD, FLOAT64, IMU = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64", "sensor_msgs/msg/Imu"

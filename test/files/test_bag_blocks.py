@@ -14,13 +14,13 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import Stores, get_typestore
 from zstandard import ZstdCompressor
 
-from tam_calibration.exceptions import InputError
 from tam_calibration.files import bag, bag_block_writing, bag_blocks, bag_sqlite3, read_pieces, read_samples
 from tam_calibration.files.bag import PATIENCE_NS, open_bag, raw_blocks, raw_messages
 from tam_calibration.files.bag_block_writing import BlockWriter
-from tam_calibration.files.bag_topics import find_topics
-from tam_calibration.files.raw_messages import RawMessages
-from tam_calibration.synchronisation import Synchroniser
+from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.messages.synchroniser import Synchroniser
+from tam_calibration.messages.topics import find_topics
+from tam_calibration.model.exceptions import InputError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 FIELD, FLOAT64, TEXT = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64", "std_msgs/msg/String"

@@ -8,13 +8,13 @@ import pytest
 import yaml
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import AmbientGradient, EffectSize, Provenance
-from tam_calibration.effects.fitted import SCALAR, Contribution, FittedEffect
-from tam_calibration.exceptions import InputError
+from tam_calibration.correction.calibration import AmbientGradientEstimate, EffectSize, Provenance
 from tam_calibration.files import calibration_from_yaml, calibration_to_yaml, read_calibration, write_calibration
 from tam_calibration.fit import calibrate
-from tam_calibration.recording import Recording
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
+from tam_calibration.model.recording import Recording
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,7 @@ def test_one_sensor_without_scalar_reads_back(recording):
 def test_a_gradient_that_was_fitted_reads_back(calibration):
     """The ambient gradient and its standard errors come back, in nT/m in the file, and the statement with them."""
     tensor = 1e-9 * np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80 / 3]])
-    fitted = replace(calibration, ambient_gradient=AmbientGradient(tensor, np.abs(tensor) / 1000))
+    fitted = replace(calibration, ambient_gradient=AmbientGradientEstimate(tensor, np.abs(tensor) / 1000))
     text = calibration_to_yaml(fitted)
     again = calibration_from_yaml(text, "text")
     assert_array_equal(again.ambient_gradient.tensor_T_per_m, tensor)

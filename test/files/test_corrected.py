@@ -6,10 +6,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.rosbag2 import Reader, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from tam_calibration.array import OUTPUT_NAMES
-from tam_calibration.calibration import Corrected
+from tam_calibration.correction.calibration import Corrected
 from tam_calibration.files import write_corrected, write_recording
-from tam_calibration.recording import Recording
+from tam_calibration.model.array import OUTPUT_NAMES
+from tam_calibration.model.recording import Recording
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 SAMPLES = 12

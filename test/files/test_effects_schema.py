@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.fitted import ALL, SCALAR, Contribution, FittedEffect
-from tam_calibration.exceptions import InputError
 from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
 from tam_calibration.files.yaml_document import check, dump_mapping, parse_mapping
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 
 UNITS = {"offset": "T/K", "scale": "1/K", "angle": "rad", "delay": "s", "square": "T/K²", "inverse": "1/T"}
 

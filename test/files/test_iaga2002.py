@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.exceptions import InputError
 from tam_calibration.files.iaga2002 import read_iaga2002
+from tam_calibration.model.exceptions import InputError
 
 BOULDER = Path(__file__).parents[3] / "shared" / "data" / "usgs_boulder"
 

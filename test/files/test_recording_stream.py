@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.exceptions import InputError
 from tam_calibration.files import write_recording
 from tam_calibration.files.recording_file import is_large, read_stream
 from tam_calibration.files.recording_stream import RecordingStream
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import METHODS, calibrate
-from tam_calibration.recording import BLOCK, Recording
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.simulation import simulate
 
 SAMPLES = 2 * BLOCK + 345

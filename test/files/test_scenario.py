@@ -11,9 +11,9 @@ from numpy.linalg import norm
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.array import TENSOR_OUTPUTS
-from tam_calibration.exceptions import InputError
 from tam_calibration.files.scenario import read_scenario, shipped_scenarios, write_truth
+from tam_calibration.model.array import TENSOR_OUTPUTS
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.simulation import simulate
 
 BOULDER = Path(__file__).parents[3] / "shared" / "data" / "usgs_boulder"

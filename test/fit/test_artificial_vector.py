@@ -3,10 +3,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
-from tam_calibration.exceptions import InputError
 from tam_calibration.fit.artificial_vector import regress
-from tam_calibration.reproduce import li2018a
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.validation.papers import li2018a
 
 
 @pytest.fixture(scope="module")
@@ -20,15 +20,15 @@ def test_the_levenberg_marquardt_step_is_a_linear_regression(case):
     some = slice(None, None, 100)
     readings, field = case.recording.readings_T[some, 0] / case.intensity_T, case.field_T[some] / case.intensity_T
 
-    def misfit(parameters):
+    def residuals(parameters):
         return (SensorErrors.from_vector(parameters).restore(readings[:, None])[:, 0] - field).ravel()
 
-    iterated = least_squares(misfit, SensorErrors.none(1).to_vector()[0], method="lm", xtol=1e-15, ftol=1e-15)
+    iterated = least_squares(residuals, SensorErrors.none(1).to_vector()[0], method="lm", xtol=1e-15, ftol=1e-15)
     rows = np.column_stack([readings, np.ones(len(readings))])
     unmix, bias = regress(rows.T @ rows, rows.T @ field)
     regressed = SensorErrors.from_matrix(np.linalg.inv(unmix)[None], bias[None])
     assert_allclose(regressed.to_vector()[0], iterated.x, rtol=0, atol=1e-9)
-    assert np.sum(misfit(regressed.to_vector()[0]) ** 2) <= (1 + 1e-9) * 2 * iterated.cost
+    assert np.sum(residuals(regressed.to_vector()[0]) ** 2) <= (1 + 1e-9) * 2 * iterated.cost
 
 
 def test_ten_unknowns_are_solved_trivially_by_a_constant_intensity(case):

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.array import Array
-from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.fit import METHODS, calibrate
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.simulation import simulate
 
 EXACT = [method for method in METHODS if method != "simplified_linear"]

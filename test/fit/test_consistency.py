@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.exceptions import Refused
 from tam_calibration.fit.consistency import require_one_sphere
 from tam_calibration.fit.scale import sphere_of_most
+from tam_calibration.model.exceptions import Refused
 
 
 def test_sphere_of_most_ignores_the_others():

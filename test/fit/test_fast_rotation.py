@@ -2,9 +2,9 @@ from dataclasses import replace
 
 import pytest
 
-from tam_calibration.exceptions import InputError
 from tam_calibration.fit.fast_rotation import count_determined, fast_rotation
-from tam_calibration.reproduce import li2018b
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.validation.papers import li2018b
 
 
 @pytest.mark.parametrize("noise_free", [True, False])

@@ -1,13 +1,19 @@
-from dataclasses import replace
+"""What a recording determines badly is named, with the attitudes that it lacks."""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.exceptions import InputError
-from tam_calibration.fit.identifiability import require_accurate, require_determined
+from tam_calibration.fit.identifiability import find_weakness, require_accurate, require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.recording import Recording
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import from_degrees
+from tam_calibration.simulation import simulate
+from tam_calibration.simulation.attitude import RandomAttitudes, ThreeAxisTurns
 
 FIELD = 54955.83e-9 * np.array([0.42, 0.21, -0.883]) / np.linalg.norm([0.42, 0.21, -0.883])
 
@@ -75,3 +81,91 @@ def test_a_large_standard_error_names_its_parameter(wu_run, wu_scenario):
     poor[31, 31] = 1e-12
     with pytest.raises(InputError, match="do not determine bias y of sensor 3"):
         require_accurate(replace(calibration, covariance=poor))
+
+
+@dataclass(frozen=True)
+class Swings:
+    """Independent attitudes, uniform within limits of yaw, pitch and roll in degrees."""
+
+    limits_deg: tuple[float, float, float]
+
+    def attitudes(self, time_s, generator):
+        """Return their quaternions."""
+        angles = generator.uniform(-1, 1, (len(time_s), 3)) * from_degrees(np.array(self.limits_deg))
+        return Rotation.from_euler("ZYX", angles).as_quat()
+
+
+def weakness_of(wu_scenario, motion, count=2000, **changes):
+    """Return the weakness of a recording of a motion, in a field of 62.3° inclination."""
+    run = simulate(replace(wu_scenario, motion=motion, sample_count=count))
+    recording = replace(run.recording, **changes)
+    return find_weakness(recording, maximum_likelihood(recording, wu_scenario.array))
+
+
+@pytest.mark.parametrize("motion", [RandomAttitudes(), ThreeAxisTurns()])
+def test_attitudes_all_round_leave_nothing_to_say(wu_scenario, motion):
+    """Neither random attitudes nor three full turns leave a parameter badly determined."""
+    weakness = weakness_of(wu_scenario, motion)
+    assert weakness.parameters == () and weakness.reason == "" and str(weakness) == ""
+
+
+def test_random_attitudes_are_as_good_as_the_full_sphere(wu_scenario):
+    """Each free parameter is as well determined as over the full sphere, and what is fixed has no ratio."""
+    relative = weakness_of(wu_scenario, RandomAttitudes(), 20_000).relative_error
+    assert np.isnan(relative[0, 9:]).all()
+    assert_allclose(relative[~np.isnan(relative)], 1, atol=0.05)
+
+
+def test_a_vehicle_with_little_tilt(wu_scenario):
+    """At ±30° of pitch and roll bias z is 31 and scale factor z 20 times worse; the height of the field tells why."""
+    weakness = weakness_of(wu_scenario, Swings((180, 30, 30)), 10_000)
+    assert_allclose(weakness.relative_error[:, [8, 2]].mean(axis=0), [31, 20], rtol=0.1)
+    assert weakness.parameters[0].startswith("bias z of every sensor 3")
+    assert weakness.parameters[1].startswith("scale factor z of every sensor 2")
+    assert len(weakness.parameters) == 3
+    assert "z component in the array frame only spans −55 to −2" in weakness.reason
+    assert weakness.reason.endswith("of ±55 µT: pitch and roll further.")
+
+
+@pytest.mark.parametrize(
+    ("limits_deg", "component", "advice"),
+    [((20, 20, 180), "x", "pitch and yaw"), ((15, 180, 15), "y", "roll and yaw")],
+)
+def test_the_turns_that_are_missing_are_named(wu_scenario, limits_deg, component, advice):
+    """A recording that turned about one axis alone lacks the turns about the two others."""
+    weakness = weakness_of(wu_scenario, Swings(limits_deg))
+    assert f"The field's {component} component" in weakness.reason
+    assert weakness.reason.endswith(f"{advice} further.")
+    assert f" {component} of every sensor" in weakness.parameters[0]
+
+
+def test_a_gap_in_wide_coverage_is_a_direction(wu_scenario):
+    """Where every component spans its range, the direction in which the field never points is named."""
+    generator = np.random.default_rng(0)
+    axes = np.repeat(np.concatenate([np.eye(3), -np.eye(3)]), 200, axis=0)
+    near_axes = axes + 0.02 * generator.standard_normal(axes.shape)
+    near_axes /= np.linalg.norm(near_axes, axis=1, keepdims=True)
+    field = 5e-5 * near_axes
+    readings = wu_scenario.errors.distort(field) + 1e-9 * generator.standard_normal((len(axes), 4, 3))
+    run = simulate(replace(wu_scenario, sample_count=len(axes)))
+    recording = replace(run.recording, readings_T=readings, scalar_T=np.full(len(axes), 5e-5))
+    weakness = find_weakness(recording, maximum_likelihood(recording, wu_scenario.array))
+    assert any("non-orthogonality" in name for name in weakness.parameters)
+    assert weakness.reason.startswith("The field never points ")
+    assert " and " in weakness.reason
+
+
+def test_only_samples_with_a_scalar_count(wu_scenario):
+    """Where the scalar fell silent beyond little tilt, the recording is as weak as if it had not gone further."""
+    run = simulate(replace(wu_scenario, motion=Swings((180, 60, 60)), sample_count=6000))
+    up = run.center_field_T[:, 2]
+    silent = replace(run.recording, scalar_T=np.where(up < np.median(up), run.recording.scalar_T, np.nan))
+    calibration = maximum_likelihood(run.recording, wu_scenario.array)
+    whole, part = (find_weakness(recording, calibration) for recording in (run.recording, silent))
+    assert part.relative_error[1, 8] > 2 * whole.relative_error[1, 8]
+
+
+def test_without_scalar(wu_scenario):
+    """With an unknown constant intensity the tilt matters as much."""
+    weakness = weakness_of(wu_scenario, Swings((180, 30, 30)), scalar_T=None)
+    assert "bias z of every sensor" in str(weakness)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.exceptions import InputError
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.integrated import constrained_ellipsoid, integrated
-from tam_calibration.reproduce import chi2017
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.validation.papers import chi2017
 
 
 def ellipsoid_moments(axes, center, noise=0.0, part=1.0):

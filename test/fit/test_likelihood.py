@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.fit.channels import Turning
+from tam_calibration.fit.channel_maps import Turning
 from tam_calibration.fit.likelihood import UNIFORM, Likelihood
 from tam_calibration.fit.reference import interpolate
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.channels import AttitudeChannel
+from tam_calibration.simulation.instruments import AttitudeChannel
 
 UNIT_T = 5e-5
 SHAPE = np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]]) * 1e-9

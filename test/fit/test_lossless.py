@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.exceptions import InputError
 from tam_calibration.fit.lossless import lossless
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.simulation import simulate
 
 

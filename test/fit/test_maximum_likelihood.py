@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.array import Array
-from tam_calibration.exceptions import InputError
-from tam_calibration.fit.bound import bound
 from tam_calibration.fit.closed_form import closed_form
+from tam_calibration.fit.information import bound
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.scale import normalize
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
 
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.array import Array
-from tam_calibration.exceptions import InputError
 from tam_calibration.fit.artificial_vector import artificial_vector
 from tam_calibration.fit.fast_rotation import fast_rotation
 from tam_calibration.fit.integrated import integrated
 from tam_calibration.fit.moments import gather
 from tam_calibration.fit.simplified_linear import simplified_linear
 from tam_calibration.fit.two_step_linear import two_step_linear
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.simulation import simulate
 
 EXACT = (artificial_vector, fast_rotation, integrated, two_step_linear)

@@ -7,19 +7,18 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.array import Array
-from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.coverage import CELLS, cell_directions
 from tam_calibration.fit.lossless import lossless
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.plan import make_plan
-from tam_calibration.fit.reach import field_directions, reach_of_turntable, reach_of_vehicle
+from tam_calibration.fit.plan import field_directions, make_plan, reach_of_turntable, reach_of_vehicle
 from tam_calibration.fit.start import start_from_calibration, start_from_nothing, start_from_recording
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.simulation.channels import AttitudeChannel
-from tam_calibration.units import from_degrees
+from tam_calibration.simulation.instruments import AttitudeChannel
 
 INTENSITY_T, INCLINATION = 54955.83e-9, from_degrees(62.3)
 NORTH_WEST_UP = INTENSITY_T * np.array([np.cos(INCLINATION), 0, -np.sin(INCLINATION)])

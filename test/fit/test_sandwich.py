@@ -11,8 +11,8 @@ from tam_calibration.fit.alignment import field_products, procrustes
 from tam_calibration.fit.lossless import lossless
 from tam_calibration.fit.moments import gather, jackknife
 from tam_calibration.fit.scale import free_scale
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tam_calibration.fit.simplified_linear import simplified_linear
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors
 
 
 @pytest.mark.parametrize(("size", "bias_T", "scale"), [(1.0, 3.5e-9, 1.3e-3), (0.1, 3.5e-11, 1.3e-5)])

@@ -7,7 +7,7 @@ import pytest
 
 from tam_calibration.files import write_array, write_recording
 from tam_calibration.fleet.task import read_options
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors
 
 DAY_S = 86_400.0
 

@@ -7,12 +7,12 @@ import pytest
 from numpy.linalg import inv, norm
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.array import Array
-from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.model import Model
+from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import World
-from tam_calibration.recording import Recording
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
 
 FIELD_T = np.array([12e-6, 18e-6, -45e-6])
 NOISE_T, SCALAR_NOISE_T = 1e-9, 2e-10
@@ -47,7 +47,7 @@ class Run:
 
     def channels(self, **options):
         """Return the channels at the true errors."""
-        return Channels.at(self.recording, self.array, self.errors, self.intensity_T, **options)
+        return WhitenedChannels.at(self.recording, self.array, self.errors, self.intensity_T, **options)
 
     def model(self, **options):
         """Return the model with the calibration fitted."""
@@ -157,7 +157,9 @@ class Lone:
 
     def channels(self, **options):
         """Return the channels at the truth."""
-        return Channels.at(self.recording, self.array, self.errors, self.world.intensity_T, world=self.world, **options)
+        return WhitenedChannels.at(
+            self.recording, self.array, self.errors, self.world.intensity_T, world=self.world, **options
+        )
 
     def with_added(self, added_T):
         """Return the same with something (N, 3) added to the readings."""

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap import diagnose
-from tam_calibration.gap.search import best_form
+from tam_calibration.gap.hypothesis import best_form
 
 SAMPLES = 2000
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.array import Array
-from tam_calibration.effects.fitted import Contribution, FittedEffect
-from tam_calibration.exceptions import InputError, Refused
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
 from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.channels import Temperature
+from tam_calibration.simulation.instruments import Temperature
 
 OFFSET_T_PER_K, SCALE_PER_K, TIME_CONSTANT_S, TRUE_REFERENCE_C = 1.5e-9, 2e-5, 20.0, 22.0
 DRIFT = FittedEffect(

@@ -10,8 +10,8 @@ from scipy.stats import t
 
 from tam_calibration.effects.term import Coefficient, Term
 from tam_calibration.gap.coloured import sandwich, unseen
-from tam_calibration.gap.design import Design
 from tam_calibration.gap.regression import Base
+from tam_calibration.gap.regressors import Regressors
 
 SAMPLES, RUNS = 600, 400
 
@@ -51,7 +51,7 @@ class Case:
         self.made = replace(self.made, array=replace(self.made.array, vector_noise_T=np.full(2, 1e-9)))
         self.options = options
         feature = regressor(kind, self.made.recording.time_s)[:, None]
-        self.terms = [Term.of_row(self.made.channels().situation, 4, "term", [Coefficient("one", "T")], feature)]
+        self.terms = [Term.of_row(self.made.channels().covariates, 4, "term", [Coefficient("one", "T")], feature)]
 
     def estimate(self, noise):
         """Return coefficient and standard error (sandwich, white) where the rows of the sensors have a noise (N, 6)."""
@@ -115,7 +115,7 @@ def test_it_is_what_its_definition_says(run, dense):
     made = made.with_added(noise)
     channels, one = made.channels(), [Coefficient("one", "T")]
     terms = [
-        Term.of_row(channels.situation, row, kind, one, regressor(kind, made.recording.time_s)[:, None])
+        Term.of_row(channels.covariates, row, kind, one, regressor(kind, made.recording.time_s)[:, None])
         for row, kind in ((1, "jump"), (4, "temperature"), (5, "current"))
     ]
     base, design = Base(channels, [channels.calibration]), channels.design(terms)
@@ -132,7 +132,7 @@ def test_what_cannot_be_seen_has_no_variance(run):
     """A constant in a row is the calibration's."""
     made = run(300, 2)
     channels = made.channels()
-    term = Term.of_row(channels.situation, 4, "constant", [Coefficient("one", "T")], np.ones((300, 1)))
+    term = Term.of_row(channels.covariates, 4, "constant", [Coefficient("one", "T")], np.ones((300, 1)))
     base = Base(channels, [channels.calibration])
     assert_allclose(sandwich(base, [channels.design([term])]), 0)
 
@@ -143,7 +143,7 @@ def test_what_is_left_out_unseen_moves_the_rest_by_as_much_as_is_told(run):
     step = (made.recording.time_s > 30).astype(float)
 
     def design(base, row):
-        term = Term.of_row(base.channels.situation, row, "offset", [Coefficient("offset", "T")], step[:, None])
+        term = Term.of_row(base.channels.covariates, row, "offset", [Coefficient("offset", "T")], step[:, None])
         return base.channels.design([term])
 
     def fitted(one):
@@ -154,7 +154,7 @@ def test_what_is_left_out_unseen_moves_the_rest_by_as_much_as_is_told(run):
     base = made.model().base()
     own, other = design(base, 4), design(base, 7)
     told = unseen(base, [own], other)[0, 0]
-    information = base.project(Design.joined([own, other])).information
+    information = base.project(Regressors.joined([own, other])).information
     alone = information[1, 1] - information[0, 1] ** 2 / information[0, 0]
     size_T = np.sqrt(np.log(base.channels.count) * base.energy / base.channels.count / alone)
     moved = fitted(made.with_row(7, size_T * step)) - fitted(made)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.array import Array
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.exceptions import InputError
 from tam_calibration.fit import calibrate
 from tam_calibration.gap import diagnose
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
-from tam_calibration.array import Array
 from tam_calibration.gap.floor import floor_of
+from tam_calibration.model.array import Array
 
 
 def floor(made, stated=None):

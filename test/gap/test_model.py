@@ -8,13 +8,13 @@ from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
 from tam_calibration.effects.effect import Finding
-from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.temperature_drift import TemperatureDrift
 from tam_calibration.gap import diagnose
 from tam_calibration.gap import model as module
+from tam_calibration.gap.hypothesis import given_form
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.search import given_form
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.model.sensor_errors import SensorErrors
 
 SLOPE_T_PER_K = 30e-9
 DRIFT = FittedEffect(
@@ -154,8 +154,12 @@ def test_findings_give_samples_up_and_widen_rows(run):
     findings = tuple(Finding(effect, 1.0, 1, flagged, variance) for flagged in flags)
     found = replace(model, findings=findings)
     assert np.flatnonzero(~found.is_counted).tolist() == [0, 1, 2, 3, 4, 100]
-    energy = found.channels().energy_per_sample - found.channels().precision * found.channels().misfit_T ** 2
-    before = model.channels().energy_per_sample - model.channels().precision * model.channels().misfit_T ** 2
+    energy = (
+        found.channels().energy_per_sample - found.channels().precision * found.channels().intensity_residual_T ** 2
+    )
+    before = (
+        model.channels().energy_per_sample - model.channels().precision * model.channels().intensity_residual_T ** 2
+    )
     assert_allclose(energy, before / 3, rtol=1e-6)
     assert model.accept(findings[0]).findings == findings[:1]
 

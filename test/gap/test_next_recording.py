@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from tam_calibration.effects.effect import Finding
-from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.gap.channels import Channels
+from tam_calibration.gap.candidates import Setting, signal_of
 from tam_calibration.gap.conclude import conclude
-from tam_calibration.gap.expected import Setting, signal_of
-from tam_calibration.gap.hypotheses import Evidence
+from tam_calibration.gap.evidence import Evidence
 from tam_calibration.gap.next_recording import next_recording
 from tam_calibration.gap.regression import Base
-from tam_calibration.gap.separation import doubt_of, separate
-from tam_calibration.gap.steps import search
+from tam_calibration.gap.search import search
+from tam_calibration.gap.separation import ambiguity_of, separate
 from tam_calibration.gap.support import LEAST_EVIDENCE
-from tam_calibration.recording import Recording
+from tam_calibration.gap.whitened_channels import WhitenedChannels
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.model.recording import Recording
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import RandomAttitudes
-from tam_calibration.simulation.channels import Temperature
+from tam_calibration.simulation.instruments import Temperature
 
 PLAN = replace(read_scenario("warming_up"), effects=(), temperature=None, sample_count=1000, rate_hz=5.0)
 
@@ -63,29 +63,29 @@ def test_the_recording_separates_two_hypotheses_as_well_as_expected(doubtful, tr
     Noise alone lets an effect explain as much as it has visible directions, which are more for one than the other.
     """
     found, gap = doubtful
-    doubt = doubt_of(found, gap.verdict, gap.causes)
-    assert {doubt.first.effect, doubt.second.effect} == {"temperature_drift", "bias_jump"}
-    now = found.model.channels().situation
+    ambiguity = ambiguity_of(found, gap.verdict, gap.causes)
+    assert {ambiguity.first.effect, ambiguity.second.effect} == {"temperature_drift", "bias_jump"}
+    now = found.model.channels().covariates
     setting = Setting(found.model, now, 1.0)
-    separation = separate(setting, doubt)
+    separation = separate(setting, ambiguity)
     assert separation.now + separation.gained > LEAST_EVIDENCE > separation.now
     candidate = replace(separation.candidate, minutes=separation.minutes)
-    situation = candidate.situation(now, separation.channels, round(60 * separation.minutes / now.step_s))
+    covariates = candidate.covariates(now, separation.channels, round(60 * separation.minutes / now.step_s))
     truth, other = (separation.first, separation.second)[:: 1 if truth_is_first else -1]
-    rows = np.column_stack([now.errors.distort(situation.field_T).reshape(-1, 12), situation.intensity_T])
-    rows += signal_of(setting, situation, truth)
+    rows = np.column_stack([now.errors.distort(covariates.field_T).reshape(-1, 12), covariates.intensity_T])
+    rows += signal_of(setting, covariates, truth)
     array = found.model.array
     noise = np.append(np.repeat(array.vector_noise_T, 3), array.scalar_noise_T)
     rows += noise * np.random.default_rng(1).standard_normal(rows.shape)
     recording = Recording(
-        situation.time_s, rows[:, :-1].reshape(-1, 4, 3), rows[:, -1], temperature_C=situation.temperature_C
+        covariates.time_s, rows[:, :-1].reshape(-1, 4, 3), rows[:, -1], temperature_C=covariates.temperature_C
     )
-    channels = Channels.at(recording, array, now.errors, float(np.mean(situation.intensity_T)))
+    channels = WhitenedChannels.at(recording, array, now.errors, float(np.mean(covariates.intensity_T)))
     base = Base(channels, [channels.calibration])
     gains = []
     for effect in (truth.effect, other.effect):
-        shapes = effect.shapes(situation, channels.misfit)
-        found = [base.project(channels.design(effect.terms(situation, shape))).gain() for shape in shapes]
+        shapes = effect.shapes(covariates, channels.residuals)
+        found = [base.project(channels.design(effect.terms(covariates, shape))).gain() for shape in shapes]
         gains.append(max(gain - rank for gain, rank in found))
     assert gains[0] - gains[1] > separation.gained / 2
 

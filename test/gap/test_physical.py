@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.field_bounds import EARTH_FIELD, FieldBounds
 from tam_calibration.gap.physical import objection_to, prior_at, sensed_intensity
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
+from tam_calibration.model.sensor_errors import SensorErrors
 
 FIELD_T = 48e-6
 

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from numpy.linalg import norm
 
-from tam_calibration.effects.bias_jump import BiasJump
-from tam_calibration.effects.moved_sphere import moved_sphere
+from tam_calibration.effects.bias_jump import BiasJump, moved_sphere
 from tam_calibration.files import read_array, read_recording
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.coloured import sandwich
-from tam_calibration.gap.hypotheses import examine
+from tam_calibration.gap.evidence import examine
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
 

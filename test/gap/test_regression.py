@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.effects.nonlinearity import Nonlinearity
 from tam_calibration.effects.temperature_drift import TemperatureDrift
-from tam_calibration.gap.design import Design
 from tam_calibration.gap.regression import Base, Projected, pseudo_inverse, twice_log_likelihood_ratio
+from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.selection import columns_of
 
 SHAPE = {"time_constant_s": 2.0, "reference_C": 20.0}
@@ -17,7 +17,7 @@ SHAPE = {"time_constant_s": 2.0, "reference_C": 20.0}
 
 def drift_terms(channels, sensors=(1, 2)):
     """Return the drifts of offset and scale of some sensors."""
-    terms = TemperatureDrift().terms(channels.situation, SHAPE)
+    terms = TemperatureDrift().terms(channels.covariates, SHAPE)
     return [term for term in terms if term.sensor in sensors and term.name in ("offset", "scale")]
 
 
@@ -46,14 +46,14 @@ def test_the_gain_of_an_effect_is_that_of_least_squares(made, dense):
     calibration = channels.calibration
     base = Base(channels, [calibration])
     terms = drift_terms(channels)
-    projected = base.project(Design.of(terms))
+    projected = base.project(Regressors.of(terms))
     gain, rank = projected.gain()
     assert rank == len(terms)
-    assert gain == pytest.approx(base.energy - truth.left(calibration, Design.of(terms)), rel=1e-5)
+    assert gain == pytest.approx(base.energy - truth.left(calibration, Regressors.of(terms)), rel=1e-5)
     gains, ranks = projected.gains(columns_of(terms))
     assert (ranks == 1).all()
     for term, own in zip(terms, gains, strict=True):
-        assert own == pytest.approx(base.energy - truth.left(calibration, Design.of([term])), rel=1e-4, abs=1e-3)
+        assert own == pytest.approx(base.energy - truth.left(calibration, Regressors.of([term])), rel=1e-4, abs=1e-3)
     first, second = np.arange(4), np.arange(4, len(terms))
     apart = projected.without(first)
     assert apart.gains([second])[0][0] == pytest.approx(gain - projected.take(first).gain()[0], rel=1e-6)
@@ -64,15 +64,15 @@ def test_what_the_calibration_holds_is_dropped_and_not_counted(made):
     """A constant offset and a scale factor are directions of the calibration: no gain, no rank, alone or beside."""
     channels = made.channels()
     base = Base(channels, [channels.calibration])
-    constant = Design(np.full((200, 1), 1e-9), np.array([0]), np.array([4]), np.array([0]), 1)
-    scale = Design(channels.situation.sensed_T[:, [4]], np.array([0]), np.array([4]), np.array([0]), 1)
+    constant = Regressors(np.full((200, 1), 1e-9), np.array([0]), np.array([4]), np.array([0]), 1)
+    scale = Regressors(channels.covariates.sensed_T[:, [4]], np.array([0]), np.array([4]), np.array([0]), 1)
     for design in (constant, scale):
         projected = base.project(design)
         assert projected.gain() == (0.0, 0)
         gains, ranks = projected.gains([np.array([0])])
         assert gains[0] == 0 and ranks[0] == 0
-    drift = Design.of(drift_terms(channels))
-    alone, beside = base.project(drift).gain(), base.project(Design.joined([drift, constant, scale])).gain()
+    drift = Regressors.of(drift_terms(channels))
+    alone, beside = base.project(drift).gain(), base.project(Regressors.joined([drift, constant, scale])).gain()
     assert beside[1] == alone[1] and beside[0] == pytest.approx(alone[0], rel=1e-4)
 
 
@@ -80,16 +80,16 @@ def test_a_column_twice_is_counted_once(made):
     """Terms that say the same spend one direction."""
     channels = made.channels()
     base = Base(channels, [channels.calibration])
-    drift = Design.of(drift_terms(channels))
-    once, twice = base.project(drift).gain(), base.project(Design.joined([drift, drift])).gain()
+    drift = Regressors.of(drift_terms(channels))
+    once, twice = base.project(drift).gain(), base.project(Regressors.joined([drift, drift])).gain()
     assert twice[1] == once[1] and twice[0] == pytest.approx(once[0], rel=1e-6)
 
 
 def test_an_extended_base_is_the_base_of_both(made, dense):
     """What was accepted is eliminated with the calibration."""
     channels = made.channels()
-    calibration, drift = channels.calibration, Design.of(drift_terms(channels))
-    curves = Design.of(Nonlinearity().terms(channels.situation, {"full_scale_T": 5e-5})[:3])
+    calibration, drift = channels.calibration, Regressors.of(drift_terms(channels))
+    curves = Regressors.of(Nonlinearity().terms(channels.covariates, {"full_scale_T": 5e-5})[:3])
     base = Base(channels, [calibration])
     extended = Base(channels, [calibration, drift])
     assert extended.rank == base.rank + drift.width and extended.calibration_rank == base.rank
@@ -102,7 +102,7 @@ def test_an_extended_base_is_the_base_of_both(made, dense):
 def test_the_step_is_the_least_squares_solution(made, dense):
     """The energy falls by what the step says, and no column is left with a score."""
     channels = made.channels()
-    designs = [channels.calibration, Design.of(drift_terms(channels))]
+    designs = [channels.calibration, Regressors.of(drift_terms(channels))]
     base = Base(channels, designs)
     matrix = np.concatenate([dense(made).of(design) for design in designs], axis=2).reshape(-1, len(base.step))
     left = dense(made).residual.ravel() - matrix @ base.step

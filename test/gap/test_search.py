@@ -1,119 +1,293 @@
-"""The best form of one hypothesis."""
+"""A search from one start: what may come beside what was accepted."""
+
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
-from tam_calibration.effects.bias_jump import BiasJump
-from tam_calibration.effects.fitted import SCALAR, Contribution, FittedEffect
-from tam_calibration.effects.flexure import Flexure
-from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
-from tam_calibration.effects.nonlinearity import Nonlinearity
-from tam_calibration.effects.temperature_drift import TemperatureDrift
-from tam_calibration.gap.refinement import refined
-from tam_calibration.gap.search import best_form, given_form, places_of, restricted
-
-TIME_CONSTANT_S = 3.3
+from tam_calibration.effects.library import installed_effects
+from tam_calibration.gap import diagnose
+from tam_calibration.gap.search import CauseSearch, search
+from tam_calibration.gap.support import LEAST_EVIDENCE
 
 
-def followed(recording):
-    """Return the temperature that a sensor has which follows with a lag, by an integrator of its own."""
-
-    def rate(time, state):
-        return (np.interp(time, recording.time_s, recording.temperature_C) - state) / TIME_CONSTANT_S
-
-    time = recording.time_s
-    solved = solve_ivp(rate, (time[0], time[-1]), recording.temperature_C[:1], t_eval=time, max_step=0.05, rtol=1e-8)
-    return solved.y[0]
+def switched(made, times, row=4, size=15e-9):
+    """Return the run with an offset of one axis that changes sides at each of the times."""
+    side = 1.0 - 2.0 * (np.searchsorted(times, made.recording.time_s) % 2)
+    return made.with_row(row, size * side)
 
 
-@pytest.fixture(scope="module")
-def drifting(run):
-    """Return a run in which the x axis of sensor 2 drifts by 4 nT/K with a lag."""
-    made = run(600)
-    return made.with_row(3, 4e-9 * (followed(made.recording) - 20))
+@pytest.mark.parametrize("times", [[25.0], [20.0, 38.0], [12.0, 30.0, 44.0]])
+def test_up_to_three_jumps_are_jumps(run, times):
+    """One, on and off, and three."""
+    made = switched(run(600), times)
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "explained"
+    assert {(cause.fitted.effect, cause.sensors) for cause in gap.causes} == {("bias_jump", (2,))}
 
 
-@pytest.fixture(scope="module")
-def base(drifting):
-    """Return its calibration."""
-    return drifting.model().base()
+def test_what_comes_and_goes_is_no_jump(run):
+    """A loose contact that changes sides eight times is none of the library, and its sensor is told."""
+    made = switched(run(600), [5.0, 11.0, 19.0, 24.0, 33.0, 40.0, 46.0, 55.0])
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "unexplained"
+    assert (gap.where.sensors, gap.where.axes) == ((2,), ("y",))
 
 
-def test_the_best_form_stands_where_the_effect_was_planted(base):
-    """The drift is in one axis, and what it explains is nearly all of the excess."""
-    form = best_form(base, TemperatureDrift())
-    assert places_of(form) == [(1, 0)]
-    assert form.selection.gain > 0.9 * (base.energy - base.channels.count)
-    assert form.shape in form.tried and form.selection.delta_bic > 100
+def test_a_product_of_two_axes_is_no_loop(run):
+    """What an axis feels across it is neither its hysteresis nor, together with that, its nonlinearity."""
+    made = run(900)
+    field = made.errors.restore(made.recording.readings_T).mean(axis=1)
+    x, y, z = field.T / np.linalg.norm(field, axis=1)
+    made = made.with_row(8, 20e-9 * x * y * (1 + 0.5 * z))
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "unexplained"
+    assert (gap.where.sensors, gap.where.axes) == ((3,), ("z",))
 
 
-def test_a_refined_shape_reaches_the_true_time_constant(base):
-    """Between the shapes that were tried, and no worse than the best of these."""
-    form = best_form(base, TemperatureDrift())
-    assert all(abs(shape["time_constant_s"] / TIME_CONSTANT_S - 1) > 0.1 for shape in form.tried)
-    found = refined(base, form)
-    assert found.shape["time_constant_s"] == pytest.approx(TIME_CONSTANT_S, rel=0.05)
-    assert found.shape["reference_C"] == form.shape["reference_C"]
-    assert found.selection.gain > form.selection.gain and found.selection.delta_bic > form.selection.delta_bic
+def test_what_weight_moves_is_told_as_unexplained(run):
+    """A loose magnet that rolls with the tilt is neither noise nor an arm that bends."""
+    made = run(900)
+    up = Rotation.from_quat(made.recording.attitude).inv().apply([0.0, 0.0, 1.0])
+    made = made.with_row(4, 15e-9 * np.tanh(8 * (up[:, 0] + 0.3)))
+    gap = diagnose(made.recording, made.array)
+    assert (gap.verdict, gap.where.sensors) == ("unexplained", (2,))
 
 
-def test_a_shape_without_choice_stays(base):
-    """What was tried in one shape only is not refined."""
-    form = best_form(base, Nonlinearity())
-    assert refined(base, form).shape == form.shape
+def test_what_strikes_often_is_no_outlier(run):
+    """Wrong readings in one sample of twelve are more than outliers."""
+    made = run(900)
+    generator = np.random.default_rng(5)
+    hit = generator.random(900) < 1 / 12
+    made = made.with_row(4, np.where(hit, 60e-9 * generator.choice([-1.0, 1.0], 900), 0.0))
+    gap = diagnose(made.recording, made.array)
+    assert (gap.verdict, gap.where.sensors) == ("unexplained", (2,))
 
 
-def test_a_searched_shape_has_its_price(base):
-    """Each parameter of the shape that was searched costs a direction."""
-    form = best_form(base, TemperatureDrift())
-    again = restricted(base, form, 1)
-    assert form.selection.delta_bic < again.selection.delta_bic + 1e-9
+@pytest.mark.parametrize(("next_best", "kept"), [(["skew"], ["heading", "skew"]), (["jump", "tone"], ["heading"])])
+def test_where_a_cause_does_not_hold_the_search_goes_on_without_it(monkeypatch, next_best, kept):
+    """Beside what holds, the next best comes in place of what does not; nothing is given up for it."""
+    known = {name: SimpleNamespace(accepted=SimpleNamespace(effect=name)) for name in ("heading", "step", *next_best)}
+    passed_over = []
+
+    def forward(self, steps, first, without):
+        passed_over.append(set(without))
+        return [*steps, *(known[name] for name in next_best)]
+
+    monkeypatch.setattr(CauseSearch, "_forward", forward)
+    monkeypatch.setattr(
+        CauseSearch, "_holding", lambda self, steps: [one for one in steps if one.accepted.effect in kept]
+    )
+    held = object.__new__(CauseSearch)._beside_held([known["heading"], known["step"]])
+    assert [one.accepted.effect for one in held] == kept and passed_over[0] == {"step"}
 
 
-def test_a_given_form_has_the_gain_of_least_squares(base, dense, drifting):
-    """Terms, shape and coefficients are those given; its evidence is that of these terms."""
-    shape = {"time_constant_s": TIME_CONSTANT_S, "reference_C": 20.0}
-    fitted = FittedEffect("temperature_drift", shape, (Contribution(1, 0, "offset", {"offset": 4e-9}),))
-    form = given_form(base, TemperatureDrift(), fitted)
-    assert places_of(form) == [(1, 0)] and form.values.tolist() == [4e-9] and form.shape == shape
-    assert form.selection.rank == 1
-    channels = drifting.channels()
-    truth = dense(drifting)
-    gain = truth.left(channels.calibration) - truth.left(channels.calibration, channels.design(form.terms))
-    assert form.selection.gain == pytest.approx(gain, rel=1e-3)
+SAMPLES = 600
 
 
-def test_a_restricted_form_is_of_one_sensor(base):
-    """The same effect and shape, at the sensor asked for."""
-    form = best_form(base, TemperatureDrift())
-    for sensor in range(4):
-        own = restricted(base, form, sensor)
-        assert {term.sensor for term in own.terms} == {sensor} and own.shape == form.shape
-    assert restricted(base, form, 1).selection.gain > 10 * restricted(base, form, 2).selection.gain
+def late(made, sensor, delay_s):
+    """Return what a sensor reads other when it samples late."""
+    turned = [
+        Rotation.from_euler("XYZ", np.outer(time, [0.9, 0.55, 0.35])).inv().apply([12e-6, 18e-6, -45e-6])
+        for time in (made.recording.time_s, made.recording.time_s - delay_s)
+    ]
+    added = np.zeros((made.recording.sample_count, made.row_count))
+    added[:, 3 * sensor : 3 * sensor + 3] = (turned[1] - turned[0]) @ made.errors.matrix[sensor].T
+    return made.with_added(added)
 
 
-def test_without_a_scalar_no_effect_stands_in_it(run):
-    """The row of the intensity is for what belongs to the site, where the intensity is only taken for constant."""
-    for has_scalar in (True, False):
-        made = run(400, has_scalar=has_scalar)
-        time = made.recording.time_s
-        field = made.errors.restore(made.recording.readings_T).mean(axis=1)
-        grown = field / np.linalg.norm(field, axis=1)[:, None] * np.where(time > 30, 20e-9, 0)[:, None]
-        added = np.zeros((400, 13))
-        added[:, :-1] = np.einsum("kij,nj->nki", made.errors.matrix, grown).reshape(400, -1)
-        base = made.with_added(added).model().base()
-        jump, drift = best_form(base, BiasJump()), best_form(base, GeomagneticDrift())
-        assert (SCALAR in {sensor for sensor, _ in places_of(jump)}) == has_scalar
-        assert places_of(drift) == [(SCALAR, None)] and drift.selection.delta_bic > 50
+def direction(made):
+    """Return the direction of the field in the array frame."""
+    field = made.errors.restore(made.recording.readings_T).mean(axis=1)
+    return field / np.linalg.norm(field, axis=1)[:, None]
 
 
-def test_nothing_visible_is_no_form(run):
-    """An array whose attitude never changes shows no flexure beside its biases."""
-    made = run(300)
-    base = made.model().base()
-    situation = base.channels.situation
-    still = np.tile([0.0, 0.0, 0.0, 1.0], (300, 1))
-    object.__setattr__(situation, "attitude", still)
-    form = best_form(base, Flexure())
-    assert form is None or form.selection.delta_bic < 0
+def warmed(made, row=4, slope=4e-9, lag_s=4.0):
+    """Return the run with an axis that follows the temperature with a lag, by small steps of time."""
+    time = made.recording.time_s
+    temperature, followed = made.recording.temperature_C - 20, []
+    state = temperature[0]
+    for step, value in zip(np.diff(time, prepend=time[0]), temperature, strict=True):
+        state += (1 - np.exp(-step / lag_s)) * (value - state)
+        followed.append(state)
+    return made.with_row(row, slope * np.array(followed))
+
+
+def bent(made, row=8, size=25e-9):
+    """Return the run with an axis whose reading bends towards its full scale."""
+    along = made.recording.readings_T[:, row // 3, row % 3] / 6e-5
+    return made.with_row(row, size * (np.tanh(1.5 * along) - along))
+
+
+def magnet(made):
+    """Return the run with a magnet attached between 20 s and 38 s."""
+    time = made.recording.time_s
+    added = np.where((time > 20) & (time < 38), 1.0, 0.0)[:, None] * np.array([0] * 3 + [8e-9, -5e-9, 3e-9] + [0] * 7)
+    return made.with_added(added)
+
+
+def wired(made):
+    """Return the run with a cable beside sensor 1."""
+    return made.with_added(made.recording.current_A[:, None] * np.array([4e-9, 0, -3e-9] + [0] * 10))
+
+
+def hummed(made):
+    """Return the run with a pump of 2.3 Hz in sensor 4."""
+    return made.with_row(9, 5e-9 * np.sin(2 * np.pi * 2.3 * made.recording.time_s + 0.7))
+
+
+def spiked(made):
+    """Return the run with two dozen spikes in sensor 2."""
+    generator = np.random.default_rng(7)
+    spikes = np.zeros((SAMPLES, 13))
+    hit = generator.choice(SAMPLES, 24, replace=False)
+    spikes[hit[:, None], np.arange(3, 6)] = generator.choice([-1, 1], (24, 3)) * generator.uniform(
+        30e-9, 90e-9, (24, 3)
+    )
+    return made.with_added(spikes)
+
+
+def noisy(made):
+    """Return the run with three times the noise in one axis."""
+    return made.with_row(7, np.sqrt(8) * 1e-9 * np.random.default_rng(7).normal(size=SAMPLES))
+
+
+def rounded(made):
+    """Return the run with sensor 1 rounded to 12 nT."""
+    readings = made.recording.readings_T[:, 0]
+    added = np.zeros((SAMPLES, 13))
+    added[:, :3] = 12e-9 * np.round(readings / 12e-9) - readings
+    return made.with_added(added)
+
+
+def clipped(made, limit_T=49e-6):
+    """Return the run with an axis that reads no more than a limit."""
+    readings = made.recording.readings_T.copy()
+    readings[:, 2, 0] = np.minimum(readings[:, 2, 0], limit_T)
+    return replace(made, recording=replace(made.recording, readings_T=readings))
+
+
+def headed(made):
+    """Return the run with a scalar magnetometer that reads less along an axis of its own."""
+    along = direction(made) @ np.array([0.6, 0.0, 0.8])
+    return made.with_row(12, 6e-9 * along**3 * np.abs(along))
+
+
+CASES = {
+    "temperature_drift": (warmed, (2,)),
+    "nonlinearity": (bent, (3,)),
+    "bias_jump": (magnet, (2,)),
+    "current_interference": (wired, (1,)),
+    "time_skew": (lambda made: late(made, 2, 5e-4), (3,)),
+    "periodic_interference": (hummed, (4,)),
+    "outliers": (spiked, (2,)),
+    "noise_excess": (noisy, (3,)),
+    "quantization": (rounded, (1,)),
+    "saturation": (clipped, (3,)),
+    "scalar_heading_error": (headed, ("scalar",)),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_single_effect_is_named_in_its_sensor(run, name):
+    """Made otherwise than the library fits it, and well visible, it is the only cause and explains the gap."""
+    disturb, sensors = CASES[name]
+    made = disturb(run(SAMPLES))
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "explained"
+    assert {cause.fitted.effect for cause in gap.causes} == {name}
+    assert gap.where.sensors == sensors
+    assert gap.size.after < 0.35 * gap.size.before
+    assert gap.probabilities[name] > 0.5 and sum(gap.probabilities.values()) == pytest.approx(1)
+
+
+def test_a_deep_saturation_is_named(run):
+    """An axis that is cut off at nine tenths of the field."""
+    made = clipped(run(SAMPLES), 45e-6)
+    gap = diagnose(made.recording, made.array)
+    assert "saturation" in {cause.fitted.effect for cause in gap.causes}
+
+
+def test_a_single_gross_spike_is_an_outlier(run):
+    """One reading of a millitesla in one sensor."""
+    made = run(SAMPLES)
+    made = made.with_added(1e-3 * (np.arange(SAMPLES) == 100)[:, None] * (np.arange(13) // 3 == 2))
+    gap = diagnose(made.recording, made.array)
+    assert {cause.fitted.effect for cause in gap.causes} == {"outliers"}
+
+
+def test_two_effects_are_both_found(run):
+    """A drift of sensor 2 and a curve of sensor 3, each in its place, with shares that add up."""
+    made = bent(warmed(run(SAMPLES)), size=50e-9)
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "explained"
+    assert {(cause.fitted.effect, cause.sensors) for cause in gap.causes} == {
+        ("temperature_drift", (2,)),
+        ("nonlinearity", (3,)),
+    }
+    assert sum(cause.share for cause in gap.causes) == pytest.approx(1)
+
+
+def test_each_sensor_may_have_a_lag_of_its_own(run):
+    """Two sensors that follow the temperature at once and late are one cause in both."""
+    made = warmed(warmed(run(SAMPLES), row=4, slope=10e-9, lag_s=0.5), row=6, slope=10e-9, lag_s=12.0)
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "explained"
+    assert {cause.fitted.effect for cause in gap.causes} == {"temperature_drift"}
+    assert gap.where.sensors == (2, 3)
+
+
+@pytest.mark.parametrize(("seed", "sheet"), [(1, 0.88), (2, 1.0), (3, 1.12), (4, 1.12)])
+def test_noise_is_no_gap(run, seed, sheet):
+    """Whatever is 12 % wrong in the data sheet for all alike."""
+    made = run(SAMPLES, seed=seed, sheet=sheet)
+    gap = diagnose(made.recording, made.array)
+    assert (gap.verdict, gap.causes, gap.where.sensors) == ("no_gap", (), ())
+
+
+@pytest.mark.parametrize("has_scalar", [True, False])
+@pytest.mark.parametrize("sensors", [1, 2, 6])
+def test_noise_is_no_gap_in_other_arrays(run, sensors, has_scalar):
+    """Fewer sensors, or more, with and without a scalar magnetometer."""
+    made = run(SAMPLES, sensors, has_scalar)
+    assert diagnose(made.recording, made.array).verdict == "no_gap"
+
+
+def test_what_no_effect_makes_is_unexplained(run):
+    """A product of attitude and time in one sensor: no cause is forced, and the sensor is told."""
+    made = run(900)
+    x, y, z = direction(made).T
+    strange = np.sin(7 * x * y + 5 * z * z) * np.cos(0.2 * made.recording.time_s)
+    made = made.with_row(4, 15e-9 * strange)
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "unexplained" and gap.causes == ()
+    assert gap.where.sensors == (2,)
+    assert gap.size.before > 0.5
+
+
+def test_an_effect_that_is_not_tried_leaves_its_gap_open(run):
+    """No other takes all of it."""
+    made = warmed(run(300))
+    tried = {"nonlinearity", "bias_jump", "current_interference", "periodic_interference", "noise_excess", "outliers"}
+    gap = diagnose(made.recording, made.array, without=set(installed_effects()) - tried)
+    assert gap.verdict in ("unexplained", "partly_explained")
+    assert {one.effect for one in gap.considered} == tried
+
+
+def test_a_search_of_noise_has_no_steps(run):
+    """Nothing is accepted, and no function without physics counts."""
+    made = run(SAMPLES)
+    found = search(made.recording, made.array)
+    assert found.steps == () and found.model.parts == () and found.model.findings == ()
+    assert all(one.delta_bic < LEAST_EVIDENCE for one in found.rivals)
+
+
+def test_progress_is_told(run):
+    """Stages by name, from 0 to 1, never back within the first round."""
+    told = []
+    made = run(200)
+    search(made.recording, made.array, progress=lambda what, part: told.append((what, part)))
+    assert told[0] == ("nominal calibration", 0.0) and len(told) > 10
+    assert all(0 <= part <= 1 for _, part in told)

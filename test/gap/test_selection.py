@@ -5,10 +5,10 @@ from math import log
 import numpy as np
 import pytest
 
-from tam_calibration.effects.fitted import ALL, SCALAR
 from tam_calibration.effects.term import Coefficient, Term
 from tam_calibration.gap.regression import Projected
 from tam_calibration.gap.selection import Choice, bundles_of, columns_of, evidence
+from tam_calibration.model.fitted_effect import ALL, SCALAR
 
 COUNT = 2000
 GRID = [(sensor, axis, name) for name in ("offset", "scale") for sensor in range(3) for axis in range(3)]

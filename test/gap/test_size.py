@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.array import Array
-from tam_calibration.effects.fitted import Contribution, FittedEffect
 from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
 from tam_calibration.effects.temperature_drift import TemperatureDrift
-from tam_calibration.gap.hypotheses import rivals
-from tam_calibration.gap.search import given_form
-from tam_calibration.gap.size import is_interleaved, measure, noise_variance
+from tam_calibration.gap.evidence import rivals
+from tam_calibration.gap.hypothesis import given_form
+from tam_calibration.gap.size import FOLDS, folds_of, held_out_energy, is_interleaved, measure, noise_variance
+from tam_calibration.model.array import Array
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 SHAPE = {"time_constant_s": 0.0, "reference_C": 20.0}
 
@@ -121,8 +121,8 @@ def test_free_functions_of_time_are_tested_on_interleaved_samples(run):
     assert not is_interleaved(model)
     parts = (Contribution(-1, None, "orders 3 to 4", {}),)
     effect = GeomagneticDrift()
-    (shape,) = effect.shapes(model.base().channels.situation, None)
-    (name,) = {term.name for term in effect.terms(model.base().channels.situation, shape)[:1]}
+    (shape,) = effect.shapes(model.base().channels.covariates, None)
+    (name,) = {term.name for term in effect.terms(model.base().channels.covariates, shape)[:1]}
     fitted = FittedEffect(effect.name, shape, (replace(parts[0], term=name),))
     assert is_interleaved(model.accept(given_form(model.base(), effect, fitted)))
 
@@ -145,3 +145,58 @@ def test_the_tensor_of_a_clean_run_is_noise(run):
     model = made.with_row(1, 100e-9 * is_off).model()
     # The mean is taken up by the bias; gxy of the cross sees an axis through half the baseline, twice, halved.
     assert_allclose(measure(model, model, 1.0).before_T_per_m, 100e-9 * np.sqrt(2 / 9) / 0.5 / 2, rtol=0.15)
+
+
+@pytest.mark.parametrize("interleaved", [True, False])
+@pytest.mark.parametrize("count", [7, 59, 300, 1001])
+def test_folds_are_a_partition(count, interleaved):
+    """Each sample is in one fold; the folds are alike in size."""
+    folds = [np.concatenate([np.arange(count)[block] for block in fold]) for fold in folds_of(count, interleaved)]
+    assert len(folds) == FOLDS
+    assert sorted(np.concatenate(folds).tolist()) == list(range(count))
+    if count >= 300:
+        assert max(map(len, folds)) - min(map(len, folds)) <= 12
+
+
+def test_blocks_are_contiguous_and_interleaved_samples_are_apart():
+    """Free functions of time are not tested on stretches that no sample tells of."""
+    assert all((np.diff(np.arange(600)[block]) == 1).all() for fold in folds_of(600, False) for block in fold)
+    assert all((np.diff(np.arange(600)[block]) == FOLDS).all() for fold in folds_of(600, True) for block in fold)
+
+
+@pytest.mark.parametrize("interleaved", [True, False])
+def test_held_out_energy_is_that_of_explicit_fits(run, dense, interleaved):
+    """For the calibration alone and with effects, samples that do not count left out."""
+    made = run(240, 2)
+    made = made.with_row(4, 5e-9 * (made.recording.temperature_C - 20))
+    counted = np.random.default_rng(1).random(240) > 0.1
+    channels, truth = made.channels(is_counted=counted), dense(made)
+    shape = {"time_constant_s": 0.0, "reference_C": 20.0}
+    terms = [one for one in TemperatureDrift().terms(channels.covariates, shape) if one.name == "offset"]
+    designs = [channels.calibration, channels.design(terms[:4]), channels.design(terms[4:])]
+    energy = held_out_energy(channels, designs, [1, 2, 3], interleaved)
+    whole = np.concatenate([truth.of(design) for design in designs], axis=2)
+    ends = np.cumsum([design.width for design in designs])
+    for row, fold in enumerate(folds_of(240, interleaved)):
+        is_test = np.zeros(240, dtype=bool)
+        for block in fold:
+            is_test[block] = True
+        for column, end in enumerate(ends):
+            matrix, size = whole[:, :, :end], np.abs(whole[:, :, :end]).max(axis=(0, 1))
+            train, test = counted & ~is_test, counted & is_test
+            own = (matrix[train] / size).reshape(-1, end)
+            step = np.linalg.lstsq(own, truth.residual[train].ravel(), rcond=1e-6)[0] / size
+            expected = np.sum((truth.residual[test] - matrix[test] @ step) ** 2)
+            assert energy[row, column] == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_planted_effect_lowers_it_and_noise_raises_it(run):
+    """Out of sample an effect that is there explains, and one that is not there costs."""
+    made = run(600)
+    channels = made.with_row(4, 5e-9 * (made.recording.temperature_C - 20)).channels()
+    shape = {"time_constant_s": 0.0, "reference_C": 20.0}
+    terms = [one for one in TemperatureDrift().terms(channels.covariates, shape) if one.name == "offset"]
+    designs = [channels.calibration, channels.design([terms[4]]), channels.design(terms[:4] + terms[5:])]
+    alone, true, more = held_out_energy(channels, designs, [1, 2, 3], False).sum(axis=0)
+    assert true < 0.2 * alone and more > true
+    assert_allclose(true / channels.count, 1, atol=0.08)

@@ -7,9 +7,8 @@ import pytest
 
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap import support
-from tam_calibration.gap.hypotheses import evidence_of, examine, rivals
-from tam_calibration.gap.search import best_form
-from tam_calibration.gap.standing import Standing
+from tam_calibration.gap.evidence import evidence_of, examine, rivals
+from tam_calibration.gap.hypothesis import best_form
 from tam_calibration.gap.support import (
     LEAST_EVIDENCE,
     Step,
@@ -20,6 +19,7 @@ from tam_calibration.gap.support import (
     stands,
     supported,
 )
+from tam_calibration.gap.surrogates import SurrogateTest
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_a_size_that_nature_does_not_know_is_no_cause(run, monkeypatch):
 
 def standing_as(monkeypatch, ratio, left):
     """Let every form stand so many times above its best surrogate, and leave such a part in its sensors."""
-    monkeypatch.setattr(support, "_standing", lambda base, form: Standing(100.0 * ratio, 100.0, 0.01))
+    monkeypatch.setattr(support, "_surrogate_test", lambda base, form: SurrogateTest(100.0 * ratio, 100.0, 0.01))
     monkeypatch.setattr(support, "_left_there", lambda base, cause, form: left)
 
 
@@ -120,7 +120,9 @@ def test_changes_stand_far_out_or_leave_nothing(run, monkeypatch, ratio, left, i
     base = made.with_row(4, np.where(made.recording.time_s > 20, 9e-9, 0.0)).model().base()
     cause = evidence_of(base, best_form(base, effect_named("bias_jump")))
     standing_as(monkeypatch, 1.0, left)
-    monkeypatch.setattr(support, "standing_of_change", lambda *asked: (Standing(100.0 * ratio, 100.0, 0.01), False))
+    monkeypatch.setattr(
+        support, "surrogate_test_of_change", lambda *asked: (SurrogateTest(100.0 * ratio, 100.0, 0.01), False)
+    )
     assert holds(base, cause) == is_held
 
 
@@ -150,6 +152,6 @@ def test_a_recorded_channel_with_more_evidence_comes_before_a_change(base, monke
     jump = replace(jump, delta_bic=500.0, gain=520.0)
     current = replace(current, delta_bic=evidence, gain=evidence + 20)
     largest = {jump.effect: 1.0, current.effect: 0.8 * current.gain}
-    monkeypatch.setattr(support, "stands", lambda base, one: (True, Standing(one.gain, largest[one.effect], 0.01)))
+    monkeypatch.setattr(support, "stands", lambda base, one: (True, SurrogateTest(one.gain, largest[one.effect], 0.01)))
     found = supported(base, [jump, current], (), 0.0)
     assert found is not None and found[0].effect == first

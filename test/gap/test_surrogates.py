@@ -1,4 +1,4 @@
-"""Surrogates: what a form would explain of a residual that it has nothing to do with."""
+"""How a form stands among its surrogates."""
 
 from dataclasses import replace
 
@@ -7,9 +7,22 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.library import effect_named
+from tam_calibration.gap.hypothesis import best_form, restricted
 from tam_calibration.gap.regression import Base
-from tam_calibration.gap.search import best_form, restricted
-from tam_calibration.gap.surrogates import _moved, standing_of
+from tam_calibration.gap.surrogates import SurrogateTest, _moved, surrogate_test_of
+
+
+def test_rank_and_ratio_are_among_all():
+    """The form itself is one of those that explain as much."""
+    surrogate_test = SurrogateTest.among(30.0, np.array([10.0, 31.0, 5.0]))
+    assert (surrogate_test.largest, surrogate_test.rank) == (31.0, 0.5)
+    assert surrogate_test.ratio == pytest.approx(30 / 31)
+
+
+def test_without_surrogates_nothing_is_larger():
+    """The ratio is then the gain, and the rank that of one."""
+    surrogate_test = SurrogateTest.among(30.0, np.zeros(0))
+    assert (surrogate_test.largest, surrogate_test.rank, surrogate_test.ratio) == (0.0, 1.0, 30.0)
 
 
 def slow(count, seed):
@@ -18,10 +31,10 @@ def slow(count, seed):
     return (walk - walk.mean()) / walk.std()
 
 
-def standing(made, effect):
+def surrogate_test(made, effect):
     """Return how an effect's best form stands in the residual of a run."""
     base = made.model().base()
-    return standing_of(base, best_form(base, effect_named(effect)))
+    return surrogate_test_of(base, best_form(base, effect_named(effect)))
 
 
 def test_moved_residuals_are_those_of_shifted_channels(run):
@@ -31,7 +44,7 @@ def test_moved_residuals_are_those_of_shifted_channels(run):
     base = made.model().base()
     form = best_form(base, effect_named("hysteresis"))
     own = np.array(list(_moved(base, form)))
-    differential, common = base.channels.residual
+    differential, common = base.channels.taken_residual
     shift = int(np.linspace(20, 380, 150)[0])
     rolled = base.of_residual(np.roll(differential, shift, axis=0), np.roll(common, shift))
     turned = base.of_residual(np.roll(differential[::-1], shift + 1, axis=0), np.roll(common[::-1], shift + 1))
@@ -42,7 +55,7 @@ def test_moved_residuals_are_those_of_shifted_channels(run):
 def test_another_residual_is_that_of_its_channels(run):
     """A base of another residual has the energy and the score of a base that is made of it."""
     base = run(300).model().base()
-    differential, common = base.channels.residual
+    differential, common = base.channels.taken_residual
     other = base.of_residual(2 * differential, 2 * common)
     made = Base(replace(other.channels), base.designs)
     assert other.energy == pytest.approx(made.energy, rel=1e-6)
@@ -53,7 +66,7 @@ def test_another_residual_is_that_of_its_channels(run):
 def test_a_slow_course_that_follows_nothing_stands_among_its_surrogates(run, effect, row):
     """Channel and motion explain a part of any slow course, and so do those like them."""
     made = run(900)
-    found = standing(made.with_row(row, 10e-9 * slow(900, 5)), effect)
+    found = surrogate_test(made.with_row(row, 10e-9 * slow(900, 5)), effect)
     assert found.gain > 12
     assert found.ratio < 1.1
 
@@ -65,18 +78,20 @@ def test_what_follows_the_temperature_stands_above_all_channels_like_it(run):
     made = made.with_row(4, 5e-9 * change).with_row(8, 10e-9 * slow(900, 7))
     base = made.model().base()
     own = restricted(base, best_form(base, effect_named("temperature_drift")), 1)
-    assert standing_of(base, own).rank < 0.03
+    assert surrogate_test_of(base, own).rank < 0.03
 
 
 def test_a_tone_stands_above_other_frequencies(run):
     """Mains at an alias."""
     made = run(900)
-    found = standing(made.with_row(4, 3e-9 * np.sin(2 * np.pi * 4.1 * made.recording.time_s)), "periodic_interference")
+    found = surrogate_test(
+        made.with_row(4, 3e-9 * np.sin(2 * np.pi * 4.1 * made.recording.time_s)), "periodic_interference"
+    )
     assert found.ratio > 10
 
 
 def test_an_intensity_that_drifts_stands_above_other_rows(run):
     """What the scalar magnetometer alone does not follow is told from an axis that drifts."""
     made, course = run(900), 5e-9 * slow(900, 3)
-    assert standing(made.with_row(12, course), "geomagnetic_drift").ratio > 1.5
-    assert standing(made.with_row(4, course), "geomagnetic_drift").ratio < 1
+    assert surrogate_test(made.with_row(12, course), "geomagnetic_drift").ratio > 1.5
+    assert surrogate_test(made.with_row(4, course), "geomagnetic_drift").ratio < 1

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.fitted import ALL, SCALAR
-from tam_calibration.gap.hypotheses import examine, rivals
-from tam_calibration.gap.unknown import FunctionOfTime
+from tam_calibration.gap.evidence import examine, rivals
+from tam_calibration.gap.rivals import FunctionOfTime
 from tam_calibration.gap.where import band_of, locate, main_places, noisy_places, sensors_and_axes, span_of
+from tam_calibration.model.fitted_effect import ALL, SCALAR
 
 LEAST_EVIDENCE = 12.0
 

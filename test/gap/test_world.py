@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.effects.flexure import Flexure
 from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
-from tam_calibration.gap.channels import Channels
 from tam_calibration.gap.regression import Base
+from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import World
 
 
@@ -25,22 +25,22 @@ def test_channels_are_white_under_the_model(lone):
 def test_the_field_is_the_sensor_s_and_not_what_it_reads(lone):
     """Field and attitude are those of the sensor's own frame, however what records the attitude is mounted."""
     made = lone(100, noise_T=1e-6)
-    situation = made.channels().situation
-    assert_allclose(situation.field_T, made.field_T, atol=1e-12)
-    assert_allclose(made.world.aligned.field(situation.attitude), made.field_T, atol=1e-12)
-    assert situation.take(slice(3)).follows_attitude
+    covariates = made.channels().covariates
+    assert_allclose(covariates.field_T, made.field_T, atol=1e-12)
+    assert_allclose(made.world.aligned.field(covariates.attitude), made.field_T, atol=1e-12)
+    assert covariates.take(slice(3)).follows_attitude
 
 
 def test_the_calibration_is_linearised(lone):
     """A small step of errors and world leaves the energy that the design says, at readings without noise."""
     made = lone(300, noise_T=1e-17)
     array = type(made.array)(made.array.positions_m, np.array([1e-9]))
-    channels = Channels.at(made.recording, array, made.errors, made.world.intensity_T, world=made.world)
+    channels = WhitenedChannels.at(made.recording, array, made.errors, made.world.intensity_T, world=made.world)
     design = channels.calibration
     assert design.width == 15
     step = 1e-6 * np.random.default_rng(4).normal(size=15)
-    errors, world = made.world.stepped(made.errors, step, float(np.mean(channels.situation.intensity_T)))
-    moved = Channels.at(made.recording, array, errors, made.world.intensity_T, world=world)
+    errors, world = made.world.stepped(made.errors, step, float(np.mean(channels.covariates.intensity_T)))
+    moved = WhitenedChannels.at(made.recording, array, errors, made.world.intensity_T, world=world)
     assert moved.energy == pytest.approx(step @ channels.cross(design, design) @ step, rel=1e-3)
     assert np.linalg.det(errors.matrix[0]) == pytest.approx(1)
 
@@ -64,8 +64,8 @@ def test_an_intensity_that_drifts_is_seen_by_all_axes(lone):
     unit = made.field_T / np.linalg.norm(made.field_T, axis=1, keepdims=True)
     disturbed = made.with_added(drift[:, None] * unit @ made.errors.matrix[0].T)
     channels, effect = disturbed.channels(), GeomagneticDrift()
-    (shape,) = effect.shapes(channels.situation, channels.misfit)
-    base, terms = Base(channels, [channels.calibration]), effect.terms(channels.situation, shape)
+    (shape,) = effect.shapes(channels.covariates, channels.residuals)
+    base, terms = Base(channels, [channels.calibration]), effect.terms(channels.covariates, shape)
     projected = base.project(channels.design(terms))
     values = projected.inverse()[0] @ projected.score
     assert base.energy > 20 * base.channels.count
@@ -80,6 +80,8 @@ def test_an_intensity_that_drifts_is_seen_by_all_axes(lone):
 def test_a_sensor_that_bends_can_be_seen(lone):
     """A turn of a single sensor changes no length of a field, but its directions."""
     channels = lone().channels()
-    assert Flexure().obstacle(channels.situation) is None
-    projected = Base(channels, [channels.calibration]).project(channels.design(Flexure().terms(channels.situation, {})))
+    assert Flexure().obstacle(channels.covariates) is None
+    projected = Base(channels, [channels.calibration]).project(
+        channels.design(Flexure().terms(channels.covariates, {}))
+    )
     assert projected.gain()[1] >= 6

@@ -4,12 +4,12 @@ from numpy.linalg import norm
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.array import Array
-from tam_calibration.exceptions import InputError, Refused
-from tam_calibration.localization.dipole import Dipole
 from tam_calibration.localization.direct_fit import fit_dipole, fit_loop
-from tam_calibration.localization.loop import Loop, area_of
-from tam_calibration.localization.poses import Poses
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.sources.dipole import Dipole
+from tam_calibration.sources.loop import Loop, area_of
+from tam_calibration.sources.poses import Poses
 
 RADIUS = 0.445
 PLACE = np.array([2.40, -1.00, 0.46])

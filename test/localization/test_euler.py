@@ -6,11 +6,11 @@ from hypothesis.extra import numpy as hnp
 from numpy.linalg import norm
 from numpy.testing import assert_allclose
 
-from tam_calibration.array import Array
-from tam_calibration.exceptions import InputError, Refused
-from tam_calibration.localization.dipole import Dipole
 from tam_calibration.localization.euler import locate, locate_one
 from tam_calibration.localization.solutions import Status
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.sources.dipole import Dipole
 
 from .conftest import outputs_of
 

@@ -3,13 +3,13 @@ import pytest
 from numpy.linalg import norm
 from numpy.testing import assert_allclose
 
-from tam_calibration.array import Array
-from tam_calibration.exceptions import InputError
 from tam_calibration.localization import solutions
-from tam_calibration.localization.dipole import dipole_field
 from tam_calibration.localization.euler import locate
 from tam_calibration.localization.finite_baseline import locate_dipole
 from tam_calibration.localization.solutions import Status
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.sources.dipole import dipole_field
 
 ARRAY = Array.cross(0.21, vector_noise_T=5e-11)
 NOISE = ARRAY.operator @ ARRAY.operator.T * 2.5e-21

@@ -5,11 +5,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.array import Array
-from tam_calibration.exceptions import InputError
-from tam_calibration.localization.dipole import Dipole
 from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
 from tam_calibration.localization.solutions import Status
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.sources.dipole import Dipole
 
 EARTH_T = np.array([1e-6, 21e-6, -43e-6])
 DIPOLE = Dipole(np.array([2.0, 1.5, -1.7]), np.array([50.0, -80.0, 120.0]))

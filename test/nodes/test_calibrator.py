@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from tam_calibration.exceptions import InputError, Refused
+from tam_calibration.model.exceptions import InputError, Refused
 
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install 'tam_calibration[ros]'")
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from tam_calibration.recording import Recording
+from tam_calibration.model.recording import Recording
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 

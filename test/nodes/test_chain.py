@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.array import Array
 from tam_calibration.files import calibration_from_yaml, calibration_to_yaml, read_calibration, write_calibration
 from tam_calibration.fit import calibrate
-from tam_calibration.pointcloud_layout import FIELD_GRADIENT_COLUMNS, GRADIENT_ROW_MAJOR
+from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, GRADIENT_ROW_MAJOR
+from tam_calibration.model.array import Array
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")

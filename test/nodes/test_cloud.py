@@ -16,8 +16,7 @@ STAMP_NS = 1_700_000_000_123_456_789
 
 def read(messages):
     """Return columns, stamp and values of each row that a reader gives, and what it refuses."""
-    from tam_calibration.nodes.cloud import CloudReader
-    from tam_calibration.nodes.message_writer import from_stamp
+    from tam_calibration.nodes.cloud import CloudReader, from_stamp
 
     refused = []
     rows = [
@@ -48,8 +47,7 @@ def test_a_written_cloud_is_the_one_that_rclpy_makes(columns, frame_id):
     """Stamp, frame, fields and numbers of a written cloud are those asked for, whatever the lengths of the names."""
     from rclpy.serialization import deserialize_message
 
-    from tam_calibration.nodes.cloud import cloud_writer, read_cloud
-    from tam_calibration.nodes.message_writer import to_stamp
+    from tam_calibration.nodes.cloud import cloud_writer, read_cloud, to_stamp
 
     row = np.random.default_rng(0).normal(size=len(columns))
     written = cloud_writer(columns, frame_id).message(to_stamp(STAMP_NS), row.tobytes())
@@ -87,7 +85,7 @@ def test_other_messages_are_written_as_rclpy_makes_them():
     from geometry_msgs.msg import PointStamped
     from rclpy.serialization import deserialize_message
 
-    from tam_calibration.nodes.message_writer import MessageWriter, to_stamp
+    from tam_calibration.nodes.cloud import MessageWriter, to_stamp
 
     stamp, doubles = to_stamp(STAMP_NS), np.arange(1.0, 13.0)
     header = std_msgs.Header(frame_id="tam_array")

@@ -8,7 +8,7 @@ from tam_calibration.files import read_calibration, write_calibration
 from tam_calibration.fit import calibrate
 from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
 from tam_calibration.localization.solutions import Status
-from tam_calibration.pointcloud_layout import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS, SampleLayout
+from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS, SampleLayout
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 geometry_msgs = pytest.importorskip("geometry_msgs.msg", reason="the ROS message packages are not installed")
@@ -91,7 +91,7 @@ class Feed:
 
 def rows_of(solutions):
     """Return solutions as rows of `source_estimate`."""
-    from tam_calibration.nodes.source_rows import source_rows
+    from tam_calibration.nodes.localizer_node import source_rows
 
     return source_rows(solutions)
 

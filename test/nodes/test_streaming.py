@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 from tam_calibration.files import read_calibration, write_calibration
 from tam_calibration.files.bag_writing import TYPESTORE
 from tam_calibration.fit import calibrate
-from tam_calibration.recording import Recording
+from tam_calibration.model.recording import Recording
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import Calibration, Provenance
-from tam_calibration.recording import Recording
-from tam_calibration.residuals import measure_residuals, noise_floor
-from tam_calibration.sensor_errors import SensorErrors
+from tam_calibration.correction.calibration import Calibration, Provenance
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.residuals import measure_residuals, noise_floor
+from tam_calibration.model.sensor_errors import SensorErrors
 
 INTENSITY_T = 50e-6
 

@@ -5,9 +5,9 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import Provenance
-from tam_calibration.exceptions import InputError
+from tam_calibration.correction.calibration import Provenance
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.report import calibration_report, write_calibration_report
 
 VOID = {"meta", "img"}

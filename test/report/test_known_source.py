@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.array import Array
-from tam_calibration.calibration import KnownSource
+from tam_calibration.correction.calibration import KnownSource
+from tam_calibration.model.array import Array
+from tam_calibration.model.units import from_degrees
 from tam_calibration.report import write_calibration_report
-from tam_calibration.units import from_degrees
 
 
 @pytest.fixture

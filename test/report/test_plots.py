@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from tam_calibration.fit.coverage import measure_coverage
-from tam_calibration.report.coverage_map import plot_coverage
 from tam_calibration.report.page import embed
-from tam_calibration.report.residual_plots import Panel, plot_histograms, plot_over_time, thinning_note
+from tam_calibration.report.recording_plots import Panel, plot_coverage, plot_histograms, plot_over_time, thinning_note
 from tam_calibration.report.style import AFTER_COLOR
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.spectrum import Spectrum
+from tam_calibration.localization.survey import TRACK_FRAME, WORLD_FRAME, Line, Overall, Survey
 from tam_calibration.report.survey_plots import plot_source_spectrum, plot_survey_map
 from tam_calibration.report.survey_report import write_survey_report
 from tam_calibration.report.survey_rows import MOST_ROWS, sample_rows, statements
-from tam_calibration.survey.result import TRACK_FRAME, WORLD_FRAME, Line, Overall, Survey
+from tam_calibration.sources.spectrum import Spectrum
 
 
 def solutions(count):

@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.array import Array
 from tam_calibration.fit.coverage import measure_coverage
+from tam_calibration.model.array import Array
+from tam_calibration.model.residuals import Residuals
 from tam_calibration.report.formatting import number
 from tam_calibration.report.verdict import judge
-from tam_calibration.residuals import Residuals
 
 ALL_ROUND = measure_coverage(np.random.default_rng(1).normal(size=(4000, 3)))
 NARROW = measure_coverage(np.random.default_rng(1).normal([0, 0, 1], 0.05, (4000, 3)))

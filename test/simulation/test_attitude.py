@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.exceptions import InputError
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.simulation.attitude import (
     Manoeuvre,
     RandomAttitudes,

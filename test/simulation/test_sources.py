@@ -8,14 +8,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 
-from tam_calibration.exceptions import InputError
-from tam_calibration.localization.dipole import Dipole
-from tam_calibration.simulation.sources import (
-    ObservedDrift,
-    RampDrift,
-    SinusoidDrift,
-    field_from_elements,
-)
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.simulation.sources import ObservedDrift, RampDrift, SinusoidDrift, field_from_elements
+from tam_calibration.sources.dipole import Dipole
 
 SITE = np.array([-4e-6, 25e-6, -48e-6])
 VECTORS = arrays(float, 3, elements=st.floats(-5, 5))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.calibration import EffectSize
-from tam_calibration.effects.fitted import Contribution, FittedEffect
-from tam_calibration.exceptions import InputError
+from tam_calibration.correction.calibration import EffectSize
 from tam_calibration.fit import calibrate
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.simulation.twin import twin
 
 DRIFT = FittedEffect(

@@ -1,0 +1,316 @@
+"""The result of a fit: the sensors' errors with their covariance, how good they are, and how to apply them."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.linalg import inv
+
+from tam_calibration.effects.removal import added_to, of_sensors, removable
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.residuals import Residuals
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class AmbientGradientEstimate:
+    """The gradient that a fit found in the field of its recording, in the world of the attitude.
+
+    Parameters
+    ----------
+    tensor_T_per_m : (3, 3) array
+        Symmetric and trace-free, T/m.
+    standard_errors_T_per_m : (3, 3) array
+        Of each component, T/m.
+    """
+
+    tensor_T_per_m: FloatArray
+    standard_errors_T_per_m: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class EffectSize:
+    """What an effect does to the outputs of an array that takes it for field: T and T/m.
+
+    Parameters
+    ----------
+    rms : (9,) array
+        Root mean square over the recording of the calibration.
+    standard_errors : (9,) array
+        The same of what is not known of it.
+    """
+
+    rms: FloatArray
+    standard_errors: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class KnownSource:
+    """What a source of known place and strength showed of the array; array and errors of the calibration hold it.
+
+    Parameters
+    ----------
+    baseline_scale, baseline_scale_standard_error : float
+        True distances of the sensors from the centre over the stated ones.
+    rotation, rotation_standard_errors : (3,) array
+        Rotation vector from the array frame to the frame of the uniform field's calibration, radians.
+    axis_offsets_standard_errors_m : (K, 3, 3) array
+        Of ``array.axis_offsets_m``, metres.
+    reduced_chi_square : float
+        Squared residuals over the noise of the amplitudes, per degree of freedom.
+    """
+
+    baseline_scale: float
+    baseline_scale_standard_error: float
+    rotation: FloatArray
+    rotation_standard_errors: FloatArray
+    axis_offsets_standard_errors_m: FloatArray
+    reduced_chi_square: float
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """The recording that a calibration came from: file name, size and SHA-256 of its bytes."""
+
+    name: str
+    size_bytes: int
+    sha256: str
+
+
+__all__ = [
+    "FRAME_STATEMENT",
+    "AmbientGradientEstimate",
+    "Calibration",
+    "Corrected",
+    "EffectSize",
+    "KnownSource",
+    "Provenance",
+]
+
+FRAME_STATEMENT = (
+    "The array frame is the orthogonal frame of sensor 1: z along its z axis, y in the plane of its y and z axes. "
+    "A uniform field cannot see how that frame is turned against the baselines: of the 12 K parameters the three of "
+    "this common rotation stay unknown and are taken as zero."
+)
+SCALE_STATEMENT = (
+    "Without a scalar reference the absolute scale is unknown: the determinants of the matrices are given the "
+    "geometric mean 1, and the intensity is told on that scale."
+)
+GRADIENT_STATEMENT = (
+    "The field of the recording was taken to have a gradient, the same throughout in the world of the attitude; it was "
+    "fitted together with the errors, and residuals are those without it."
+)
+
+EFFECTS_STATEMENT = (
+    "Effects were fitted together with the errors; residuals are those without what they add, and data are corrected "
+    "without it. An effect of the site stays in the data."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """Centre vector and magnetic gradient tensor in the array frame.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Time stamps of the recording, seconds.
+    outputs : (N, 9) array
+        Columns ``array.OUTPUT_NAMES``: bx by bz in tesla, gxx gxy gxz gyy gyz gzz in T/m; the gradient is
+        NaN where the array's geometry has none.
+    standard_errors : (9,) array
+        Standard error of each column: sensor noise and the calibration's own uncertainty.
+    """
+
+    time_s: FloatArray
+    outputs: FloatArray
+    standard_errors: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """The estimated errors of an array's sensors.
+
+    Parameters
+    ----------
+    method : str
+        Name of the fit.
+    array : Array
+        Geometry, and the noise that the fit used.
+    noise_is_estimated : bool
+        Whether a noise was not stated and was estimated from the recording.
+    errors : SensorErrors
+        The estimate. What the data cannot determine is zero: see ``statements``.
+    covariance : (12 K, 12 K) array, optional
+        Of ``errors.to_vector()`` flattened, SI; zero for what is fixed. None where it was not to be had.
+    has_scalar_reference : bool
+        Whether the absolute scale comes from a scalar reference.
+    intensity_T : float
+        Mean intensity of the field of the recording: the reference's, or the fitted constant, tesla.
+    before, in_sample, floor : Residuals
+        Residuals of the raw and of the corrected recording, and what sensor noise alone makes.
+    samples : int
+        Number of samples of the recording.
+    time_span_s : (float, float)
+        First and last time stamp of the recording, seconds.
+    coverage : float
+        Part of the sphere of field directions that the recording visited, 0 to 1.
+    reduced_chi_square : dict
+        ``differential`` (between sensors) and ``common_mode`` (against the scalar) whitened residual energy per
+        degree of freedom; 1 when noise alone is left. Empty where there is no redundancy.
+    warnings : tuple of str
+        What speaks against trusting the calibration, one sentence each.
+    held_out : Residuals, optional
+        Residuals of samples that the fit did not see.
+    source : Provenance, optional
+        Where the recording came from.
+    ambient_gradient : AmbientGradient, optional
+        What was fitted beside the errors, where that was asked for.
+    frame : str
+        What the array frame of the errors is, one or more sentences.
+    effects : tuple of FittedEffect
+        Fitted together with the errors, where that was asked for; what goes with the array is taken off what is
+        corrected.
+    effect_sizes : tuple of EffectSize
+        Of each effect, where they are known.
+    known_source : KnownSource, optional
+        What completed the calibration, where a source was recorded.
+    """
+
+    method: str
+    array: Array
+    noise_is_estimated: bool
+    errors: SensorErrors
+    covariance: FloatArray | None
+    has_scalar_reference: bool
+    intensity_T: float
+    before: Residuals
+    in_sample: Residuals
+    floor: Residuals
+    samples: int
+    time_span_s: tuple[float, float]
+    coverage: float
+    reduced_chi_square: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    held_out: Residuals | None = None
+    source: Provenance | None = None
+    ambient_gradient: AmbientGradientEstimate | None = None
+    frame: str = FRAME_STATEMENT
+    effects: tuple[FittedEffect, ...] = ()
+    effect_sizes: tuple[EffectSize, ...] = ()
+    known_source: KnownSource | None = None
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """What holds for the frame, and what the data could not determine."""
+        scale = () if self.has_scalar_reference else (SCALE_STATEMENT,)
+        gradient = () if self.ambient_gradient is None else (GRADIENT_STATEMENT,)
+        effects = (EFFECTS_STATEMENT,) if self.effects else ()
+        return (self.frame, *scale, *gradient, *effects)
+
+    def is_of(self, array: Array) -> bool:
+        """Whether it is of an array as stated, whose baselines a known source may have corrected since."""
+        if self.known_source is None or self.array.has_geometry_of(array):
+            return self.array.has_geometry_of(array)
+        stated = self.array.positions_m / self.known_source.baseline_scale
+        return replace(self.array, positions_m=stated, axis_offsets_m=None).has_geometry_of(array)
+
+    @cached_property
+    def standard_errors(self) -> FloatArray:
+        """(K, 12) standard errors in the order of ``errors.PARAMETER_NAMES``; NaN where unknown."""
+        shape = (self.errors.sensor_count, 12)
+        if self.covariance is None:
+            return np.full(shape, np.nan)
+        return np.sqrt(np.diag(self.covariance)).reshape(shape)
+
+    @cached_property
+    def correction_matrix(self) -> FloatArray:
+        """(9, 3K) matrix C of outputs = C (y - o), y the stacked raw readings and o the stacked biases."""
+        sensors = self.array.operator.reshape(9, -1, 3)
+        matrix: FloatArray = np.einsum("rki,kij->rkj", sensors, inv(self.errors.matrix)).reshape(9, -1)
+        return matrix
+
+    @cached_property
+    def output_standard_errors(self) -> FloatArray:
+        """(9,) standard errors of the outputs: sensor noise, the calibration's own error and that of its effects.
+
+        The second part is the root mean square over all directions of a field of the calibration's intensity.
+        """
+        errors: FloatArray = np.sqrt(np.diag(self.output_covariance))
+        return errors
+
+    @cached_property
+    def output_covariance(self) -> FloatArray:
+        """(9, 9) covariance of the outputs, as localisation needs it: what their standard errors are of.
+
+        Effects count as independent from output to output.
+        """
+        assert self.array.vector_noise_T is not None
+        noise = self.correction_matrix * np.repeat(self.array.vector_noise_T**2, 3) @ self.correction_matrix.T
+        effects = sum((size.standard_errors**2 for size in self.effect_sizes), start=np.zeros(9))
+        covariance: FloatArray = noise + self._calibration_covariance() + np.diag(effects)
+        return covariance
+
+    def _calibration_covariance(self) -> FloatArray:
+        if self.covariance is None:
+            return np.zeros((9, 9))
+        sensor_count = self.errors.sensor_count
+        # d output = -C_i (dM_i b + do_i)
+        sensors = self.correction_matrix.reshape(9, sensor_count, 3)
+        by_parameter = np.einsum("rki,kidp->rdkp", sensors, self.errors.jacobian()).reshape(9, 4, -1)
+        mean_square = np.array([*[self.intensity_T**2 / 3] * 3, 1.0])
+        covariance: FloatArray = np.einsum(
+            "rdp,pq,sdq,d->rs", by_parameter, self.covariance, by_parameter, mean_square, optimize=True
+        )
+        return covariance
+
+    def correct(self, recording: Recording) -> Corrected:
+        """Return the centre vector and gradient tensor of raw readings, what the effects of the sensors add taken off.
+
+        Raises
+        ------
+        InputError
+            When the recording has another number of sensors or lacks a channel that an effect needs, or its readings
+            are not geomagnetic in tesla.
+        """
+        self._check(recording)
+        readings = recording.readings_T
+        if effects := of_sensors(self.effects):
+            added = added_to(recording, effects, self.errors, self.array)[:, :-1]
+            readings = readings - added.reshape(readings.shape)
+        return Corrected(recording.time_s, self.apply(readings), self.output_standard_errors)
+
+    def without_effects(self, recording: Recording) -> Recording:
+        """Return the recording as it would be if no effect had added to its sensors and its scalar.
+
+        Raises
+        ------
+        InputError
+            As ``correct``.
+        """
+        self._check(recording)
+        effects = removable(self.effects)
+        if not effects:
+            return recording
+        added = added_to(recording, effects, self.errors, self.array)
+        readings = recording.readings_T - added[:, :-1].reshape(recording.readings_T.shape)
+        scalar = None if recording.scalar_T is None else recording.scalar_T - added[:, -1]
+        return replace(recording, readings_T=readings, scalar_T=scalar)
+
+    def apply(self, readings_T: FloatArray) -> FloatArray:
+        """Return the (N, 9) outputs of (N, K, 3) readings without effects; no sample depends on its neighbours."""
+        unbiased = (readings_T - self.errors.bias_T).reshape(len(readings_T), -1)
+        outputs: FloatArray = np.einsum("nj,ij->ni", unbiased, self.correction_matrix)
+        return outputs
+
+    def _check(self, recording: Recording) -> None:
+        if recording.sensor_count != self.errors.sensor_count:
+            raise InputError(
+                f"the calibration is of {self.errors.sensor_count} sensors, the recording of {recording.sensor_count}: "
+                "use the calibration of this array"
+            )
+        recording.check_units(self.array.field)

@@ -1,0 +1,105 @@
+"""Correcting samples as they arrive, in batches of any size, with what is known of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tam_calibration.correction.calibration import Calibration, Corrected
+from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.removal import EffectStream, linear_effect, on_sensors
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedBatch:
+    """The results of a batch of samples.
+
+    Parameters
+    ----------
+    outputs : (N, 9) array
+        As in ``Corrected``.
+    standard_errors : (N, 9) array
+        Of each; an effect that could not be taken off counts with its size over the recording of the calibration.
+    left_in : tuple of str
+        Names of the effects that could not be taken off some of the samples.
+    """
+
+    outputs: FloatArray
+    standard_errors: FloatArray
+    left_in: tuple[str, ...]
+
+
+def correct(recording: Recording, calibration: Calibration) -> Corrected:
+    """Return the calibrated field at the array's centre and the magnetic gradient tensor of raw readings.
+
+    Parameters
+    ----------
+    recording : Recording
+        Readings (N, K, 3), tesla, of the array that was calibrated.
+    calibration : Calibration
+        Whose errors and effects are taken off.
+
+    Returns
+    -------
+    Corrected
+        (N, 9) outputs in the array frame, tesla and T/m, and the standard error of each column.
+
+    Raises
+    ------
+    InputError
+        When the recording has another number of sensors or lacks a channel that an effect needs, or its readings are
+        not geomagnetic in tesla.
+    """
+    return calibration.correct(recording)
+
+
+def why_left_in(name: str) -> str:
+    """Return, in one clause, what keeps an effect from being taken off samples as they arrive."""
+    effect = effect_named(name)
+    if isinstance(effect, LinearEffect) and not effect.is_causal:
+        return f"{name} needs later samples, tam correct takes it off a recording"
+    channels = " and ".join(channel.partition("_")[0] for channel in effect.channels)
+    return f"{name} needs the {channels}, and none arrives"
+
+
+class Correction:
+    """Corrects the samples of one run in the order of time; the same as ``Calibration.correct`` of all of them.
+
+    An effect stays in samples whose channels it needs are silent, and in all where it needs samples that are still
+    to come: the standard errors then say so.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Whose effects are taken off.
+    """
+
+    def __init__(self, calibration: Calibration) -> None:
+        self._calibration = calibration
+        sizes = zip(calibration.effects, calibration.effect_sizes, strict=True)
+        own = [(on_sensors(fitted), size.rms) for fitted, size in sizes]
+        kept = [(fitted, rms) for fitted, rms in own if fitted is not None]
+        kept.sort(key=lambda one: not linear_effect(one[0]).is_causal)
+        live = [fitted for fitted, _ in kept if linear_effect(fitted).is_causal]
+        self._names = tuple(fitted.effect for fitted, _ in kept)
+        self._squares = np.array([rms**2 for _, rms in kept]).reshape(-1, 9)
+        self._stream = EffectStream(live, calibration.errors, calibration.array) if live else None
+
+    @property
+    def takes_off(self) -> tuple[str, ...]:
+        """Names of the effects that go with the array."""
+        return self._names
+
+    def correct(self, recording: Recording) -> CorrectedBatch:
+        """Return the results of the next samples."""
+        readings = recording.readings_T
+        is_left = np.ones((recording.sample_count, len(self._names)), dtype=bool)
+        if self._stream is not None:
+            added = self._stream.added(recording)
+            readings = readings - added.rows_T[:, :-1].reshape(readings.shape)
+            is_left[:, : added.is_known.shape[1]] = ~added.is_known
+        variance = self._calibration.output_standard_errors**2 + is_left @ self._squares
+        left_in = tuple(name for name, left in zip(self._names, is_left.T, strict=True) if left.any())
+        return CorrectedBatch(self._calibration.apply(readings), np.sqrt(variance), left_in)

@@ -1,0 +1,104 @@
+"""Recursions over samples: first-order lags, x' = (drive - x) / τ, and what they hold from one batch to the next."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.model.units import FloatArray
+
+
+class Memory:
+    """The last values of the recursions that the terms of an effect go through.
+
+    They go through the same recursions in the same order for every batch, so that these need no names: each recalls
+    what it kept at the end of the batch before, and keeps what it needs at the start of the next.
+    """
+
+    def __init__(self) -> None:
+        self._kept: list[Any] = []
+        self._turn = 0
+
+    def rewind(self) -> None:
+        """Begin a batch: the first recursion has its turn."""
+        self._turn = 0
+
+    def recall(self) -> Any:
+        """Return what the recursion whose turn it is kept of the batch before; None in the first batch."""
+        return self._kept[self._turn] if self._turn < len(self._kept) else None
+
+    def keep(self, value: Any) -> None:
+        """Keep a value for the next batch, and give the turn to the next recursion."""
+        self._kept[self._turn : self._turn + 1] = [value]
+        self._turn += 1
+
+
+def lagged(drive: FloatArray, time_s: FloatArray, time_constant_s: float, memory: Memory | None = None) -> FloatArray:
+    """Return a drive (N,) or (N, C) after a first-order lag, exact for a drive that is linear between samples.
+
+    The lag is settled at the first sample, or goes on from where it stood in its memory; sample n depends on none
+    after it.
+    """
+    if time_constant_s <= 0:
+        return drive.copy()
+    before = None if memory is None else memory.recall()
+    if before is None:
+        state = _lagged(drive, time_s, time_constant_s, drive[:1])
+    else:
+        last_time, last_drive, last_state = before
+        values, times = np.concatenate([last_drive, drive]), np.concatenate([last_time, time_s])
+        state = _lagged(values, times, time_constant_s, last_state)[1:]
+    if memory is not None:
+        memory.keep((time_s[-1:], drive[-1:], state[-1:]))
+    return state
+
+
+def _lagged(drive: FloatArray, time_s: FloatArray, time_constant_s: float, initial: FloatArray) -> FloatArray:
+    values = drive.reshape(len(drive), -1)
+    step = np.diff(time_s)[:, None]
+    behind = time_constant_s * np.diff(values, axis=0) / step
+    first = initial.reshape(-1)
+    return follow(values[1:] - behind, values[:-1] - behind, first, step / time_constant_s).reshape(drive.shape)
+
+
+def lagged_smooth(drive: FloatArray, rate: FloatArray, time_s: FloatArray, time_constant_s: float) -> FloatArray:
+    """Return a drive (N, C) with known rates of change after a first-order lag, exact for cubics between samples.
+
+    Right for time constants below the step of time too, which ``lagged`` takes for a lag of half a step.
+    """
+    if time_constant_s <= 0 or len(drive) < 2:
+        return drive.copy()
+    return mode(drive, rate, time_s, time_constant_s)
+
+
+def mode(drive: FloatArray, rate: FloatArray, time_s: FloatArray, tau: complex) -> NDArray[Any]:
+    """Return x (N, C) of x' = (drive - x) / τ, settled at first, exact for cubics between samples.
+
+    A complex time constant, of positive real part, is that of an oscillation.
+    """
+    step = np.diff(time_s)[:, None]
+    slope = np.diff(drive, axis=0) / step
+    first, last = rate[:-1], rate[1:]
+    third = 6 * (first + last - 2 * slope) / step**2
+    second = 2 * (3 * slope - 2 * first - last) / step
+    second_at_end = second + third * step
+    # A cubic p is followed by p - τ p' + τ² p'' - τ³ p''' and a transient.
+    end = drive[1:] - tau * (last - tau * (second_at_end - tau * third))
+    start = drive[:-1] - tau * (first - tau * (second - tau * third))
+    return follow(end, start, drive[0] - tau * rate[0], step / tau)
+
+
+def follow(end: NDArray[Any], start: NDArray[Any], initial: NDArray[Any], ratio: NDArray[Any]) -> NDArray[Any]:
+    """Return x (N, C) of x_n = end_n + exp(-ratio_n) (x_{n-1} - start_n), by doubling the reach of each sample.
+
+    Ends and starts are (N - 1, C), of the samples after the first; ratios the same or (N - 1, 1).
+    """
+    decay = np.exp(-ratio)
+    factor = np.concatenate([np.zeros_like(decay[:1]), decay]) if len(decay) else np.zeros((1, 1))
+    state = np.concatenate([initial[None], end - decay * start])
+    reach = 1
+    while reach < len(state) and np.abs(factor[reach:]).max() > np.finfo(float).eps:
+        state[reach:] += factor[reach:] * state[:-reach]
+        factor[reach:] *= factor[:-reach].copy()
+        reach *= 2
+    return state

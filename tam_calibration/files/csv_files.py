@@ -1,0 +1,221 @@
+"""CSV: tables of numbers, recordings (time_s, b1x_nT … bKz_nT and the channels that there are), and corrected data."""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from tam_calibration.correction.calibration import Corrected
+from tam_calibration.files.text_files import in_file, nanotesla_to_write, write_whole
+from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS, SampleLayout
+from tam_calibration.model.array import OUTPUT_NAMES
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import NANOTESLA_PER_TESLA, TESLA_PER_FIELD_UNIT, FloatArray, from_nanotesla
+
+_EMPTY_CELL = re.compile(r"(?<=,)[ \t]*(?=,|\r?$)|^[ \t]*(?=,)", re.MULTILINE)
+
+_PIECE_CHARACTERS = 1 << 24
+
+
+def read_table(path: Path) -> tuple[list[str], FloatArray]:
+    """Return the column names and the (N, columns) numbers; an empty cell is NaN.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, has no rows or a cell that is not a number.
+    """
+    pieces = list(read_table_pieces(path))
+    names, first = pieces[0]
+    return names, first if len(pieces) == 1 else np.concatenate([table for _, table in pieces])
+
+
+def read_table_pieces(path: Path) -> Iterator[tuple[list[str], FloatArray]]:
+    """Yield the column names with some rows after the other, so that a file may be larger than memory.
+
+    Raises
+    ------
+    InputError
+        As `read_table` does, when the fault is met.
+    """
+    with _opened(path) as file:
+        header, first_line, is_empty = file.readline(), 2, True
+        if not header.strip():
+            raise InputError(f"{path} is empty, or its first line is")
+        if "\0" in header:
+            raise InputError(f"{path} is not a text file")
+        if ";" in header:
+            raise InputError(f"{path} separates its columns by semicolons: use commas, and points within numbers")
+        names = [name.strip() for name in header.split(",")]
+        while lines := file.readlines(_PIECE_CHARACTERS):
+            table = _numbers(lines, len(names))
+            if table is None:
+                raise InputError(_describe_fault(path, names, lines, first_line, is_end=not file.read(1)))
+            if len(table):
+                is_empty = False
+                yield names, table
+            first_line += len(lines)
+        if is_empty:
+            raise InputError(f"{path} holds a header but no sample")
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[TextIO]:
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            yield file
+    except OSError as problem:
+        raise InputError(f"{path} cannot be read: {problem.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text file") from None
+
+
+def _numbers(lines: list[str], width: int) -> FloatArray | None:
+    """Return the numbers of lines, or None where they are no table of that width."""
+    if not any(line.strip() for line in lines):
+        return np.empty((0, width))
+    try:
+        try:
+            table = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
+        except ValueError:
+            table = np.loadtxt(
+                _EMPTY_CELL.sub("nan", "".join(lines)).splitlines(), delimiter=",", ndmin=2, comments=None
+            )
+    except ValueError:
+        return None
+    return table if table.shape[1] == width else None
+
+
+def _describe_fault(path: Path, names: Sequence[str], lines: list[str], first_line: int, is_end: bool) -> str:
+    for number, line in enumerate(lines, start=first_line):
+        cells = line.split(",")
+        if line.strip() and len(cells) != len(names):
+            is_last = is_end and number == first_line + len(lines) - 1
+            hint = ": the file seems to be truncated" if is_last else ""
+            return f"{path} line {number} has {len(cells)} values, but the header has {len(names)} columns{hint}"
+        for name, cell in zip(names, cells, strict=False):
+            try:
+                float(cell.strip() or "nan")
+            except ValueError:
+                return f"{path} line {number} column {name}: {cell.strip()!r} is not a number"
+    return f"{path} is not a table of numbers separated by commas"
+
+
+def write_table(path: Path, names: Sequence[str], rows: FloatArray) -> None:
+    """Write a table with the shortest decimals that read back as the same numbers."""
+    write_blocks(path, names, [rows])
+
+
+def write_blocks(path: Path, names: Sequence[str], blocks: Iterable[FloatArray]) -> None:
+    """Write a table as `write_table` does, from rows that come block by block."""
+    with write_whole(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(",".join(names) + "\n")
+        for rows in blocks:
+            file.writelines(",".join(map(repr, row)) + "\n" for row in np.asarray(rows, dtype=float).tolist())
+
+
+_FIELD_COLUMN = re.compile(rf"(b([1-9]\d*)[xyz]|scalar)_({'|'.join(TESLA_PER_FIELD_UNIT)})")
+_EXPECTED = "time_s,b1x_nT,b1y_nT,b1z_nT,…[,scalar_nT][,temperature_C][,current_A][,qx,qy,qz,qw]"
+
+
+def read_csv_recording(path: Path) -> Recording:
+    """Read a recording; fields may be given in nT, uT, G or T.
+
+    Raises
+    ------
+    InputError
+        When the file is no such table, or the numbers are no recording.
+    """
+    names, table = read_table(path)
+    with in_file(path):
+        return _recording(names, table)
+
+
+def read_csv_pieces(path: Path) -> Iterator[Recording]:
+    """Yield what `read_csv_recording` returns in pieces of some ten thousand samples.
+
+    A channel without a value in a whole piece is None in that piece.
+
+    Raises
+    ------
+    InputError
+        As `read_csv_recording` does, when the fault is met.
+    """
+    count = 0
+    for names, table in read_table_pieces(path):
+        with in_file(f"{path}, samples from {count + 1}" if count else path):
+            recording = _recording(names, table)
+        count += len(table)
+        yield recording
+
+
+def _recording(names: list[str], table: FloatArray) -> Recording:
+    columns = _standard_columns(names, table)
+    layout = _layout(columns)
+    return layout.recording(np.column_stack([columns[name] for name in layout.columns]))
+
+
+def write_csv_recording(path: Path, recording: Recording) -> None:
+    """Write a recording with its fields in nT.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    layout = SampleLayout.of(recording)
+    rows = layout.rows(recording)
+    is_field = [name.endswith("_T") for name in layout.columns]
+    rows[:, is_field] = nanotesla_to_write(rows[:, is_field])
+    write_table(path, [re.sub("_T$", "_nT", name) for name in layout.columns], rows)
+
+
+def _standard_columns(names: list[str], table: FloatArray) -> dict[str, FloatArray]:
+    """Return the columns by their names in SI."""
+    known = {"time_s", *(column for columns in CHANNEL_COLUMNS.values() for column in columns)}
+    columns: dict[str, FloatArray] = {}
+    for name, values in zip(names, table.T, strict=True):
+        standard = name
+        if match := _FIELD_COLUMN.fullmatch(name):
+            standard, values = f"{match[1]}_T", _to_tesla(values, match[3])
+        elif name not in known:
+            raise InputError(f"column {name!r} is not known: a recording has the columns {_EXPECTED}")
+        if standard in columns:
+            raise InputError(f"column {name!r} is there twice")
+        columns[standard] = values
+    return columns
+
+
+def _to_tesla(values: FloatArray, unit: str) -> FloatArray:
+    # Divisions by whole numbers round decimals correctly; so microtesla and gauss go like nanotesla.
+    return values if unit == "T" else from_nanotesla(values * round(TESLA_PER_FIELD_UNIT[unit] * NANOTESLA_PER_TESLA))
+
+
+def _layout(columns: dict[str, FloatArray]) -> SampleLayout:
+    sensors = [int(match[1]) for name in columns if (match := re.match(r"b(\d+)", name))]
+    if not sensors:
+        raise InputError(f"there is no sensor's column: a recording has the columns {_EXPECTED}")
+    layout = SampleLayout(max(sensors), *(any(name in columns for name in group) for group in CHANNEL_COLUMNS.values()))
+    missing = [name for name in layout.columns if name not in columns]
+    if missing:
+        raise InputError(f"column {missing[0].replace('_T', '_nT')} is missing (of {max(sensors)} sensors)")
+    return layout
+
+
+COLUMNS = ("time_s", *(f"{name}_nT" if name.startswith("b") else f"{name}_nT_per_m" for name in OUTPUT_NAMES))
+
+
+def write_csv_corrected(path: Path, pieces: Iterable[Corrected]) -> None:
+    """Write the centre vector in nT and the gradient tensor in nT/m, piece by piece; nan where there is no gradient.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    blocks = (np.column_stack([piece.time_s, nanotesla_to_write(piece.outputs)]) for piece in pieces)
+    write_blocks(path, COLUMNS, blocks)

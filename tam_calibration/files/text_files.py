@@ -1,0 +1,118 @@
+"""Text files: written whole or not at all, problems told with the file's name, numbers that read back exactly."""
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
+
+
+@contextmanager
+def in_file(path: Path | str) -> Iterator[None]:
+    """Put the name of a file before the message of an `InputError`."""
+    try:
+        yield
+    except InputError as problem:
+        raise InputError(f"{path}: {problem}") from None
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file.
+
+    Raises
+    ------
+    InputError
+        When there is no such file, it cannot be read, is empty or is not text.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as problem:
+        raise InputError(f"{path} cannot be read: {problem.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text file") from None
+    if not text.strip():
+        raise InputError(f"{path} is empty")
+    return text
+
+
+@contextmanager
+def write_whole(path: Path) -> Iterator[Path]:
+    """Give a place to write a file or folder to, and move it to its path when that went well.
+
+    A file that was there is replaced at once; a folder that was there is never replaced. After a failure
+    everything is as it was.
+
+    Parameters
+    ----------
+    path : Path
+        Where the file or folder shall be.
+
+    Yields
+    ------
+    Path
+        Path of the same name in a temporary folder beside the target.
+
+    Raises
+    ------
+    InputError
+        When the target cannot be written.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path} is a folder that exists already: choose another name, or remove it")
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path} is not a regular file: choose another name")
+    try:
+        folder = TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent)
+    except OSError as problem:
+        raise InputError(f"{path} cannot be written: {problem.strerror} ({path.parent})") from None
+    with folder as name:
+        beside = Path(name, path.name)
+        try:
+            yield beside
+            os.replace(beside, path)
+        except OSError as problem:
+            if problem.filename is None or str(problem.filename).startswith(name):
+                raise InputError(f"{path} cannot be written: {problem.strerror}") from problem
+            raise
+
+
+def to_json(content: Mapping[str, Any]) -> str:
+    """Return JSON text; NaN and infinity, which JSON has not, become null."""
+    return json.dumps(_without_nan(content), ensure_ascii=False, indent=1)
+
+
+def _without_nan(content: Any) -> Any:
+    if isinstance(content, Mapping):
+        return {key: _without_nan(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_without_nan(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
+
+
+def nanotesla_to_write(tesla: FloatArray) -> FloatArray:
+    """Return nanotesla that `units.from_nanotesla` turns back into the same tesla, to the last bit where it can be."""
+    return _invert(tesla, to_nanotesla, from_nanotesla)
+
+
+def degrees_to_write(radians: FloatArray) -> FloatArray:
+    """Return degrees that `units.from_degrees` turns back into the same radians, to the last bit where it can be."""
+    return _invert(radians, to_degrees, from_degrees)
+
+
+def _invert(
+    values: FloatArray, forward: Callable[[FloatArray], FloatArray], backward: Callable[[FloatArray], FloatArray]
+) -> FloatArray:
+    best = forward(np.asarray(values, dtype=float))
+    for candidate in (np.nextafter(best, -np.inf), np.nextafter(best, np.inf)):
+        mends = (backward(best) != values) & (backward(candidate) == values)
+        best = np.where(mends, candidate, best)
+    return best

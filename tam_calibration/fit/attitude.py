@@ -1,0 +1,209 @@
+"""What recorded attitude adds to a fit: the turn of the common frame, and the gradient of the ambient field."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.correction.calibration import AmbientGradientEstimate
+from tam_calibration.effects.ambient_gradient import require_attitude, without_gradient
+from tam_calibration.fit.channel_maps import Turning
+from tam_calibration.model.array import UNIT_TENSORS, Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
+
+FRAME_STATEMENT = (
+    "The array frame is the one whose attitude was recorded. It was found from the uniform field, "
+    "which stands still in the world while the array turns."
+)
+
+_SMALLEST_SHARE = 1e-3
+
+
+def into_array_frame(errors: SensorErrors, recording: Recording) -> SensorErrors:
+    """Return errors with their common frame turned into the one whose attitude was recorded.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        In any frame that is fixed to the array, such as that of sensor 1.
+    recording : Recording
+        Samples in a uniform field with attitude.
+
+    Returns
+    -------
+    SensorErrors
+        The misalignment of sensor 1 is no longer zero.
+
+    Raises
+    ------
+    InputError
+        When the recording has no attitude, or the array was not turned about two axes.
+    """
+    from scipy.spatial.transform import Rotation
+
+    if recording.attitude is None:
+        raise InputError("the recording has no attitude: without it the frame of the array is not to be found")
+    field = errors.restore(recording.readings_T).mean(axis=1)
+    field = field / np.sqrt(np.mean(np.sum(field**2, axis=1)))
+    to_world = Rotation.from_quat(recording.attitude).as_matrix()
+    turn = find_turn(field, to_world)
+    return SensorErrors.from_matrix(errors.matrix @ turn.T, errors.bias_T)
+
+
+def find_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
+    """Return the rotation X (3, 3) with which to_world X field (N, 3) is nearest to one vector w; field of order one.
+
+    The sum of |X b - Qᵀ w|² is quadratic in X and w together; w is eliminated, and the best X of unit norm is an
+    eigenvector, the nearest rotation to which is taken.
+    """
+    mixed = np.einsum("naj,ni->jia", to_world, field).reshape(9, 3)
+    residuals = np.kron(np.eye(3), field.T @ field) - mixed @ mixed.T / len(field)
+    values, vectors = np.linalg.eigh(residuals)
+    if values[1] < _SMALLEST_SHARE * len(field):
+        raise InputError("the attitude does not determine the frame: turn the array about two axes at least")
+    found = vectors[:, 0].reshape(3, 3)
+    left, _, right = np.linalg.svd(found * np.sign(np.linalg.det(found)))
+    turn: FloatArray = left @ right
+    return turn
+
+
+_OPEN = 1e-12
+
+_LARGEST_ANGLE = from_degrees(10.0)
+"""Of the field in the world of the attitude; more is not noise of the attitude."""
+
+
+def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
+    """Return attitudes that agree with the field, which all but stands still in the world.
+
+    Parameters
+    ----------
+    attitude : (N, 4) array
+        As recorded: turned against the array by a fixed angle, and in error from sample to sample.
+    field : (N, 3) array
+        At the centre in the array frame, in any unit.
+
+    Returns
+    -------
+    (N, 4) array
+        Without the fixed turn, and with what is left of each error about the field alone, which cannot be seen.
+
+    Raises
+    ------
+    InputError
+        When the array was not turned about two axes, or the attitudes are not those of the readings.
+    """
+    from scipy.spatial.transform import Rotation
+
+    recorded = Rotation.from_quat(attitude)
+    field = field / norm(field, axis=1, keepdims=True)
+    to_world = recorded * Rotation.from_matrix(find_turn(field, recorded.as_matrix()))
+    seen = to_world.apply(field)
+    mean = seen.mean(axis=0) / norm(seen.mean(axis=0))
+    axis = np.cross(seen, mean)
+    sine = norm(axis, axis=1)
+    angle = np.arctan2(sine, seen @ mean)
+    if np.median(angle) > _LARGEST_ANGLE:
+        degrees = to_degrees(float(np.median(angle)))
+        raise InputError(
+            f"the field of the readings does not stand still in the world of the attitude but turns by {degrees:.0f}°: "
+            "attitude must be the turn from the array to the world, x y z w, at the time of the sample"
+        )
+    back = axis * (angle / np.maximum(sine, np.finfo(float).tiny))[:, None]
+    quaternions: FloatArray = (Rotation.from_rotvec(back) * to_world).as_quat()
+    return quaternions
+
+
+def turning_of(recording: Recording, array: Array, field: FloatArray) -> Turning:
+    """Return how a recording with attitude turned the array, its fields (N, 3) at the centre known in any unit."""
+    assert recording.attitude is not None
+    at_center = np.zeros(3)
+    scalar_position = at_center if array.scalar_position_m is None else array.scalar_position_m
+    return Turning(aligned(recording.attitude, field), array.positions_m, scalar_position)
+
+
+def as_if_uniform(
+    source: SampleSource, errors: SensorErrors, array: Array, gradient: AmbientGradientEstimate | None
+) -> SampleSource:
+    """Return samples as they would be in a uniform field, their attitudes aligned; themselves without a gradient.
+
+    Raises
+    ------
+    InputError
+        When there is a gradient and the recording has no attitude that belongs to it.
+    """
+    if gradient is None:
+        return source
+    known = require_attitude(source.whole())
+    assert known.attitude is not None
+    attitude = aligned(known.attitude, errors.restore(known.readings_T).mean(axis=1))
+    return without_gradient(replace(known, attitude=attitude), errors, array, gradient.tensor_T_per_m)
+
+
+def marginal_information(information: FloatArray, free: np.ndarray) -> tuple[FloatArray, FloatArray]:
+    """Return the information of the rows with the gradient unknown, and the covariance of the gradient.
+
+    Parameters
+    ----------
+    information : (12 K + 5, 12 K + 5) array
+        Of rows and gradient together.
+    free : (12 K,) array of bool
+        Rows that are fitted; the others are known.
+
+    Returns
+    -------
+    (12 K, 12 K) array
+        Of all rows.
+    (5, 5) array
+        Infinite where the data leave the gradient open.
+    """
+    count = len(free)
+    rows, cross, own = information[:count, :count], information[:count, count:], information[count:, count:]
+    scale = 1 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    scaled = information * np.outer(scale, scale)
+    kept = np.flatnonzero(free)
+    left = (
+        scaled[count:, count:]
+        - scaled[count:, kept] @ np.linalg.lstsq(scaled[np.ix_(kept, kept)], scaled[kept, count:], rcond=_OPEN)[0]
+    )
+    values, vectors = np.linalg.eigh(left)
+    if values[0] <= _OPEN:
+        return rows, np.full((5, 5), np.inf)
+    inverse = (vectors / values) @ vectors.T
+    return rows - cross @ np.linalg.solve(own, cross.T), inverse * np.outer(scale[count:], scale[count:])
+
+
+def gradient_of(components: FloatArray, covariance: FloatArray, unit_T: float) -> AmbientGradientEstimate:
+    """Return the tensor of fitted components (5,) per metre, in units of a field, with its standard errors."""
+    basis = UNIT_TENSORS.reshape(5, 9)
+    variance = np.einsum("pi,pq,qi->i", basis, covariance, basis).reshape(3, 3)
+    return AmbientGradientEstimate(unit_T * np.tensordot(components, UNIT_TENSORS, 1), unit_T * np.sqrt(variance))
+
+
+def require_gradient_determined(covariance: FloatArray, vector_noise: FloatArray, array: Array) -> None:
+    """Check that the recording tells more of the gradient than a calibrated array would in a single sample.
+
+    Parameters
+    ----------
+    covariance : (5, 5) array
+        Of the gradient's components, per square metre.
+    vector_noise : (K,) array
+        In the same unit of field.
+    array : Array
+        Its longest lever turns a gradient into a field.
+
+    Raises
+    ------
+    InputError
+        When it does not.
+    """
+    variance = np.append(np.diag(covariance), covariance[0, 0] + 2 * covariance[0, 3] + covariance[3, 3])
+    lever_m = norm(array.positions_m, axis=1).max()
+    if not (np.isfinite(variance).all() and lever_m * np.sqrt(variance.max()) <= vector_noise.max()):
+        raise InputError(
+            "the attitudes do not tell an ambient gradient from the errors of the sensors: turn the array about "
+            "several axes and in as many attitudes as it takes, or calibrate where the field is uniform"
+        )

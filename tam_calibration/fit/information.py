@@ -1,0 +1,293 @@
+"""The Fisher information of samples, taken apart, and the Cramér–Rao bound that follows from it.
+
+A sample's 3K + 1 readings without its three field components are 3K - 3 differential channels, which are affine in the
+field, and one common mode, the residual of the intensity. The information of all samples is therefore one 9 × 9 matrix,
+by the elements of an ellipsoid, and one 4 × 4 matrix, by those of an affine map, whatever the number of sensors; a
+sample adds an outer product to each, so that the worth of one more attitude costs next to nothing.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.linalg import inv, norm
+
+from tam_calibration.fit.coverage import ellipsoid_rows
+from tam_calibration.fit.likelihood import Likelihood
+from tam_calibration.fit.scale import free_scale_gradient
+from tam_calibration.model.array import Array
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+
+
+def bound(field_T: FloatArray, errors: SensorErrors, array: Array, has_scalar: bool) -> FloatArray:
+    """Return the smallest covariance of the parameters for given fields.
+
+    Parameters
+    ----------
+    field_T : (N, 3) array
+        Uniform fields in the array frame, tesla.
+    errors : SensorErrors
+        The truth; the misalignment of sensor 1 counts as known, see ``Calibration.statements``.
+    array : Array
+        With every noise stated.
+    has_scalar : bool
+        Whether each field's intensity was read with the array's scalar noise. Otherwise the intensity is an unknown
+        constant, the scale is free and the mean determinant is fixed.
+
+    Returns
+    -------
+    (12 K, 12 K) array
+        In the order of ``SensorErrors.to_vector`` flattened, SI; infinite on the diagonal where undetermined.
+    """
+    assert array.vector_noise_T is not None
+    assert array.scalar_noise_T is not None
+    intensity = np.linalg.norm(field_T, axis=1)
+    unit = float(intensity.mean())
+    scalar_noise = array.scalar_noise_T / unit if has_scalar else 0.0
+    likelihood = Likelihood(errors.distort(field_T) / unit, intensity / unit, array.vector_noise_T / unit, scalar_noise)
+    point = likelihood.linearize(errors.matrix, errors.bias_T / unit)
+    return parameter_covariance(point.information, errors, unit, None if has_scalar else unit)
+
+
+def parameter_covariance(
+    information: FloatArray, errors: SensorErrors, unit_T: float, free_intensity_T: float | None
+) -> FloatArray:
+    """Return the covariance of the parameters from the information of the rows [D Λ | o].
+
+    Parameters
+    ----------
+    information : (12 K, 12 K) array
+        Of the rows [D Λ | o], fields and biases in units of ``unit_T``.
+    errors : SensorErrors
+        Where it was linearised.
+    unit_T : float
+        Unit of field of the information, tesla.
+    free_intensity_T : float, optional
+        The fitted constant intensity where no scalar reference fixes the scale.
+
+    Returns
+    -------
+    (12 K, 12 K) array
+        Zero for the fixed misalignment of sensor 1, infinite on the diagonal where the data leave a parameter open.
+    """
+    count = errors.sensor_count
+    # Without a reference the rows of D Λ enter times the intensity F: d(F D Λ) = F d(D Λ) + D Λ dF.
+    factor = 1.0 if free_intensity_T is None else free_intensity_T / unit_T
+    jacobian: FloatArray = _by_parameters(errors.jacobian() * np.array([factor, factor, factor, 1 / unit_T])[:, None])
+    free = np.ones(12 * count, dtype=bool)
+    free[9:12] = False
+    basis: FloatArray = np.eye(12 * count)[:, free]
+    if free_intensity_T is not None:
+        by_intensity = np.concatenate([errors.matrix, np.zeros((count, 3, 1))], axis=2).reshape(-1, 1)
+        jacobian = np.hstack([jacobian, by_intensity])
+        basis = _kept(np.append(free_scale_gradient(errors), 0.0), np.append(free, True))
+    covariance = _invert(jacobian.T @ information @ jacobian, basis)
+    return covariance[: 12 * count, : 12 * count]
+
+
+def _by_parameters(blocks: FloatArray) -> FloatArray:
+    count = len(blocks)
+    matrix = np.zeros((count, 12, count, 12))
+    for index, block in enumerate(blocks):
+        matrix[index, :, index] = block.reshape(12, 12)
+    return matrix.reshape(12 * count, 12 * count)
+
+
+def _kept(gradient: FloatArray, free: np.ndarray) -> FloatArray:
+    """Return a basis of the free directions along which a constraint's gradient vanishes."""
+    _, _, right = np.linalg.svd(np.where(free, gradient, 0.0)[None, free])
+    basis = np.zeros((len(free), int(free.sum()) - 1))
+    basis[free] = right[1:].T
+    return basis
+
+
+def _invert(information: FloatArray, basis: FloatArray) -> FloatArray:
+    """Return basis (basisᵀ I basis)⁻¹ basisᵀ, with an infinite variance of what the information leaves open."""
+    inside = basis.T @ information @ basis
+    scale = 1 / np.sqrt(np.maximum(np.diag(inside), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(inside * np.outer(scale, scale))
+    seen = values > 1e-13 * values[-1]
+    directions = basis @ (scale[:, None] * vectors)
+    covariance: FloatArray = (directions[:, seen] / values[seen]) @ directions[:, seen].T
+    # A parameter is open when an unseen direction moves it by a part of its error with all others known.
+    alone = np.linalg.norm(basis * scale, axis=1)
+    open_ = np.linalg.norm(directions[:, ~seen], axis=1) > 1e-2 * np.maximum(alone, np.finfo(float).tiny)
+    covariance[np.diag_indices_from(covariance)] = np.where(open_, np.inf, np.diag(covariance))
+    return covariance
+
+
+_FIRST, _SECOND = np.array([[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+"""Row and column of the elements of a symmetric matrix in the order of ``ellipsoid_rows``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Fisher information of samples; the sum of two is that of both, a multiple that of as many times the samples.
+
+    Parameters
+    ----------
+    ellipsoid : (9, 9) array
+        Of the common mode, by the elements of an ellipsoid.
+    affine : (4, 4) array
+        Of each differential channel, by the elements of an affine map.
+    """
+
+    ellipsoid: FloatArray
+    affine: FloatArray
+
+    def __add__(self, other: "Information") -> "Information":
+        """Return the information of both."""
+        return Information(self.ellipsoid + other.ellipsoid, self.affine + other.affine)
+
+    def __mul__(self, factor: float) -> "Information":
+        """Return the information of so many times the samples."""
+        return Information(factor * self.ellipsoid, factor * self.affine)
+
+
+@dataclass(frozen=True, eq=False)
+class SensitivityRows:
+    """What N samples are sensitive to, in units of their noise; an index selects samples.
+
+    Parameters
+    ----------
+    ellipsoid : (N, 9) array
+        Of the common mode, by the elements of an ellipsoid.
+    affine : (N, 4) array
+        Of each differential channel, by the elements of an affine map: field and 1.
+    """
+
+    ellipsoid: FloatArray
+    affine: FloatArray
+
+    def __getitem__(self, index: int | slice | np.ndarray) -> "SensitivityRows":
+        """Return the rows of some samples."""
+        return SensitivityRows(np.atleast_2d(self.ellipsoid[index]), np.atleast_2d(self.affine[index]))
+
+    @property
+    def information(self) -> Information:
+        """The sum over the samples."""
+        return Information(self.ellipsoid.T @ self.ellipsoid, self.affine.T @ self.affine)
+
+
+@dataclass(frozen=True, eq=False)
+class InformationModel:
+    """How information and the variances of the parameters follow from fields, linearised at given errors.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Where it is linearised; the misalignment of sensor 1 counts as known.
+    array : Array
+        With every noise stated.
+    has_scalar : bool
+        Whether a scalar reference gives the scale; otherwise the intensity is an unknown constant and the mean
+        determinant is fixed.
+    intensity_T : float
+        Of the field, tesla.
+    """
+
+    errors: SensorErrors
+    array: Array
+    has_scalar: bool
+    intensity_T: float
+
+    def rows(self, field_T: FloatArray) -> SensitivityRows:
+        """Return the rows of samples at fields (N, 3) in the array frame, tesla."""
+        length = norm(field_T, axis=1, keepdims=True)
+        direction = field_T / length
+        scalar_noise = (self.array.scalar_noise_T or 0.0) / self.intensity_T if self.has_scalar else 0.0
+        variance = scalar_noise**2 + np.sum((direction @ self._field_covariance) * direction, axis=1, keepdims=True)
+        ellipsoid = ellipsoid_rows(direction) / np.sqrt(variance)
+        ellipsoid[:, :6] *= length / self.intensity_T
+        return SensitivityRows(ellipsoid, np.hstack([field_T / self.intensity_T, np.ones_like(length)]))
+
+    def variances(self, information: Information) -> FloatArray:
+        """Return the (12 K,) variances of the parameters, SI; infinite where undetermined."""
+        ellipsoid, affine = self.loadings
+        known, open_ = _split(information.ellipsoid)
+        known_affine, open_affine = _split(information.affine)
+        variance = np.sum((ellipsoid @ known) * ellipsoid, axis=1)
+        variance += np.sum((affine @ known_affine) * affine, axis=(1, 2))
+        is_open = norm(ellipsoid @ open_, axis=1) > 1e-2 * norm(ellipsoid, axis=1)
+        is_open |= norm(affine @ open_affine, axis=(1, 2)) > 1e-2 * norm(affine, axis=(1, 2))
+        return np.where(is_open, np.inf, variance)
+
+    def variances_with(self, information: Information, rows: SensitivityRows) -> FloatArray:
+        """Return the (N, 12 K) variances when one of N samples is added to information that is not singular."""
+        ellipsoid, affine = self.loadings
+        square = np.einsum("pki,pkj->pij", affine, affine).reshape(len(affine), 16)
+        inverse, inverse_affine = inv(information.ellipsoid), inv(information.affine)
+        # Sherman and Morrison's formula for the inverse of a matrix to which an outer product is added.
+        gain, gain_affine = rows.ellipsoid @ inverse, rows.affine @ inverse_affine
+        rest = 1 + np.sum(gain * rows.ellipsoid, axis=1, keepdims=True)
+        rest_affine = 1 + np.sum(gain_affine * rows.affine, axis=1, keepdims=True)
+        variance = np.sum((ellipsoid @ inverse) * ellipsoid, axis=1) + square @ inverse_affine.ravel()
+        outer = (gain_affine[:, :, None] * gain_affine[:, None, :]).reshape(-1, 16)
+        after: FloatArray = variance - (gain @ ellipsoid.T) ** 2 / rest - outer @ square.T / rest_affine
+        return after
+
+    @cached_property
+    def noise_units(self) -> FloatArray:
+        """(12 K,) factors that turn a bias, and a scale factor or angle times the field, into units of the noise."""
+        assert self.array.vector_noise_T is not None
+        relative = np.repeat([self.intensity_T, self.intensity_T, 1.0, self.intensity_T], 3)
+        units: FloatArray = np.outer(1 / self.array.vector_noise_T, relative).ravel()
+        return units
+
+    @cached_property
+    def loadings(self) -> tuple[FloatArray, FloatArray]:
+        """(12 K, 9) and (12 K, 3 K - 3, 4) parameters by the elements of the ellipsoid and of each affine map."""
+        count = self.errors.sensor_count
+        free = np.ones(12 * count, dtype=bool)
+        free[9:12] = False
+        in_unit = np.tile(np.repeat([1.0, 1.0, self.intensity_T, 1.0], 3), count)
+        jacobian = _block_diagonal(self.errors.jacobian()) * in_unit
+        jacobian[:, 3] /= self.intensity_T
+        common = np.tensordot(self._field_covariance @ self._whitened.T * self._weight, jacobian[..., free], 1)
+        differing = np.linalg.qr(self._whitened, mode="complete")[0][:, 3:].T * self._weight
+        symmetric = (common[_FIRST, _SECOND] + common[_SECOND, _FIRST]) / 2
+        affine = np.tensordot(differing, jacobian[..., free], 1).reshape(12 * count - 12, 12 * count - 3)
+        loadings = np.zeros((12 * count, 12 * count - 3))
+        loadings[free] = inv(np.concatenate([symmetric, common[:, 3], affine]))
+        loadings = in_unit[:, None] * (loadings if self.has_scalar else self._with_fixed_scale(loadings))
+        return loadings[:, :9], loadings[:, 9:].reshape(12 * count, -1, 4)
+
+    def _with_fixed_scale(self, loadings: FloatArray) -> FloatArray:
+        """Return the loadings with what changes the mean determinant taken out along the common scale."""
+        gradient, scale = free_scale_gradient(self.errors), self.errors.to_vector()
+        scale[:, 3:] = 0
+        return loadings - np.outer(scale, gradient @ loadings) / (gradient @ scale.ravel())
+
+    @cached_property
+    def _weight(self) -> FloatArray:
+        """(3 K,) intensity over noise of each axis."""
+        assert self.array.vector_noise_T is not None
+        return self.intensity_T / np.repeat(self.array.vector_noise_T, 3)
+
+    @cached_property
+    def _whitened(self) -> FloatArray:
+        """(3 K, 3) readings in units of their noise by the field in units of the intensity."""
+        whitened: FloatArray = self._weight[:, None] * self.errors.matrix.reshape(-1, 3)
+        return whitened
+
+    @cached_property
+    def _field_covariance(self) -> FloatArray:
+        """(3, 3) covariance of the field that the sensors agree on, in units of the intensity."""
+        return inv(self._whitened.T @ self._whitened)
+
+
+def _block_diagonal(blocks: FloatArray) -> FloatArray:
+    """Return the (3 K, 4, 12 K) derivatives of all sensors from those of each, (K, 3, 4, 12)."""
+    count = len(blocks)
+    whole = np.zeros((count, 3, 4, count, 12))
+    for index, block in enumerate(blocks):
+        whole[index, :, :, index] = block
+    return whole.reshape(3 * count, 4, 12 * count)
+
+
+def _split(information: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the pseudo-inverse, and the (M, J) directions that the information leaves open."""
+    values, vectors = np.linalg.eigh(information)
+    seen = values > 1e-13 * values[-1]
+    return (vectors[:, seen] / values[seen]) @ vectors[:, seen].T, vectors[:, ~seen]

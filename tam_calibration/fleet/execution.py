@@ -1,0 +1,113 @@
+"""Tasks on the cores of this machine, or on a Dask cluster whose workers see the same paths."""
+
+import os
+import signal
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context, parent_process
+from threading import Thread
+from typing import Any
+
+from tam_calibration.fleet.task import Task, process
+from tam_calibration.model.exceptions import InputError
+
+PRELOADED = (process.__module__, "tam_calibration.files.bag_corrected", "scipy.optimize", "scipy.spatial.transform")
+"""What every task loads sooner or later: loaded once, before the processes are forked."""
+
+
+def run_here(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, str]]:
+    """Do tasks in so many processes; yield each as it is done, with what kept its result from being written.
+
+    When a process is killed, as the system does when memory runs out, the tasks that were not done yet are done one
+    after another, each in a process of its own, so that one of them cannot take the others with it.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    left = []
+    for task, problem in _in_pool(tasks, jobs):
+        if isinstance(problem, BrokenProcessPool):
+            left.append(task)
+        else:
+            yield task, _process_problem(problem)
+    for task in left:
+        for _, problem in _in_pool([task], 1):
+            yield task, _process_problem(problem)
+
+
+def _in_pool(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, BaseException | None]]:
+    # Forked from a process that has imported everything once, not from this one with its threads.
+    context = get_context("forkserver")
+    context.set_forkserver_preload(list(PRELOADED))
+    pool = ProcessPoolExecutor(jobs, context, initializer=_begin)
+    try:
+        futures = {pool.submit(process, task): task for task in tasks}
+        for future in as_completed(futures):
+            yield futures[future], future.exception()
+    except BrokenProcessPool as problem:  # while tasks were handed in
+        yield from ((task, problem) for task in tasks)
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+def _begin() -> None:
+    """Let this process end at an interrupt, without a word, and with the process that started it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _process_problem(problem: BaseException | None) -> str:
+    if problem is None:
+        return ""
+    if isinstance(problem, BrokenProcessPool):
+        return "its process was killed: did memory run out? Cut the recording, or give the batch more memory"
+    return f"{type(problem).__name__}: {problem}"
+
+
+CONNECT_S = 10.0
+
+
+def run_on_cluster(tasks: list[Task], scheduler: str) -> Iterator[tuple[Task, str]]:
+    """Do tasks on the workers of a scheduler; yield each as it is done, with what kept its result from being written.
+
+    Raises
+    ------
+    InputError
+        When Dask is not installed, or the scheduler does not answer or has no worker.
+    """
+    try:
+        import distributed
+    except ImportError:
+        raise InputError("--scheduler needs Dask: pip install 'tam_calibration[fleet]'") from None
+    dask: Any = distributed  # typed in part
+    with _connect(dask.Client, scheduler) as client:
+        futures = [client.submit(process, task, pure=False) for task in tasks]
+        by_key = {future.key: task for future, task in zip(futures, tasks, strict=True)}
+        for future in dask.as_completed(futures):
+            yield by_key[future.key], _cluster_problem(future)
+
+
+def _cluster_problem(future: Any) -> str:
+    if future.cancelled():
+        return "the cluster gave it up: did its scheduler end?"
+    problem = future.exception()
+    return "" if problem is None else f"{type(problem).__name__}: {problem}"
+
+
+def _connect(connect: Any, scheduler: str) -> Any:
+    try:
+        client = connect(scheduler, timeout=CONNECT_S)
+    except (OSError, ValueError) as problem:
+        raise InputError(f"no scheduler answers at {scheduler}: give its address, as in tcp://host:8786") from problem
+    if not client.scheduler_info()["workers"]:
+        client.close()
+        raise InputError(f"the scheduler at {scheduler} has no worker: start one with dask worker {scheduler}")
+    return client

@@ -1,0 +1,119 @@
+"""What may be added to the rows of a recording: terms side by side, and the calibration itself in the same form."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import Term
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Regressors:
+    """What may be added to the rows: terms side by side, one column for each coefficient.
+
+    Parameters
+    ----------
+    features : (N, F) array
+        Tesla per unit of a coefficient; best with the samples of a feature side by side in memory.
+    index, rows, columns : (J,) array of int
+        Feature, row and column of each atom; atoms of several rows may share a feature.
+    width : int
+        Number of columns P.
+    """
+
+    features: FloatArray
+    index: NDArray[np.intp]
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    width: int
+
+    @classmethod
+    def of(cls, terms: Sequence[Term]) -> "Regressors":
+        """Put terms side by side; those that hold the same features share them."""
+        starts = np.cumsum([0, *(len(term.coefficients) for term in terms)])
+        own: dict[int, tuple[int, FloatArray]] = {}
+        total = 0
+        for term in terms:
+            if id(term.features) not in own:
+                own[id(term.features)] = total, term.features
+                total += term.features.shape[1]
+        return cls(
+            np.concatenate([features.T for _, features in own.values()]).T,
+            np.concatenate([own[id(term.features)][0] + np.arange(len(term.rows)) for term in terms]),
+            np.concatenate([term.rows for term in terms]),
+            np.concatenate([term.columns + start for term, start in zip(terms, starts[:-1], strict=True)]),
+            int(starts[-1]),
+        )
+
+    @classmethod
+    def joined(cls, designs: "Sequence[Regressors]") -> "Regressors":
+        """Put designs side by side."""
+        columns = np.cumsum([0, *(design.width for design in designs)])
+        features = np.cumsum([0, *(design.features.shape[1] for design in designs)])
+        return cls(
+            np.concatenate([design.features.T for design in designs]).T,
+            np.concatenate([design.index + start for design, start in zip(designs, features[:-1], strict=True)]),
+            np.concatenate([design.rows for design in designs]),
+            np.concatenate([design.columns + start for design, start in zip(designs, columns[:-1], strict=True)]),
+            int(columns[-1]),
+        )
+
+    def split(self, count: int) -> "list[Regressors]":
+        """Return so many designs that stand side by side in this one, alike but for their features."""
+        atoms = slice(len(self.rows) // count)
+        index, rows, columns = self.index[atoms], self.rows[atoms], self.columns[atoms]
+        parts = np.split(self.features, count, axis=1)
+        return [Regressors(features, index, rows, columns, self.width // count) for features in parts]
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether so many rows share the features that it pays to take directions and rows apart."""
+        return bool(4 * self.features.shape[1] < len(self.rows))
+
+    @property
+    def common_width(self) -> int:
+        """Number of columns that are summed for the common mode: features in four directions, or the design's own."""
+        return 4 * self.features.shape[1] if self.is_shared else self.width
+
+    def by_column(self, values: FloatArray, turn: FloatArray) -> FloatArray:
+        """Return values (common_width, Q) as values (P, Q) of the columns, where rows turn directions (4, 3K + 1)."""
+        if not self.is_shared:
+            return values
+        by_row: FloatArray = turn.T @ values.reshape(self.features.shape[1], 4, -1)
+        by_atom = by_row[self.index, self.rows]
+        return by_atom if self.scatter is None else self.scatter.T @ by_atom
+
+    @cached_property
+    def scatter(self) -> FloatArray | None:
+        """(J, P) sums of atoms to columns; None where they are the same."""
+        if np.array_equal(self.columns, np.arange(self.width)):
+            return None
+        scatter = np.zeros((len(self.columns), self.width))
+        scatter[np.arange(len(self.columns)), self.columns] = 1
+        return scatter
+
+
+def calibration_regressors(covariates: Covariates, stride: int = 1) -> Regressors:
+    """Return the design of the calibration itself: each row of [D Λ | o], in units of the mean intensity.
+
+    Linear in data that hold noise of their own; that noise is part of the residual to second order only.
+    """
+    unit = float(np.mean(covariates.intensity_T))
+    field = covariates.field_T[::stride]
+    features = np.stack([*field.T, np.full(len(field), unit)]).T
+    count = covariates.scalar_row
+    rows = np.repeat(np.arange(count), 4)
+    return Regressors(features, np.tile(np.arange(4), count), rows, np.arange(4 * count), 4 * count)
+
+
+def update(errors: SensorErrors, step: FloatArray, unit_T: float) -> tuple[FloatArray, FloatArray]:
+    """Return matrices and biases after a step (12 K,) of ``calibration_design``."""
+    change: Any = step.reshape(errors.sensor_count, 3, 4)
+    return errors.matrix + change[..., :3], errors.bias_T + change[..., 3] * unit_T

@@ -1,0 +1,460 @@
+"""The whitened channels of a recording at a nominal calibration, and normal equations of what may be added to its rows.
+
+The field of every sample is eliminated: left are 3K - 3 differential channels between the sensors and one common-mode
+channel, the scalar minus the length of the field that the sensors agree on; white with unit variance under the model.
+Where the attitude tells the field of every sample (``World``), each axis is a channel of its own.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.linalg import norm
+from numpy.typing import NDArray
+
+from tam_calibration.core.normal_equations import Normal
+from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.term import Term, WhitenedResiduals, thinned
+from tam_calibration.gap.regressors import Regressors, calibration_regressors
+from tam_calibration.gap.whitening import Whitening
+from tam_calibration.gap.world import World, world_design
+from tam_calibration.model.array import Array
+from tam_calibration.model.fitted_effect import SCALAR, Shape
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+
+_PIECE = 8192
+"""Samples that are worked on at once, and up to which what a design shows is kept: tens of megabytes."""
+
+_LAST_RESIDUALS: "WeakKeyDictionary[WhitenedChannels, WhitenedResiduals]" = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedChannels:
+    """Whitened channels of every sample at nominal errors.
+
+    Parameters
+    ----------
+    recording : Recording
+        As read; a scalar channel is NaN or None where there is no reference.
+    covariates : Covariates
+        With the field of the world, or that which the sensors agree on, moved to where the intensity wants it as far as
+        it is the surer: its noise is then independent of the misfit, which a product of both would take for an error of
+        scale.
+    directions : (3K, C) array
+        How a shift of each row moves the C differential channels, 1/T: 3K - 3, or 3K in the field of the world.
+    differential : (N, C) array
+        Residuals of them.
+    direction : (N, 4) array
+        Of the field in the array frame, and 1.
+    turn : (4, 3K + 1) array
+        ``direction @ turn`` is how a shift of each row moves the scalar minus the length of the field.
+    intensity_residual_T : (N,) array
+        That difference; 0 where there is no reference.
+    precision : (N,) array
+        Its inverse variance, 1/T²; 0 where there is no reference.
+    is_counted : (N,) array of bool
+        Whether the sample counts.
+    stride : int
+        Normal equations, energy and count take every sample of that distance.
+    """
+
+    recording: Recording
+    covariates: Covariates
+    directions: FloatArray
+    differential: FloatArray
+    direction: FloatArray
+    turn: FloatArray
+    intensity_residual_T: FloatArray
+    precision: FloatArray
+    is_counted: NDArray[np.bool_]
+    stride: int = 1
+
+    @classmethod
+    def at(
+        cls,
+        recording: Recording,
+        array: Array,
+        errors: SensorErrors,
+        intensity_T: float,
+        added_T: FloatArray | None = None,
+        is_counted: NDArray[np.bool_] | None = None,
+        row_variance: FloatArray | None = None,
+        stride: int = 1,
+        world: World | None = None,
+    ) -> "WhitenedChannels":
+        """Return the channels of a recording.
+
+        Parameters
+        ----------
+        recording : Recording
+            With the channels of the situation finite.
+        array : Array
+            With the noise of sensors and scalar.
+        errors : SensorErrors
+            At which the channels are linearised.
+        intensity_T : float
+            Of the field, where the recording has no scalar channel.
+        added_T : (N, 3K + 1) array, optional
+            What known effects add to the rows, and what is taken off them.
+        is_counted : (N,) array of bool, optional
+            By default every sample counts.
+        row_variance : (3K + 1,) array, optional
+            Of white noise beyond that of the array, T².
+        stride : int
+            See the class.
+        world : World, optional
+            Of a recording with attitude and without scalar: its field takes the place of that of the readings.
+        """
+        if world is not None:
+            return cls._in_world(recording, array, errors, world, added_T, is_counted, row_variance, stride)
+        whitening = Whitening.of(array, errors, row_variance)
+        added = np.zeros(3 * recording.sensor_count + 1) if added_T is None else added_T
+        rows = recording.readings_T.reshape(recording.sample_count, -1) - errors.bias_T.ravel() - added[..., :-1]
+        field = rows @ whitening.unmix.T
+        length = norm(field, axis=1)
+        direction = field / length[:, None]
+        scalar = (
+            (intensity_T if recording.scalar_T is None else recording.scalar_T) - added[..., -1] + np.zeros(len(rows))
+        )
+        residuals = np.where(np.isfinite(scalar), scalar - length, 0.0)
+        precision = np.where(np.isfinite(scalar), 1 / whitening.common_variance(direction), 0.0)
+        # Along the direction only, so that a turn of the array is seen by no channel.
+        moved = length + (1 - precision * whitening.scalar_variance) * residuals
+        covariates = Covariates(
+            recording.time_s,
+            moved[:, None] * direction,
+            errors,
+            array,
+            recording.temperature_C,
+            recording.current_A,
+            recording.attitude,
+        )
+        return cls(
+            recording,
+            covariates,
+            whitening.directions,
+            rows @ whitening.directions,
+            np.column_stack([direction, np.ones(len(rows))]),
+            whitening.turn,
+            residuals,
+            precision,
+            np.ones(len(rows), dtype=bool) if is_counted is None else is_counted,
+            stride,
+        )
+
+    def whitened(self, spreads_T: Sequence[FloatArray]) -> "WhitenedChannels":
+        """Return the channels with noise that each sample has along a direction of its own made as large as the rest.
+
+        Along d, what a spread (N, 3K + 1) of the rows does to them, their variance is 1 + |d|².
+        """
+        channels = self
+        for spread in spreads_T:
+            along = spread[:, :-1] @ self.directions
+            common = np.sqrt(self.precision) * np.sum(self.row_direction * spread, axis=1)
+            square = np.sum(along**2, axis=1) + common**2
+            off = (
+                np.sum(along * channels.differential, axis=1)
+                + common * np.sqrt(self.precision) * channels.intensity_residual_T
+            )
+            root = np.sqrt(1 + square)
+            taken = off / (root * (1 + root))
+            residuals = channels.intensity_residual_T - taken * np.sum(self.row_direction * spread, axis=1)
+            channels = replace(
+                channels, differential=channels.differential - taken[:, None] * along, intensity_residual_T=residuals
+            )
+        return channels
+
+    @classmethod
+    def _in_world(
+        cls,
+        recording: Recording,
+        array: Array,
+        errors: SensorErrors,
+        world: World,
+        added_T: FloatArray | None,
+        is_counted: NDArray[np.bool_] | None,
+        row_variance: FloatArray | None,
+        stride: int,
+    ) -> "WhitenedChannels":
+        assert recording.attitude is not None and recording.scalar_T is None
+        count = recording.sample_count
+        beyond = np.append(world.variance_T2, 0.0)
+        whitening = Whitening.of_known_field(array, beyond if row_variance is None else beyond + row_variance)
+        added = np.zeros((count, 3 * recording.sensor_count + 1)) if added_T is None else added_T
+        attitude = world.attitude(recording.attitude)
+        # An intensity that is taken for constant and is too large by what is added to it.
+        field = world.field(attitude) * (1 - added[:, -1:] / world.intensity_T)
+        covariates = Covariates(
+            recording.time_s,
+            field,
+            errors,
+            array,
+            recording.temperature_C,
+            recording.current_A,
+            attitude,
+            follows_attitude=True,
+        )
+        rows = (recording.readings_T - errors.bias_T).reshape(count, -1) - added[:, :-1] - covariates.sensed_T
+        return cls(
+            recording,
+            covariates,
+            whitening.directions,
+            rows @ whitening.directions,
+            np.column_stack([field / covariates.intensity_T[:, None], np.ones(count)]),
+            whitening.turn,
+            np.zeros(count),
+            np.zeros(count),
+            np.ones(count, dtype=bool) if is_counted is None else is_counted,
+            stride,
+        )
+
+    @property
+    def row_direction(self) -> FloatArray:
+        """(N, 3K + 1) how a shift of each row moves the scalar minus the length of the field."""
+        by_row: FloatArray = self.direction @ self.turn
+        return by_row
+
+    @cached_property
+    def coupling(self) -> FloatArray:
+        """(3K + 1, 3K + 1) information of the differential channels on shifts of the rows, 1/T²."""
+        coupling = np.zeros((len(self.directions) + 1,) * 2)
+        coupling[:-1, :-1] = self.directions @ self.directions.T
+        return coupling
+
+    def terms(self, effect: LinearEffect, shape: Shape) -> list[Term]:
+        """Return the terms of an effect at the samples that the normal equations take."""
+        terms = effect.terms(self.covariates, shape)
+        return list(terms) if self.stride == 1 else list(thinned(terms, self.stride))
+
+    def design(self, terms: Sequence[Term]) -> Regressors:
+        """Return terms side by side, at the samples that the normal equations take, to which others are thinned."""
+        taken = len(self._taken[0])
+        if any(len(term.features) != taken for term in terms):
+            terms = list(thinned(terms, self.stride))
+        if self.covariates.follows_attitude:
+            terms = [self._on_sensors(term) for term in terms]
+        return Regressors.of(terms)
+
+    def _on_sensors(self, term: Term) -> Term:
+        """Return what an intensity that is not measured, and too large by a term, takes from the readings."""
+        if term.sensor != SCALAR:
+            return term
+        covariates = self.covariates
+        along = (covariates.sensed_T / covariates.intensity_T[:, None])[:: self.stride]
+        features = -(along[:, :, None] * term.features[:, None, :]).reshape(len(along), -1)
+        rows, atoms = np.divmod(np.arange(features.shape[1]), len(term.columns))
+        return replace(term, features=features, rows=rows, columns=term.columns[atoms])
+
+    @cached_property
+    def calibration(self) -> Regressors:
+        """The design of the calibration itself, at the samples that the normal equations take."""
+        own = calibration_regressors(self.covariates, self.stride)
+        if not self.covariates.follows_attitude:
+            return own
+        unit = float(np.mean(self.covariates.intensity_T))
+        return Regressors.joined([own, world_design(self.covariates, unit, self.stride)])
+
+    @property
+    def has_scalar(self) -> bool:
+        """Whether the intensity is measured, and not taken for constant."""
+        return self.recording.scalar_T is not None
+
+    @property
+    def channels_per_sample(self) -> FloatArray:
+        """(N,) number of channels of each sample that counts."""
+        count: FloatArray = self.is_counted * (self.differential.shape[1] + (self.precision > 0))
+        return count
+
+    @cached_property
+    def count(self) -> float:
+        """Number of channels n."""
+        return float(self.channels_per_sample[:: self.stride].sum())
+
+    @cached_property
+    def energy_per_sample(self) -> FloatArray:
+        """(N,) sums of the squares of each sample's channels."""
+        energy: FloatArray = np.sum(self.differential**2, axis=1) + self.precision * self.intensity_residual_T**2
+        return energy
+
+    @cached_property
+    def energy(self) -> float:
+        """Sum of the squares of all channels that count."""
+        return float((self.energy_per_sample * self.is_counted)[:: self.stride].sum())
+
+    @property
+    def residuals(self) -> WhitenedResiduals:
+        """What effects that are not found by regression look at; it is large, and only that asked for last is kept."""
+        if self not in _LAST_RESIDUALS:
+            _LAST_RESIDUALS.clear()
+            _LAST_RESIDUALS[self] = self._whitened_residuals()
+        return _LAST_RESIDUALS[self]
+
+    def _whitened_residuals(self) -> WhitenedResiduals:
+        root = np.sqrt(self.precision)
+        return WhitenedResiduals(
+            self.recording,
+            self.covariates,
+            self.differential,
+            self.directions,
+            np.where(self.precision > 0, root * self.intensity_residual_T, np.nan),
+            root[:, None] * self.row_direction,
+            self.differential.shape[1] + (self.precision > 0.0),
+            self.is_counted,
+        )
+
+    def cross(self, left: Regressors, right: Regressors, part: slice | None = None) -> FloatArray:
+        """Return the information (P, Q) between the columns of two designs, from all samples or a slice of them.
+
+        The designs are those of ``design`` and ``calibration``; the slice counts their samples. What all samples tell
+        is kept as long as both designs.
+        """
+        if part is not None:
+            return self._cross(left, right, part)
+        of_left = self._crossed.setdefault(left, WeakKeyDictionary())
+        if right not in of_left:
+            of_left[right] = self._cross(left, right, None)
+        return of_left[right]
+
+    def _cross(self, left: Regressors, right: Regressors, part: slice | None) -> FloatArray:
+        between = np.zeros((left.features.shape[1], right.features.shape[1]))
+        common = np.zeros((left.common_width, right.common_width))
+        for piece in self._pieces(part):
+            first, second = self.seen(left, piece), self.seen(right, piece)
+            between += first[0] @ second[0].T
+            if self._has_reference:
+                common += first[1] @ second[1].T
+        total = between[np.ix_(left.index, right.index)] * self.coupling[np.ix_(left.rows, right.rows)]
+        if left.scatter is not None:
+            total = left.scatter.T @ total
+        if right.scatter is not None:
+            total = total @ right.scatter
+        if not self._has_reference:
+            return total
+        return total + left.by_column(right.by_column(common.T, self.turn).T, self.turn)
+
+    @cached_property
+    def _has_reference(self) -> bool:
+        return bool(self.precision.any())
+
+    def seen(self, design: Regressors, piece: slice) -> tuple[FloatArray, FloatArray]:
+        """Return the features (F, n) of a design in samples that count, and what it adds to the whitened common mode.
+
+        What a short recording shows of a design is kept as long as the design.
+        """
+        if len(self._taken[0]) > _PIECE:
+            return self._seen_at(design, piece)
+        if design not in self._known:
+            self._known[design] = self._seen_at(design, slice(None))
+        features, common = self._known[design]
+        return features[:, piece], common[:, piece]
+
+    def _seen_at(self, design: Regressors, piece: slice) -> tuple[FloatArray, FloatArray]:
+        counted, direction, slope = self._taken[0][piece], self._taken[1][:, piece], self._taken[2][:, piece]
+        features = np.ascontiguousarray(design.features[piece].T)
+        if not counted.all():
+            features = features * counted
+        if not self._has_reference:
+            return features, features[:0]
+        if design.is_shared:
+            return features, (features[:, None] * direction).reshape(-1, features.shape[1])
+        by_atom = features[design.index]
+        by_atom *= slope[design.rows]
+        return features, by_atom if design.scatter is None else design.scatter.T @ by_atom
+
+    @cached_property
+    def _known(self) -> "WeakKeyDictionary[Regressors, tuple[FloatArray, FloatArray]]":
+        return WeakKeyDictionary()
+
+    @cached_property
+    def _crossed(self) -> "WeakKeyDictionary[Regressors, WeakKeyDictionary[Regressors, FloatArray]]":
+        return WeakKeyDictionary()
+
+    @cached_property
+    def _taken(self) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:
+        """Of the samples that the normal equations take: whether they count, the whitened direction and slope.
+
+        Direction (4, n) and slope (3K + 1, n) are of the common mode.
+        """
+        every = slice(None, None, self.stride)
+        direction = np.sqrt(self.precision[every]) * self.direction[every].T
+        return self.is_counted[every], direction, self.turn.T @ direction
+
+    @cached_property
+    def _taken_score(self) -> FloatArray:
+        """(n, 3K + 1) score of the rows in the samples that the normal equations take."""
+        return self._row_score(slice(None, None, self.stride))
+
+    @property
+    def slope(self) -> FloatArray:
+        """(3K + 1, n) how a shift of each row moves the whitened common mode, in the samples that are taken."""
+        return self._taken[2]
+
+    @cached_property
+    def taken_residual(self) -> tuple[FloatArray, FloatArray]:
+        """Whitened residuals of the samples that are taken: between the sensors (n, 3K - 3), of the common mode (n,).
+
+        Zero in samples that do not count; where there is no reference the last common mode stands.
+        """
+        every = slice(None, None, self.stride)
+        counted, root = self.is_counted[every], np.sqrt(self.precision[every])
+        known = np.flatnonzero((root > 0) & counted)
+        common = np.zeros(len(root))
+        if len(known):
+            last = known[np.maximum(np.searchsorted(known, np.arange(len(root)), side="right") - 1, 0)]
+            common = counted * (root * self.intensity_residual_T[every])[last]
+        return np.where(counted[:, None], self.differential[every], 0.0), common
+
+    def with_residual(self, differential: FloatArray, common: FloatArray) -> "WhitenedChannels":
+        """Return channels of the same samples with other whitened residuals, both of the samples that are taken."""
+        every = slice(None, None, self.stride)
+        root = np.sqrt(self.precision[every])
+        intensity_residual_T, between = self.intensity_residual_T.copy(), self.differential.copy()
+        between[every] = differential
+        intensity_residual_T[every] = np.divide(common, root, out=np.zeros_like(common), where=root > 0)
+        other = replace(self, differential=between, intensity_residual_T=intensity_residual_T)
+        # What does not depend on the residual is kept.
+        other.__dict__.update(
+            _taken=self._taken, _known=self._known, _crossed=self._crossed, calibration=self.calibration
+        )
+        return other
+
+    def score(self, design: Regressors, part: slice | None = None) -> FloatArray:
+        """Return the score (P,) of the columns of a design: their products with the residuals."""
+        total = np.zeros((design.features.shape[1], self.turn.shape[1]))
+        for piece in self._pieces(part):
+            total += design.features[piece].T @ self._taken_score[piece]
+        of_atoms = total[design.index, design.rows]
+        return of_atoms if design.scatter is None else of_atoms @ design.scatter
+
+    @property
+    def row_score(self) -> FloatArray:
+        """(N, 3K + 1) score of a shift of each row in each sample."""
+        return self._row_score(slice(None))
+
+    def _row_score(self, samples: slice) -> FloatArray:
+        by_row = self.direction[samples] @ self.turn * (self.precision * self.intensity_residual_T)[samples, None]
+        by_row[:, :-1] += self.differential[samples] @ self.directions.T
+        by_row[~self.is_counted[samples]] = 0
+        return by_row
+
+    def normal(self, design: Regressors, part: slice | None = None) -> Normal:
+        """Return the normal equations of a design from all samples or a slice of them."""
+        chosen = slice(None) if part is None else part
+        every = slice(None, None, self.stride)
+        energy = (self.energy_per_sample * self.is_counted)[every][chosen]
+        return Normal(
+            self.cross(design, design, part),
+            self.score(design, part),
+            float(energy.sum()),
+            float(self.channels_per_sample[every][chosen].sum()),
+        )
+
+    def _pieces(self, part: slice | None) -> Iterator[slice]:
+        start, stop, step = (part or slice(None)).indices(len(self._taken[0]))
+        for first in range(start, stop, _PIECE * step):
+            yield slice(first, min(first + _PIECE * step, stop), step)

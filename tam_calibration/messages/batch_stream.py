@@ -1,0 +1,235 @@
+"""The messages of a batch, stream by stream, and which of them join which samples: searches in sorted stamps."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS
+from tam_calibration.messages.stream import HeldStream, Stream
+from tam_calibration.model.units import FloatArray
+
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+LONG_AGO, NEVER = -(1 << 62), 1 << 62
+"""Stamps, or moments, before and after all others."""
+
+EARLIER = -1
+"""The moment of arrival of what came before a batch."""
+
+
+@dataclass(frozen=True, eq=False)
+class StreamMessages:
+    """Messages of one stream.
+
+    Parameters
+    ----------
+    order : (n,) array of int
+        When each arrived among the batch's messages of all streams, increasing from 0.
+    stamps_ns : (n,) array of int, optional
+        Their stamps; None for a held channel without stamps.
+    values : (n, width) array
+        The values of the stream's columns.
+    """
+
+    order: IntArray
+    stamps_ns: IntArray | None
+    values: FloatArray
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["StreamMessages"]) -> "StreamMessages":
+        """Return messages that follow each other as one."""
+        stamps = [part.stamps_ns for part in parts if part.stamps_ns is not None]
+        return cls(
+            np.concatenate([part.order for part in parts]),
+            np.concatenate(stamps) if stamps else None,
+            np.concatenate([part.values for part in parts]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Arrivals:
+    """When the sensors' messages of a batch arrived, and the newest stamp of any sensor then."""
+
+    order: IntArray
+    newest_ns: IntArray
+    newest_of_earlier_ns: int
+
+    @classmethod
+    def of(cls, sensors: Sequence[StreamMessages], newest_ns: int) -> "Arrivals":
+        """Return the arrivals of a batch after the newest stamp of earlier ones."""
+        none = np.zeros(0, dtype=np.int64)
+        order = np.concatenate([none, *(each.order for each in sensors)])
+        stamps = np.concatenate([none, *(each.stamps_ns for each in sensors if each.stamps_ns is not None)])
+        in_order = np.argsort(order, kind="stable")
+        return cls(order[in_order], np.maximum(np.maximum.accumulate(stamps[in_order]), newest_ns), newest_ns)
+
+    def newest_before(self, order: IntArray) -> IntArray:
+        """Return the newest stamp of any sensor before each moment."""
+        return np.concatenate([[self.newest_of_earlier_ns], self.newest_ns])[np.searchsorted(self.order, order)]
+
+    def reach(self, stamps_ns: IntArray) -> IntArray:
+        """Return when the sensors reached each stamp."""
+        moment = np.append(self.order, NEVER)[np.searchsorted(self.newest_ns, stamps_ns)]
+        return np.where(stamps_ns <= self.newest_of_earlier_ns, EARLIER, moment)
+
+
+@dataclass(frozen=True, eq=False)
+class Queue:
+    """The messages of a stream: what came, and what of it and of the messages before may join a sample.
+
+    Parameters
+    ----------
+    stream : Stream
+        Where they wait from one batch to the next.
+    stamps_ns, order : (m,) array of int
+        Stamps of what came, for messages without stamps those that they take, and when it came.
+    is_unstamped : bool
+        Whether what came has no stamps.
+    previous_ns : (m,) array of int
+        The newest stamp of the stream before each.
+    is_new : (m,) array of bool
+        Whether each is neither repeated nor late.
+    keys, order_of_keys : (n,) array of int
+        Stamps of what may join, rising, and when it came.
+    values : (n, width) array
+        Its values.
+    """
+
+    stream: Stream
+    stamps_ns: IntArray
+    order: IntArray
+    is_unstamped: bool
+    previous_ns: IntArray
+    is_new: BoolArray
+    keys: IntArray
+    order_of_keys: IntArray
+    values: FloatArray
+
+    @classmethod
+    def of(cls, stream: Stream, messages: StreamMessages | None, arrivals: Arrivals) -> "Queue":
+        """Return the queue of a stream with what came of it."""
+        none, width = np.zeros(0, dtype=np.int64), width_of(stream)
+        if messages is None:
+            messages = StreamMessages(none, none, np.zeros((0, width)))
+        is_unstamped = messages.stamps_ns is None
+        stamps = arrivals.newest_before(messages.order) if messages.stamps_ns is None else messages.stamps_ns
+        newest = max(stream.newest, LONG_AGO)
+        previous = np.maximum.accumulate(np.concatenate([[newest], stamps]))[:-1]
+        is_new = stamps > previous if not is_unstamped else np.ones(len(stamps), dtype=bool)
+        new = slice(None) if is_new.all() else is_new
+        waiting = np.array([max(key, LONG_AGO) for key, _ in stream.buffer], dtype=np.int64)
+        values = np.array([values for _, values in stream.buffer]).reshape(len(waiting), width)
+        return cls(
+            stream,
+            stamps,
+            messages.order,
+            is_unstamped,
+            previous,
+            is_new,
+            np.concatenate([waiting, stamps[new]]),
+            np.concatenate([np.full(len(waiting), EARLIER), messages.order[new]]),
+            np.concatenate([values, messages.values[new]]),
+        )
+
+    @property
+    def is_held(self) -> bool:
+        """Whether a message holds until the next."""
+        return isinstance(self.stream, HeldStream)
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest message that ever came."""
+        return int(self.keys[-1]) if self.is_new.any() else self.stream.newest
+
+    @property
+    def decided_until_ns(self) -> int:
+        """Last stamp at which the stream's own messages decide what joins a sample."""
+        if self.is_held or len(self.keys):
+            return self.newest_ns
+        return self.newest_ns - self.stream.window_ns
+
+    def match(self, keys: IntArray) -> "Match":
+        """Return which message joins each sample."""
+        if not len(self.keys):
+            return Match(self, np.zeros(len(keys), dtype=np.int64), np.zeros(len(keys), dtype=bool))
+        if self.is_held:
+            return self.match_held(keys, np.searchsorted(self.keys, keys, "right") - 1)
+        if np.array_equal(self.keys[: len(keys)], keys):
+            return Match(self, np.arange(len(keys)), np.ones(len(keys), dtype=bool))
+        after = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
+        before = np.maximum(after - 1, 0)
+        index = np.where(keys - self.keys[before] <= np.abs(self.keys[after] - keys), before, after)
+        return Match(self, index, np.abs(self.keys[index] - keys) <= self.stream.window_ns)
+
+    def match_held(self, keys: IntArray, index: IntArray) -> "Match":
+        """Return the match of held messages, -1 for none, as far as they are not too old."""
+        found = (index >= 0) & (keys - self.keys[index] <= self.stream.window_ns)
+        return Match(self, np.maximum(index, 0), found)
+
+    def decided(self, keys: IntArray) -> IntArray:
+        """Return when the stream's own messages decided what joins each sample."""
+        moment = np.append(self.order_of_keys, NEVER)[np.searchsorted(self.keys, keys)]
+        return np.where((moment == NEVER) & (keys <= self.decided_until_ns), EARLIER, moment)
+
+    def keep(self, first: int, joined: int) -> None:
+        """Count what became of the messages, and let the stream wait with those from the first on."""
+        stream, losses, count = self.stream, self.stream.losses, len(self.stamps_ns)
+        repeats = int((~self.is_new & (self.stamps_ns == self.previous_ns)).sum())
+        losses.received += count
+        losses.duplicate += repeats
+        losses.late += count - int(self.is_new.sum()) - repeats
+        losses.unmatched += 0 if self.is_held else first - joined
+        stream.newest = self.newest_ns
+        stream.awaited = stream.awaited or count > 0
+        keys = self.keys[first:]
+        is_last = np.append(keys[1:] != keys[:-1], True)[: len(keys)]
+        values = map(tuple, self.values[first:][is_last].tolist())
+        stream.buffer = deque(zip(keys[is_last].tolist(), values, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """Which message of a stream joins each sample, and whether one does."""
+
+    queue: Queue
+    index: IntArray
+    found: BoolArray
+
+    def wanted_twice(self, is_sample: BoolArray) -> bool:
+        """Whether a message joins a sample that a later one wants too."""
+        index, joins = self.index[self.found], is_sample[self.found]
+        return not self.queue.is_held and bool((joins[:-1] & (index[1:] == index[:-1])).any())
+
+    def arrived_until(self, keys: IntArray, order: IntArray) -> "Match":
+        """Return the match of held messages among those that arrived until a moment of each sample."""
+        latest = np.searchsorted(self.queue.order_of_keys, order, "right") - 1
+        return self.queue.match_held(keys, np.minimum(np.where(self.found, self.index, -1), latest))
+
+    def values(self, is_sample: BoolArray) -> FloatArray:
+        """Return the values that join the samples; NaN where there are none."""
+        found = self.found[is_sample]
+        if not found.any():
+            return np.full((len(found), self.queue.values.shape[1]), np.nan)
+        values: FloatArray = self.queue.values[self.index[is_sample]]
+        if not found.all():
+            values[~found] = np.nan
+        return values
+
+    def used(self, keys: IntArray, is_sample: BoolArray) -> tuple[int, int]:
+        """Return the first message that may join a later sample, and how many joined these."""
+        if not len(keys):
+            return 0, 0
+        if self.queue.is_held:
+            return max(int(np.searchsorted(self.queue.keys, keys[-1], "right")) - 1, 0), 0
+        joined = self.index[self.found & is_sample]
+        too_old = int(np.searchsorted(self.queue.keys, keys[-1] - self.queue.stream.window_ns))
+        return max(too_old, int(joined[-1]) + 1 if len(joined) else 0), len(joined)
+
+
+def width_of(stream: Stream) -> int:
+    """Return the number of columns of a stream."""
+    return len(CHANNEL_COLUMNS.get(stream.name, "xyz"))

@@ -1,0 +1,190 @@
+"""Joining whole batches of messages at once: the samples and losses of `Synchroniser`, for recordings.
+
+What is usual - stamps that rise, streams that keep within the patience of each other, no message that two samples
+want - is joined by searching in sorted stamps. A batch with anything else goes through message by message.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from tam_calibration.messages.batch_stream import (
+    EARLIER,
+    LONG_AGO,
+    NEVER,
+    Arrivals,
+    BoolArray,
+    IntArray,
+    Match,
+    Queue,
+    StreamMessages,
+    width_of,
+)
+from tam_calibration.messages.synchroniser import REMEMBERED, Sample, Synchroniser
+from tam_calibration.model.units import FloatArray
+
+
+class BatchSynchroniser(Synchroniser):
+    """A synchroniser that takes many messages in a call; samples and losses are those of `push`, one by one.
+
+    What waits between usual batches is bounded by the patience, not by the capacity.
+    """
+
+    def push_batch(self, batch: Mapping[str, StreamMessages]) -> tuple[IntArray, FloatArray]:
+        """Take the next messages of the streams and return the samples that they complete.
+
+        Parameters
+        ----------
+        batch : mapping
+            Messages by stream: ``tam_1`` … or the channel's name; a stream without any may be absent.
+
+        Returns
+        -------
+        stamps_ns : (n,) array of int
+            Stamps of the samples; they go back only where `restarts` grew.
+        values : (n, columns) array
+            The columns of `SampleLayout` after ``time_s``.
+        """
+        joined = None if self._epoch else self._push_usual(batch)
+        return self._push_each(batch) if joined is None else joined
+
+    def flush_batch(self) -> tuple[IntArray, FloatArray]:
+        """Return the samples that still waited for messages: there will be none."""
+        return self._to_arrays(self.flush())
+
+    def _push_each(self, batch: Mapping[str, StreamMessages]) -> tuple[IntArray, FloatArray]:
+        messages: list[tuple[Any, ...]] = []
+        for name, each in batch.items():
+            stamps = [None] * len(each.order) if each.stamps_ns is None else each.stamps_ns.tolist()
+            messages += zip(each.order.tolist(), [name] * len(stamps), stamps, each.values.tolist(), strict=True)
+        messages.sort(key=lambda message: message[0])
+        return self._to_arrays([sample for _, *message in messages for sample in self.push(*message)])
+
+    def _to_arrays(self, samples: list[Sample]) -> tuple[IntArray, FloatArray]:
+        width = sum(width_of(stream) for stream in self._streams.values())
+        values = np.array([sample.values for sample in samples]).reshape(len(samples), width)
+        return np.array([sample.stamp_ns for sample in samples], dtype=np.int64), values
+
+    def _push_usual(self, batch: Mapping[str, StreamMessages]) -> tuple[IntArray, FloatArray] | None:
+        """Return the samples that a batch completes; None, with nothing changed, where it is not usual."""
+        sensors = [batch[stream.name] for stream in self._sensors if stream.name in batch]
+        arrivals = Arrivals.of(sensors, max(self._newest, LONG_AGO))
+        pace, *partners = (Queue.of(stream, batch.get(stream.name), arrivals) for stream in self._streams.values())
+        if any(self._is_unusual(queue, arrivals) for queue in (pace, *partners)):
+            return None
+        before = self._newest, self._horizon, self._hold_horizon, self._epoch_start
+        for stamp_ns in arrivals.newest_ns[[0, -1]].tolist() if len(arrivals.order) else []:
+            if stamp_ns > self._newest:
+                self._advance(stamp_ns)
+        keys = pace.keys[: np.searchsorted(pace.keys, self._limit(partners), "right")]
+        matches = self._without_the_next(keys, pace, [queue.match(keys) for queue in partners])
+        if matches is None:
+            self._newest, self._horizon, self._hold_horizon, self._epoch_start = before
+            return None
+        is_sample = np.logical_and.reduce([match.found for match in matches[: len(self._sensors) - 1]], axis=0)
+        is_sample = np.broadcast_to(is_sample, keys.shape)
+        if any(match.wanted_twice(is_sample) for match in matches):
+            self._newest, self._horizon, self._hold_horizon, self._epoch_start = before
+            return None
+        matches = self._without_what_came_later(keys, pace, partners, matches, arrivals)
+        values = [pace.values[: len(keys)][is_sample], *(match.values(is_sample) for match in matches)]
+        self._account(keys, is_sample, pace, matches)
+        if len(keys):
+            self._intervals.extend(np.diff(keys, prepend=max(self._previous, LONG_AGO)).tolist())
+            self._previous = int(keys[-1])
+        tail, tail_values = self._to_arrays(self._complete())
+        return np.concatenate([keys[is_sample], tail]), np.concatenate([np.hstack(values), tail_values])
+
+    def _is_unusual(self, queue: Queue, arrivals: Arrivals) -> bool:
+        """Return whether a stream's messages step back, lag too far, or come from a channel not awaited so far."""
+        new = queue.stamps_ns
+        if not len(new) or queue.is_unstamped:
+            return bool(len(new)) and not queue.stream.awaited
+        patience = self._hold_patience_ns if queue.is_held else self._patience_ns - queue.stream.window_ns
+        steps_back = (new < 0) | (new <= queue.previous_ns - self._patience_ns)
+        lags = queue.is_new & (arrivals.newest_before(queue.order) >= new + patience)
+        return not queue.stream.awaited or bool((steps_back | lags).any())
+
+    def _limit(self, partners: Sequence[Queue]) -> int:
+        """Return the last stamp at which it is decided what joins a sample."""
+        limits = [
+            max(queue.decided_until_ns, self._hold_horizon if queue.is_held else self._horizon)
+            for queue in partners
+            if queue.stream.awaited
+        ]
+        return max(min(limits, default=NEVER), LONG_AGO)
+
+    def _without_the_next(self, keys: IntArray, pace: Queue, matches: Sequence[Match]) -> list[Match] | None:
+        """Return the matches without messages that are nearer to the next sample; None where that is not known yet."""
+        if not len(keys):
+            return list(matches)
+        shortest = self._shortest_intervals(keys)
+        following = np.append(pace.keys[1:], NEVER)[: len(keys)]
+        kept = []
+        for match in matches:
+            if match.queue.is_held or not match.found.any():
+                kept.append(match)
+                continue
+            found = match.queue.keys[match.index]
+            is_doubtful = match.found & (found > keys) & (2 * (found - keys) >= shortest)
+            if (is_doubtful & (following == NEVER)).any():
+                return None
+            is_of_next = is_doubtful & (np.abs(following - found) < found - keys)
+            kept.append(replace(match, found=match.found & ~is_of_next))
+        return kept
+
+    def _shortest_intervals(self, keys: IntArray) -> IntArray:
+        """Return the shortest of the intervals that are remembered at each sample; 0 where they are too few."""
+        earlier = [min(interval, NEVER) for interval in self._intervals]
+        intervals = np.diff(keys, prepend=max(self._previous, LONG_AGO))
+        padded = np.concatenate([np.zeros(REMEMBERED - len(earlier)), earlier, intervals]).astype(np.int64)
+        shortest: IntArray = sliding_window_view(padded, REMEMBERED + 1).min(axis=1)
+        return shortest
+
+    def _without_what_came_later(
+        self,
+        keys: IntArray,
+        pace: Queue,
+        partners: Sequence[Queue],
+        matches: Sequence[Match],
+        arrivals: Arrivals,
+    ) -> list[Match]:
+        """Return the matches without messages that have no stamp and arrived after their sample was complete."""
+        if not any(queue.is_unstamped for queue in partners):
+            return list(matches)
+        start = np.maximum(keys, max(self._epoch_start, LONG_AGO))
+        decided = [pace.order_of_keys[: len(keys)]]
+        for queue in partners:
+            patience = self._hold_patience_ns if queue.is_held else self._patience_ns
+            own = queue.decided(keys) if queue.stream.awaited else np.full(len(keys), EARLIER)
+            decided.append(np.minimum(own, arrivals.reach(start + patience)))
+        # A sample that lacks a sensor is given up as soon as that is known.
+        lacks = np.array([~match.found for match in matches[: len(self._sensors) - 1]] + [np.ones(len(keys), bool)])
+        last = np.where(lacks[:-1].any(axis=0), lacks.argmax(axis=0) + 1, len(partners))
+        complete = np.maximum.accumulate(decided)[last, np.arange(len(keys))]
+        complete = np.maximum.accumulate(complete)
+        return [
+            match.arrived_until(keys, complete) if queue.is_unstamped else match
+            for queue, match in zip(partners, matches, strict=True)
+        ]
+
+    def _account(self, keys: IntArray, is_sample: BoolArray, pace: Queue, matches: Sequence[Match]) -> None:
+        """Count what was lost, and let the streams keep what may still join a sample."""
+        lacking = ~is_sample
+        for match in matches:
+            is_sensor = match.queue.stream in self._sensors
+            missing = ~match.found & (lacking if is_sensor else is_sample)
+            match.queue.stream.losses.missing += int(missing.sum())
+            if is_sensor:
+                lacking = lacking & match.found
+            match.queue.keep(*match.used(keys, is_sample))
+        pace.keep(len(keys), int(is_sample.sum()))
+        for match in matches:
+            if len(match.queue.stamps_ns) and not self._sensors[0].buffer:
+                match.queue.stream.forget(self._horizon)
+        if is_sample.any():
+            self.delivered += int(is_sample.sum())
+            self._last_delivered = int(keys[is_sample][-1])

@@ -1,0 +1,217 @@
+"""Serialised messages of ROS 2 (CDR): stamps and numbers read and filled in without building objects."""
+
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray
+
+IntArray = NDArray[np.int64]
+ByteArray = NDArray[np.uint8]
+
+NOT_READ = -1
+"""A time of recording that was not read."""
+
+
+@dataclass(frozen=True, eq=False)
+class RawMessages:
+    """Serialised messages in the order of their recording.
+
+    Parameters
+    ----------
+    connection : (n,) array of int
+        Which of the connections that were asked for each is of.
+    recorded_ns : (n,) array of int
+        Times of recording, nanoseconds; ``NOT_READ`` where nobody asked for them.
+    start, size : (n,) array of int
+        Where each lies in the block.
+    block : (bytes,) array of uint8
+        The block that they lie in.
+    """
+
+    connection: IntArray
+    recorded_ns: IntArray
+    start: IntArray
+    size: IntArray
+    block: ByteArray
+
+    @classmethod
+    def of(
+        cls, connection: Sequence[int] | IntArray, recorded_ns: Sequence[int] | IntArray, messages: Sequence[bytes]
+    ) -> "RawMessages":
+        """Return single messages as one block."""
+        size = np.array([len(message) for message in messages], dtype=np.int64)
+        block = np.frombuffer(b"".join(messages), np.uint8)
+        return cls(np.array(connection), np.array(recorded_ns), np.cumsum(size) - size, size, block)
+
+    @classmethod
+    def of_rows(cls, connection: int, recorded_ns: IntArray, rows: ByteArray) -> "RawMessages":
+        """Return the (n, bytes) messages of one connection."""
+        count, size = rows.shape
+        start = np.arange(count) * size
+        return cls(np.full(count, connection), recorded_ns, start, np.full(count, size), rows.ravel())
+
+    def __len__(self) -> int:
+        """Return the number of messages."""
+        return len(self.start)
+
+    def take(self, index: NDArray[np.int64] | NDArray[np.bool_] | slice) -> "RawMessages":
+        """Return the messages that a mask, slice or index selects, in the same block."""
+        chosen = {name: getattr(self, name)[index] for name in ("connection", "recorded_ns", "start", "size")}
+        return replace(self, **chosen)
+
+    def messages(self) -> list[bytes]:
+        """Return the messages one by one."""
+        block = self.block.tobytes()
+        ends = (self.start + self.size).tolist()
+        return [block[start:end] for start, end in zip(self.start.tolist(), ends, strict=True)]
+
+
+def join(parts: Sequence[RawMessages]) -> RawMessages:
+    """Return several as one, one after another."""
+    if len(parts) == 1:
+        return parts[0]
+    shift = np.cumsum([0, *(len(part.block) for part in parts)])
+    start = [part.start + moved for part, moved in zip(parts, shift, strict=False)]
+    others = [[getattr(part, name) for part in parts] for name in ("connection", "recorded_ns", "size", "block")]
+    connection, recorded_ns, size, block = (np.concatenate(each) for each in others)
+    return RawMessages(connection, recorded_ns, np.concatenate(start), size, block)
+
+
+def windows(block: ByteArray, size: int) -> NDArray[np.void]:
+    """Return the bytes from each place of a block on as one item, without a copy: made to be indexed."""
+    return np.ndarray(max(len(block) - size + 1, 0), f"V{size}", block, strides=(1,))
+
+
+def interleave(parts: Sequence[RawMessages], places: Sequence[IntArray]) -> RawMessages:
+    """Return several as one in the order of the places of their messages; at equal places in the order of the parts."""
+    return join(parts).take(np.argsort(np.concatenate(places), kind="stable"))
+
+
+_BODY = 4
+"""Bytes before the message, which tell the byte order; alignment counts from here."""
+
+ByteOrder = Literal["<", ">"]
+
+_KINDS: dict[ByteOrder, int] = {"<": 0x0100, ">": 0x0000}
+"""The first two bytes by byte order, read as a little-endian number."""
+
+_HEAD = np.dtype([("seconds", "i4"), ("nanoseconds", "u4"), ("length", "u4")])
+"""Stamp, and length of the frame's name."""
+
+_HEADS = {_KINDS[order].to_bytes(2, "little"): (order, struct.Struct(f"{order}iII")) for order in _KINDS}
+"""Byte order and head by the first two bytes of a message."""
+
+_DAMAGED = "a message is damaged: it is too short, or not in the serialisation CDR"
+
+
+def read_stamped_doubles(messages: RawMessages, count: int) -> tuple[IntArray, FloatArray]:
+    """Return the (n,) stamps in nanoseconds and the (n, count) doubles of messages that begin with header and doubles.
+
+    Raises
+    ------
+    InputError
+        When a message is truncated or not plain CDR.
+    """
+    stamps, values = np.empty(len(messages), dtype=np.int64), np.empty((len(messages), count))
+    for chosen, part, order in _by_byte_order(messages):
+        head = _take(part, _BODY, _HEAD.itemsize).view(_HEAD.newbyteorder(order))
+        stamps[chosen] = head["seconds"].astype(np.int64) * 1_000_000_000 + head["nanoseconds"]
+        begin = _BODY + (_HEAD.itemsize + head["length"].astype(np.int64) + 7 & -8)
+        values[chosen] = _take(part, begin, 8 * count).view(f"{order}f8").reshape(-1, count)
+    return stamps, values
+
+
+def read_float64s(messages: RawMessages) -> tuple[None, FloatArray]:
+    """Return the (n, 1) numbers of messages ``std_msgs/Float64``; they have no stamps.
+
+    Raises
+    ------
+    InputError
+        When a message is truncated or not plain CDR.
+    """
+    values = np.empty((len(messages), 1))
+    for chosen, part, order in _by_byte_order(messages):
+        values[chosen, 0] = _take(part, _BODY, 8).view(f"{order}f8")
+    return None, values
+
+
+def read_stamp_and_doubles(message: bytes, count: int) -> tuple[int, tuple[float, ...]]:
+    """Return stamp and doubles of one message: as ``read_stamped_doubles``, faster for a single one.
+
+    Raises
+    ------
+    InputError
+        When the message is truncated or not plain CDR.
+    """
+    try:
+        order, head = _HEADS[message[:2]]
+        seconds, nanoseconds, length = head.unpack_from(message, _BODY)
+        begin = _BODY + (head.size + length + 7 & -8)
+        return seconds * 1_000_000_000 + nanoseconds, struct.unpack_from(f"{order}{count}d", message, begin)
+    except (KeyError, struct.error):
+        raise InputError(_DAMAGED) from None
+
+
+def read_float64(message: bytes) -> float:
+    """Return the number of one message ``std_msgs/Float64``.
+
+    Raises
+    ------
+    InputError
+        When the message is truncated or not plain CDR.
+    """
+    try:
+        value: float = struct.unpack_from(f"{_HEADS[message[:2]][0]}d", message, _BODY)[0]
+    except (KeyError, struct.error):
+        raise InputError(_DAMAGED) from None
+    return value
+
+
+def _by_byte_order(messages: RawMessages) -> Iterator[tuple[slice | NDArray[np.bool_], RawMessages, ByteOrder]]:
+    kinds = _take(messages, 0, 2).view("<u2")
+    for order, kind in _KINDS.items():
+        chosen = kinds == kind
+        if chosen.all():
+            yield slice(None), messages, order
+            return
+        if chosen.any():
+            yield chosen, messages.take(chosen), order
+    if not np.isin(kinds, list(_KINDS.values())).all():
+        raise InputError(_DAMAGED)
+
+
+def _take(messages: RawMessages, begin: IntArray | int, size: int) -> NDArray[Any]:
+    """Return so many bytes of each message, from a place in each on."""
+    if (begin + size > messages.size).any():
+        raise InputError(_DAMAGED)
+    taken: NDArray[Any] = windows(messages.block, size)[messages.start + begin]
+    return taken
+
+
+def fill(template: bytes, from_end: int, values: FloatArray, stamps_ns: IntArray | None) -> ByteArray:
+    """Return (N, bytes) copies of a serialised message (little-endian) with other numbers and stamps.
+
+    Parameters
+    ----------
+    template : bytes
+        Serialised message.
+    from_end : int
+        Bytes from the first double that changes to the end of the message.
+    values : (N, n) array
+        Doubles of each message.
+    stamps_ns : (N,) array of int, optional
+        Stamps of the header; None for a message without.
+    """
+    copies = np.tile(np.frombuffer(template, np.uint8), (len(values), 1))
+    start = len(template) - from_end
+    copies[:, start : start + 8 * values.shape[1]] = np.ascontiguousarray(values, "<f8").view(np.uint8)
+    if stamps_ns is not None:
+        stamp = np.column_stack(np.divmod(stamps_ns, 1_000_000_000)).astype("<i4")
+        copies[:, _BODY : _BODY + 8] = stamp.view(np.uint8)
+    return copies

@@ -1,0 +1,144 @@
+"""The rows of the point clouds and matrices on the topics: names, order and size, without any ROS import.
+
+A cloud holds one row (height and width 1) of little-endian float64 fields that follow each other without gaps.
+The header's stamp is the exact time of a row.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tam_calibration.model.array import OUTPUT_NAMES
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray
+
+FRAME_ID = "tam_array"
+"""Default frame of everything that is corrected: the array frame."""
+
+POINT_FIELD_FLOAT64 = 8
+"""``sensor_msgs/PointField.FLOAT64``."""
+
+FLOAT64_SIZE = 8
+
+CHANNEL_COLUMNS = {
+    "scalar": ("scalar_T",),
+    "temperature": ("temperature_C",),
+    "current": ("current_A",),
+    "attitude": ("qx", "qy", "qz", "qw"),
+}
+"""Columns of the channels beside the sensors, in their order in a sample."""
+
+FIELD_GRADIENT_COLUMNS = (*OUTPUT_NAMES, *(f"{name}_standard_error" for name in OUTPUT_NAMES))
+"""Columns of ``field_gradient``: outputs in T and T/m, then their standard errors."""
+
+SOURCE_COLUMNS = (
+    *(f"{axis}_m" for axis in "xyz"),
+    *(f"position_covariance_{pair}_m2" for pair in ("xx", "xy", "xz", "yy", "yz", "zz")),
+    *(f"moment_{axis}_Am2" for axis in "xyz"),
+    *(f"moment_covariance_{pair}_A2m4" for pair in ("xx", "xy", "xz", "yy", "yz", "zz")),
+    "status",
+)
+"""Columns of ``source_estimate``: position and moment with their covariances; NaN where ``status`` is not 0."""
+
+GRADIENT_ROW_MAJOR = (3, 4, 5, 4, 6, 7, 5, 7, 8)
+"""Positions among the nine outputs of the 3 × 3 gradient, row by row."""
+
+GRADIENT_DIMENSIONS = (("row", 3, 9), ("column", 3, 3))
+"""Label, size and stride of the two dimensions of the ``gradient`` message."""
+
+
+def field_offsets(columns: Sequence[str]) -> list[tuple[str, int]]:
+    """Return name and byte offset of each field of a row."""
+    return [(name, FLOAT64_SIZE * index) for index, name in enumerate(columns)]
+
+
+def center_covariance(standard_errors: FloatArray) -> FloatArray:
+    """Return row-major (…, 9) covariances of the centre vector, T², of the (…, 9) standard errors of the outputs."""
+    covariance = np.zeros(standard_errors.shape)
+    covariance[..., ::4] = standard_errors[..., :3] ** 2
+    return covariance
+
+
+@dataclass(frozen=True)
+class SampleLayout:
+    """The columns of one synchronised sample: ``time_s``, 3K readings, then the channels that there are.
+
+    Parameters
+    ----------
+    sensor_count : int
+        Number of sensors K.
+    scalar, temperature, current, attitude : bool
+        Whether the channel has a column (the attitude four); a value that is missing is NaN.
+    """
+
+    sensor_count: int
+    scalar: bool = False
+    temperature: bool = False
+    current: bool = False
+    attitude: bool = False
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns in SI: time_s, b1x_T … bKz_T, scalar_T, temperature_C, current_A, qx … qw."""
+        readings = [f"b{sensor}{axis}_T" for sensor in range(1, self.sensor_count + 1) for axis in "xyz"]
+        return ("time_s", *readings, *(column for channel in self.channels for column in CHANNEL_COLUMNS[channel]))
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels that there are, in the order of their columns."""
+        return tuple(channel for channel in CHANNEL_COLUMNS if getattr(self, channel))
+
+    @classmethod
+    def of(cls, recording: Recording) -> "SampleLayout":
+        """Return the layout of the samples of a recording."""
+        return cls(recording.sensor_count, *(values is not None for values in _channels(recording)))
+
+    @classmethod
+    def from_columns(cls, columns: Sequence[str]) -> "SampleLayout":
+        """Return the layout that has these columns.
+
+        Raises
+        ------
+        InputError
+            When no layout has them in this order.
+        """
+        sensor_count = sum(name.startswith("b") and name.endswith("x_T") for name in columns)
+        layout = cls(sensor_count, *(names[0] in columns for names in CHANNEL_COLUMNS.values()))
+        if layout.columns != tuple(columns) or sensor_count == 0:
+            raise InputError(f"samples must have the columns {', '.join(layout.columns)}, not {', '.join(columns)}")
+        return layout
+
+    def rows(self, recording: Recording) -> FloatArray:
+        """Return the (N, columns) rows of a recording."""
+        readings = recording.readings_T.reshape(recording.sample_count, -1)
+        present = [values for values in _channels(recording) if values is not None]
+        return np.column_stack([recording.time_s, readings, *present])
+
+    def recording(self, rows: FloatArray) -> Recording:
+        """Return the recording of (N, columns) rows.
+
+        A channel without any value is left out.
+
+        Raises
+        ------
+        InputError
+            When the rows are none or no recording: see `Recording`.
+        """
+        readings = rows[:, 1 : 1 + 3 * self.sensor_count].reshape(len(rows), self.sensor_count, 3)
+        present = {}
+        first = 1 + 3 * self.sensor_count
+        for channel in self.channels:
+            last = first + len(CHANNEL_COLUMNS[channel])
+            if np.isfinite(rows[:, first:last]).any():
+                present[channel] = rows[:, first:last]
+            first = last
+        scalar, temperature, current = (
+            present[channel][:, 0] if channel in present else None for channel in ("scalar", "temperature", "current")
+        )
+        return Recording(rows[:, 0], readings, scalar, temperature, current, present.get("attitude"))
+
+
+def _channels(recording: Recording) -> tuple[FloatArray | None, ...]:
+    return recording.scalar_T, recording.temperature_C, recording.current_A, recording.attitude

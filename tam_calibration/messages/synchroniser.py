@@ -1,0 +1,274 @@
+"""Joining the messages of several topics into samples by their stamps: one algorithm for live nodes and for bags.
+
+Sensor 1 sets the pace: each of its messages makes a sample with the nearest message of every other sensor within a
+tolerance, unless that message is nearer to the next one of sensor 1: after a loss no stream takes what belongs to the
+next sample, whatever the tolerance. The streams arrive each in its own order but interleaved in any way; the samples do
+not depend on how, as long as no stream lags behind another by more than the patience. Time is that of the stamps: no
+clock is read.
+"""
+
+from collections import deque
+from collections.abc import Collection, Mapping, Sequence
+from typing import NamedTuple
+
+from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS, SampleLayout
+from tam_calibration.messages.stream import HeldStream, JoinedStream, Losses, Message, Stream, sensor_stream
+
+MAXIMUM_AGE_NS = {
+    "scalar": 2_000_000_000,
+    "temperature": 60_000_000_000,
+    "current": 2_000_000_000,
+    "attitude": 200_000_000,
+}
+"""How old the newest value of a held channel may be."""
+
+REMEMBERED = 16
+"""Intervals between samples, the shortest of which tells when a message may be of the next sample."""
+
+# Stamps of successive epochs are set apart by more than any stamp, so that one number orders all messages.
+_EPOCH = 1 << 64
+_BEFORE_ALL = -_EPOCH
+_NO_VALUE = {channel: (float("nan"),) * len(columns) for channel, columns in CHANNEL_COLUMNS.items()}
+
+
+class Sample(NamedTuple):
+    """One synchronised sample.
+
+    Parameters
+    ----------
+    stamp_ns : int
+        Stamp of sensor 1; strictly increasing within an epoch.
+    epoch : int
+        Grows when stamps went backwards: a bag that loops, a sensor that restarted.
+    values : tuple of float
+        The columns of `SampleLayout` after ``time_s``; NaN where a channel had no value.
+    """
+
+    stamp_ns: int
+    epoch: int
+    values: tuple[float, ...]
+
+
+class Synchroniser:
+    """Joins the messages of K sensors and the channels beside them into samples in the order of their stamps.
+
+    Parameters
+    ----------
+    layout : SampleLayout
+        Number of sensors, and the channels that a sample holds.
+    tolerance_ns : int
+        Greatest difference of stamps within a sample.
+    patience_ns : int
+        How far in stamps a stream may lag behind the newest sensor before samples go without it. Stamps that step
+        back by more begin a new epoch.
+    hold_patience_ns : int
+        The same for held channels (temperature, current, attitude): 0 takes what has arrived, without delay.
+    scalar_is_held : bool
+        Whether the scalar is held like them (messages without a stamp) instead of joined by its stamp.
+    expected : collection of str
+        Channels that are waited for from the first sample; others once they have been seen.
+    maximum_age_ns : mapping
+        How old a held value may be, by channel.
+    capacity : int
+        Greatest number of waiting messages of a stream.
+    """
+
+    def __init__(
+        self,
+        layout: SampleLayout,
+        tolerance_ns: int = 1_000_000,
+        patience_ns: int = 250_000_000,
+        hold_patience_ns: int = 0,
+        scalar_is_held: bool = False,
+        expected: Collection[str] = (),
+        maximum_age_ns: Mapping[str, int] = MAXIMUM_AGE_NS,
+        capacity: int = 65_536,
+    ) -> None:
+        self.delivered = self.restarts = 0
+        self._patience_ns, self._hold_patience_ns = patience_ns, hold_patience_ns
+        self._capacity = capacity
+        self._sensors = [
+            JoinedStream(sensor_stream(index + 1), tolerance_ns, True) for index in range(layout.sensor_count)
+        ]
+        channels: list[Stream] = [
+            JoinedStream(name, tolerance_ns, name in expected)
+            if name == "scalar" and not scalar_is_held
+            else HeldStream(name, maximum_age_ns[name], name in expected)
+            for name in layout.channels
+        ]
+        self._partners = [*self._sensors[1:], *channels]
+        self._streams: dict[str, Stream] = {stream.name: stream for stream in [*self._sensors, *channels]}
+        self._epoch = 0
+        self._newest = self._horizon = self._hold_horizon = self._last_delivered = self._epoch_start = _BEFORE_ALL
+        self._previous = _BEFORE_ALL
+        self._intervals: deque[int] = deque(maxlen=REMEMBERED)
+        self._waits_for: Stream = self._sensors[0]
+
+    @property
+    def losses(self) -> dict[str, Losses]:
+        """What became of the messages, by stream."""
+        return {name: stream.losses for name, stream in self._streams.items()}
+
+    @property
+    def drops_everything(self) -> bool:
+        """Whether messages of sensors arrive, but no sample was made of them for long."""
+        return self._newest > max(self._last_delivered, self._epoch_start) + 3 * self._patience_ns
+
+    def push(self, stream: str, stamp_ns: int | None, values: Sequence[float]) -> list[Sample]:
+        """Take a message and return the samples that it completes.
+
+        Parameters
+        ----------
+        stream : str
+            ``tam_1`` … ``tam_K``, or the channel's name in `SampleLayout`.
+        stamp_ns : int or None
+            Stamp of the message's header; None for a held channel without stamps, which takes the newest sensor's.
+        values : sequence of float
+            The values of the stream's columns.
+        """
+        state = self._streams[stream]
+        state.losses.received += 1
+        key = self._key(state, stamp_ns)
+        if key is None:
+            return []
+        self._store(state, key, values)
+        is_waiting_over = self._waits_for is state or self._is_overdue(self._waits_for)
+        return self._complete() if is_waiting_over else []
+
+    def flush(self) -> list[Sample]:
+        """Return the samples that still waited for messages: there will be none."""
+        self._horizon = self._hold_horizon = self._newest
+        samples = self._complete()
+        self._forget((self._epoch + 1) * _EPOCH)
+        return samples
+
+    def explain_losses(self) -> str:
+        """Return one line for people: how many samples were made, and what was lost by which stream and why."""
+        parts = [f"{self.delivered} of {self._sensors[0].losses.received} samples synchronised"]
+        silent = [stream.name for stream in self._sensors if stream.losses.received == 0]
+        if silent:
+            parts.append(f"nothing arrived from {', '.join(silent)}")
+        told = {stream.name: stream.losses.explain() for stream in self._streams.values() if stream.losses.received}
+        parts += [f"{name}: {losses}" for name, losses in told.items() if losses]
+        if self.restarts:
+            parts.append(f"stamps went back {self.restarts} times")
+        return "; ".join(parts)
+
+    def _key(self, stream: Stream, stamp_ns: int | None) -> int | None:
+        """Return the place of a message in the order of all messages, or None where it is thrown away."""
+        if stamp_ns is None:
+            if stream.buffer and stream.buffer[-1][0] == self._newest:
+                stream.buffer.pop()
+            return self._newest
+        key = stream.epoch * _EPOCH + stamp_ns
+        if key > stream.newest:
+            if stream.epoch == self._epoch or stamp_ns <= stream.rejoins_after:
+                return key
+        elif key == stream.newest:
+            stream.losses.duplicate += 1
+            return None
+        elif key > stream.newest - self._patience_ns:
+            stream.losses.late += 1
+            return None
+        elif stream.epoch == self._epoch:
+            self._begin_epoch(stream)
+        stream.epoch = self._epoch
+        return self._epoch * _EPOCH + stamp_ns
+
+    def _begin_epoch(self, beginner: Stream) -> None:
+        """Begin a new epoch: the other streams join it when they step back too, or have run on past the patience."""
+        self._epoch += 1
+        self.restarts += 1
+        newest = {stream: stream.newest - stream.epoch * _EPOCH for stream in self._streams.values()}
+        sensors = max((newest[stream] for stream in self._sensors if stream is not beginner), default=0)
+        for stream in self._streams.values():
+            if newest[stream] >= 0:
+                stream.rejoins_after = max(newest[stream], sensors) + self._patience_ns
+
+    def _store(self, stream: Stream, key: int, values: Sequence[float]) -> None:
+        stream.newest = key
+        stream.buffer.append((key, values))
+        if len(stream.buffer) > self._capacity:
+            stream.buffer.popleft()
+            stream.losses.unmatched += 1
+        if stream.name in CHANNEL_COLUMNS:
+            stream.awaited = True
+        elif key > self._newest:
+            self._advance(key)
+        if not self._sensors[0].buffer:
+            stream.forget(self._horizon)
+
+    def _advance(self, key: int) -> None:
+        """Move time on to the newest stamp of the sensors; at the start of an epoch patience begins anew."""
+        if key - self._newest > _EPOCH // 2:
+            self._epoch_start = key
+        self._newest = key
+        if key >= self._epoch_start + self._patience_ns:
+            self._horizon = key - self._patience_ns
+        if key >= self._epoch_start + self._hold_patience_ns:
+            self._hold_horizon = key - self._hold_patience_ns
+
+    def _is_overdue(self, stream: Stream) -> bool:
+        pending = self._sensors[0].buffer
+        horizon = self._hold_horizon if isinstance(stream, HeldStream) else self._horizon
+        return bool(pending) and pending[0][0] <= horizon
+
+    def _complete(self) -> list[Sample]:
+        """Return the samples that are decided, oldest first."""
+        samples = []
+        pacemaker = self._sensors[0]
+        self._waits_for = pacemaker
+        while pacemaker.buffer and (partners := self._find_partners(pacemaker.buffer[0][0])) is not None:
+            key, values = pacemaker.buffer.popleft()
+            self._intervals.append(key - self._previous)
+            self._previous = key
+            for stream, message in zip(self._partners, partners, strict=False):
+                stream.losses.missing += message is None
+            if None in partners[: len(self._sensors) - 1]:
+                pacemaker.losses.unmatched += 1
+                self._forget(key)
+            else:
+                samples.append(self._join(key, values, partners))
+        return samples
+
+    def _forget(self, before: int) -> None:
+        for stream in self._partners:
+            stream.forget(before)
+
+    def _find_partners(self, key: int) -> list[Message | None] | None:
+        """Return the messages that join the sample at a stamp, up to a sensor without one; None: not yet decided."""
+        partners: list[Message | None] = []
+        for stream in self._partners:
+            is_decided, message = stream.find(key, self._is_overdue(stream))
+            if not is_decided:
+                self._waits_for = stream
+                return None
+            if message is not None and self._is_doubtful(key, message[0]):
+                pending = self._sensors[0].buffer
+                if len(pending) == 1 and not self._is_overdue(self._sensors[0]):
+                    self._waits_for = self._sensors[0]
+                    return None
+                if len(pending) > 1 and abs(pending[1][0] - message[0]) < message[0] - key:
+                    message = None
+            partners.append(message)
+            if message is None and stream.name not in CHANNEL_COLUMNS:
+                break
+        return partners
+
+    def _is_doubtful(self, key: int, found: int) -> bool:
+        """Return whether a message that was found for a sample is so late that it may be of the next one."""
+        if found <= key:
+            return False
+        if len(self._intervals) < REMEMBERED:
+            return True
+        return 2 * (found - key) >= min(key - self._previous, *self._intervals)
+
+    def _join(self, key: int, values: Sequence[float], partners: list[Message | None]) -> Sample:
+        joined = list(values)
+        for stream, message in zip(self._partners, partners, strict=True):
+            joined += _NO_VALUE[stream.name] if message is None else message[1]
+            if message is not None and isinstance(stream, JoinedStream):
+                stream.buffer.popleft()
+        self.delivered += 1
+        self._last_delivered = key
+        return Sample(key % _EPOCH, key // _EPOCH, tuple(joined))

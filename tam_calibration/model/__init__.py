@@ -1,0 +1,1 @@
+"""What is measured with, and what comes of it: array, sensors, recording and field."""

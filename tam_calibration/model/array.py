@@ -1,0 +1,169 @@
+"""The sensor array: where its sensors sit, their noise, and what that makes of K readings."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
+from tam_calibration.model.units import FloatArray
+
+OUTPUT_NAMES = ("bx", "by", "bz", "gxx", "gxy", "gxz", "gyy", "gyz", "gzz")
+"""The order of the nine outputs of an array: centre field, then the gradient tensor."""
+
+TENSOR_OUTPUTS = (3, 4, 5, 6, 7)
+"""Positions of the five independent tensor components xx, xy, xz, yy, yz among the outputs."""
+
+TENSOR_ROWS, TENSOR_COLUMNS = np.array([[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]])
+"""Row and column of these components in the tensor."""
+
+UNIT_TENSORS = np.zeros((5, 3, 3))
+"""(5, 3, 3) symmetric, trace-free tensors in which one of xx, xy, xz, yy, yz is 1."""
+UNIT_TENSORS[range(5), TENSOR_ROWS, TENSOR_COLUMNS] = UNIT_TENSORS[range(5), TENSOR_COLUMNS, TENSOR_ROWS] = 1
+UNIT_TENSORS[(0, 3), 2, 2] = -1
+
+
+def tensors_of(outputs: FloatArray) -> FloatArray:
+    """Return the symmetric, trace-free tensors (N, 3, 3) of outputs (N, 8) or (N, 9); the ninth is not read."""
+    tensors: FloatArray = np.einsum("ni,ijk->njk", np.asarray(outputs)[:, 3:8], UNIT_TENSORS)
+    return tensors
+
+
+@dataclass(frozen=True, eq=False)
+class Array:
+    """Positions and noise of K tri-axial magnetometers and the scalar magnetometer beside them.
+
+    Parameters
+    ----------
+    positions_m : (K, 3) array
+        Sensor positions in the array frame (x forward, y left, z up; origin at the centre), metres.
+    vector_noise_T : (K,) array, optional
+        Standard deviation of the white noise of each axis of each sensor, tesla.
+        None means unknown: it is estimated from the recording.
+    scalar_noise_T : float, optional
+        Standard deviation of the scalar magnetometer's noise, tesla. None means unknown.
+    scalar_position_m : (3,) array, optional
+        Position of the scalar magnetometer in the array frame, metres; None means at the centre. It matters only
+        where a fit takes the ambient field to have a gradient.
+    axis_offsets_m : (K, 3, 3) array, optional
+        Where the elements of axis x, y and z of each sensor sit beside its position: a row for each axis, array frame,
+        metres; None means all three at the position.
+    field : FieldBounds
+        What the intensity of the field can be in which the array is turned.
+
+    Raises
+    ------
+    InputError
+        When a position or noise is not finite, not positive or has the wrong shape.
+    """
+
+    positions_m: FloatArray
+    vector_noise_T: FloatArray | None = None
+    scalar_noise_T: float | None = None
+    scalar_position_m: FloatArray | None = None
+    axis_offsets_m: FloatArray | None = None
+    field: FieldBounds = EARTH_FIELD
+
+    def __post_init__(self) -> None:
+        """Check shapes and values."""
+        positions = np.asarray(self.positions_m, dtype=float)
+        if positions.ndim != 2 or positions.shape[0] < 1 or positions.shape[1] != 3:
+            raise InputError(f"positions_m must be K rows of x, y, z; its shape is {positions.shape}")
+        if not np.isfinite(positions).all():
+            raise InputError("positions_m holds a value that is not finite")
+        object.__setattr__(self, "positions_m", positions)
+        if self.vector_noise_T is not None:
+            noise = np.asarray(self.vector_noise_T, dtype=float)
+            if noise.shape != (len(positions),):
+                raise InputError(
+                    f"vector noise needs one value for each of {len(positions)} sensors, not the shape {noise.shape}"
+                )
+            if not (np.isfinite(noise).all() and (noise > 0).all()):
+                raise InputError("every vector noise must be a positive number")
+            object.__setattr__(self, "vector_noise_T", noise)
+        if self.scalar_noise_T is not None and not (np.isfinite(self.scalar_noise_T) and self.scalar_noise_T >= 0):
+            raise InputError("the scalar noise must be zero or a positive number")
+        if self.scalar_position_m is not None:
+            position = np.asarray(self.scalar_position_m, dtype=float)
+            if position.shape != (3,) or not np.isfinite(position).all():
+                raise InputError("the position of the scalar magnetometer must be three finite numbers x, y, z")
+            object.__setattr__(self, "scalar_position_m", position)
+        if self.axis_offsets_m is not None:
+            offsets = np.asarray(self.axis_offsets_m, dtype=float)
+            if offsets.shape != (len(positions), 3, 3) or not np.isfinite(offsets).all():
+                raise InputError(
+                    "the offsets of the axes must be finite, three rows of x, y, z for each of "
+                    f"{len(positions)} sensors; their shape is {offsets.shape}"
+                )
+            object.__setattr__(self, "axis_offsets_m", offsets)
+
+    @classmethod
+    def cross(
+        cls, baseline_m: float, vector_noise_T: float | None = None, scalar_noise_T: float | None = None
+    ) -> "Array":
+        """Make the four-sensor cross: sensors 1, 3 at +x, -x and 2, 4 at +y, -y, half a baseline out.
+
+        Raises
+        ------
+        InputError
+            When the baseline is not a positive number of metres.
+        """
+        if not (np.isfinite(baseline_m) and baseline_m > 0):
+            raise InputError(f"the baseline must be a positive number of metres, not {baseline_m}")
+        half = baseline_m / 2
+        positions = np.array([[half, 0, 0], [0, half, 0], [-half, 0, 0], [0, -half, 0]])
+        return cls(positions, None if vector_noise_T is None else np.full(4, vector_noise_T), scalar_noise_T)
+
+    @property
+    def sensor_count(self) -> int:
+        """Number of sensors K."""
+        return len(self.positions_m)
+
+    @cached_property
+    def element_positions_m(self) -> FloatArray:
+        """(K, 3, 3) positions of the elements of each sensor's axes x, y, z in the array frame, metres."""
+        offsets = np.zeros((self.sensor_count, 3, 3)) if self.axis_offsets_m is None else self.axis_offsets_m
+        positions: FloatArray = self.positions_m[:, None] + offsets
+        return positions
+
+    @cached_property
+    def has_gradient(self) -> bool:
+        """Whether the geometry determines the five tensor components that a plane array can see."""
+        return bool(np.linalg.matrix_rank(self._linear_field) == 8)
+
+    @cached_property
+    def _linear_field(self) -> FloatArray:
+        """(3K, 8) readings in a linear field, of its bx by bz gxx gxy gxz gyy gyz."""
+        rows = np.zeros((self.sensor_count, 3, 8))
+        # (K, 3) each: a column for the element of each axis.
+        x, y, z = np.moveaxis(self.element_positions_m, 2, 0)
+        rows[:, :, :3] = np.eye(3)
+        rows[:, 0, 3], rows[:, 2, 3] = x[:, 0], -z[:, 2]
+        rows[:, 0, 4], rows[:, 1, 4] = y[:, 0], x[:, 1]
+        rows[:, 0, 5], rows[:, 2, 5] = z[:, 0], x[:, 2]
+        rows[:, 1, 6], rows[:, 2, 6] = y[:, 1], -z[:, 2]
+        rows[:, 1, 7], rows[:, 2, 7] = z[:, 1], y[:, 2]
+        return rows.reshape(-1, 8)
+
+    @cached_property
+    def operator(self) -> FloatArray:
+        """(9, 3K) matrix from the stacked true fields at the sensors to the outputs.
+
+        Rows in the order of ``OUTPUT_NAMES``. The gradient is the least-squares fit of a symmetric,
+        trace-free tensor; for the cross it is Li 2018a eq. 2 with the mean of the two xy. Where the
+        geometry does not determine it, the centre is the sensors' mean and the gradient rows are NaN.
+        """
+        operator = np.full((9, 3 * self.sensor_count), np.nan)
+        if self.has_gradient:
+            operator[:8] = np.linalg.pinv(self._linear_field)
+            operator[8] = -operator[3] - operator[6]
+        else:
+            operator[:3] = np.tile(np.eye(3), self.sensor_count) / self.sensor_count
+        return operator
+
+    def has_geometry_of(self, other: "Array") -> bool:
+        """Whether the other array has its sensors at the same places, to a micrometre."""
+        return self.positions_m.shape == other.positions_m.shape and bool(
+            np.allclose(self.element_positions_m, other.element_positions_m, rtol=0, atol=1e-6)
+        )

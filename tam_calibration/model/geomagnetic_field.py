@@ -1,0 +1,195 @@
+"""The geomagnetic field: bounds of its intensity, and its value at a place and date from the IGRF."""
+
+from dataclasses import dataclass
+from datetime import date, datetime
+from math import sqrt
+
+import numpy as np
+
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
+
+WEAKEST_FIELD_T = 200e-9
+"""In a weaker one a nanotesla of noise is more than half a per cent; and the Earth's in µT, taken for nT, is weaker."""
+
+STRONGEST_FIELD_T = 10e-3
+"""Where coils and sensors of such fields end; the Earth's in pT, taken for nT, is stronger."""
+
+_LARGEST_BIAS = 100.0
+"""Of a sensor's readings, in units of the strongest field: a bias may be many times the field."""
+
+_UNITS = {
+    "µT given as T": 1e6,
+    "nT given as T": 1e9,
+    "gauss given as T": 1e4,
+    "nT given as µT": 1e3,
+    "gauss given as µT": 1e-2,
+    "µT given as nT": 1e-3,
+    "T given as µT": 1e-6,
+    "T given as nT": 1e-9,
+}
+"""Times the true value, for each mistake of units."""
+
+
+@dataclass(frozen=True)
+class FieldBounds:
+    """Bounds of the intensity of the field in which an array is turned.
+
+    Parameters
+    ----------
+    low_T, high_T : float
+        Bounds, tesla.
+    whose : str
+        Field: who says so.
+
+    Raises
+    ------
+    InputError
+        When they are no bounds of a field in which sensors can be calibrated.
+    """
+
+    low_T: float
+    high_T: float
+    whose: str = "the array's"
+
+    def __post_init__(self) -> None:
+        """Check order and size."""
+        if not WEAKEST_FIELD_T <= self.low_T < self.high_T <= STRONGEST_FIELD_T:
+            least, most = (f"{to_nanotesla(bound):.0f}" for bound in (WEAKEST_FIELD_T, STRONGEST_FIELD_T))
+            low, high = (f"{to_nanotesla(bound):.6g}" for bound in (self.low_T, self.high_T))
+            raise InputError(
+                f"the bounds of the field's intensity must be a lower and an upper one within {least} to {most} nT, "
+                f"not {low} and {high} nT: check their order and unit"
+            )
+
+    def __str__(self) -> str:
+        """Return the bounds in a clause."""
+        return f"{self.whose} field has {self.range_uT} µT"
+
+    @property
+    def range_uT(self) -> str:
+        """The bounds for people, in µT."""
+        return f"{self.low_T * 1e6:.4g} to {self.high_T * 1e6:.4g}"
+
+    @property
+    def middle_T(self) -> float:
+        """The geometric mean of the bounds."""
+        return sqrt(self.low_T * self.high_T)
+
+    def hold(self, intensity_T: float) -> bool:
+        """Whether an intensity lies within."""
+        return self.low_T <= intensity_T <= self.high_T
+
+    def require_intensity(self, intensity_T: float) -> None:
+        """Check the intensity that a scalar magnetometer reads.
+
+        Raises
+        ------
+        InputError
+            When it lies beyond the bounds; a mistake of units that would explain it is named.
+        """
+        if not self.hold(intensity_T):
+            raise self._refusal("the scalar intensity is", intensity_T)
+
+    def require_readings(self, length_T: FloatArray) -> None:
+        """Check the lengths (K,) that sensors mostly read.
+
+        Raises
+        ------
+        InputError
+            When one cannot be that of the field with a bias, however large.
+        """
+        # A weak field is that of a shield, and makes no smaller bias.
+        low, high = self.low_T / _LARGEST_BIAS, max(self.high_T, EARTH_FIELD.high_T) * _LARGEST_BIAS
+        for sensor, value in enumerate(length_T.tolist()):
+            if not low <= value <= high:
+                raise self._refusal(f"sensor {sensor + 1} reads", value)
+
+    def _hint(self, tesla: float) -> str:
+        """Return which mistake of units takes a field within the bounds for another, as a question."""
+        fits = [name for name, factor in _UNITS.items() if self.hold(tesla / factor)]
+        return f"is this {' or '.join(fits)}?" if fits else "check the unit and the source"
+
+    def _refusal(self, subject: str, tesla: float) -> InputError:
+        return InputError(f"{subject} {tesla * 1e6:.4g} µT, but {self}: {self._hint(tesla)}")
+
+
+EARTH_FIELD = FieldBounds(15e-6, 100e-6, "the Earth's")
+"""Of the geomagnetic field anywhere, with what iron and magnets nearby add to it."""
+
+
+MODEL_YEARS = (1900, 2030)
+"""First year of IGRF-14, and the year at whose beginning it ends."""
+
+FARTHEST_FROM_IGRF = 1.5
+"""Times the model's intensity, or its inverse: twice the 10 µT of 48 that were measured in 55 homes (Swanson 1994,
+static magnetic fields in homes in the UK), for buildings with more steel. Crust away from ore makes some hundred nT."""
+
+
+def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day: date) -> FloatArray:
+    """Return the field of IGRF-14 at a place: the Earth's core only, without crust, ionosphere and buildings.
+
+    Parameters
+    ----------
+    latitude_deg : float
+        Geodetic latitude, -90 to 90 degrees.
+    longitude_deg : float
+        Longitude, degrees east, -180 to 360.
+    height_m : float
+        Height above the WGS84 ellipsoid, metres.
+    day : date
+        Day of the field, 1900 to 2029.
+
+    Returns
+    -------
+    (3,) array
+        Components east, north, up, tesla.
+
+    Raises
+    ------
+    InputError
+        When a coordinate or the day lies outside its bounds.
+    """
+    import ppigrf  # late, as it brings pandas with it
+
+    if not -90 <= latitude_deg <= 90:
+        raise InputError(f"the latitude must lie between -90 and 90 degrees, not at {latitude_deg}")
+    if not -180 <= longitude_deg <= 360:
+        raise InputError(f"the longitude must lie between -180 and 360 degrees east, not at {longitude_deg}")
+    if not -10e3 <= height_m <= 600e3:
+        raise InputError(f"the height must lie between -10 and 600 km, not at {height_m} m")
+    if not MODEL_YEARS[0] <= day.year < MODEL_YEARS[1]:
+        raise InputError(
+            f"the geomagnetic model IGRF-14 holds from {MODEL_YEARS[0]} to {MODEL_YEARS[1] - 1}, not in {day.year}"
+        )
+    components = ppigrf.igrf(longitude_deg, latitude_deg, height_m / 1e3, datetime(day.year, day.month, day.day))
+    return from_nanotesla(np.ravel(components).astype(float))
+
+
+def field_at(place: str) -> FloatArray:
+    """Return the (3,) field east, north, up at LAT,LON,DATE at sea level, tesla.
+
+    Raises
+    ------
+    InputError
+        When that is no place and date of the model.
+    """
+    try:
+        latitude, longitude, day = place.split(",")
+        where = float(latitude), float(longitude)
+        when = date.fromisoformat(day.strip())
+    except ValueError:
+        raise InputError(f"a place must be LAT,LON,DATE such as 47.37,8.54,2025-06-30, not {place!r}") from None
+    return site_field_T(*where, 0.0, when)
+
+
+def bounds_at(place: str) -> FieldBounds:
+    """Return what the intensity of the field can be at LAT,LON,DATE, with iron nearby.
+
+    Raises
+    ------
+    InputError
+        When that is no place and date of the model.
+    """
+    intensity_T = float(np.linalg.norm(field_at(place)))
+    return FieldBounds(intensity_T / FARTHEST_FROM_IGRF, intensity_T * FARTHEST_FROM_IGRF, "the place's")

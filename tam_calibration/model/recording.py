@@ -1,0 +1,234 @@
+"""The data of one run, checked, and what the fits need of any source of samples."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
+from tam_calibration.model.units import FloatArray
+
+CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude")
+"""What may be recorded beside the sensors; a channel that holds nothing but NaN is absent."""
+
+BLOCK = 16_384
+"""Samples that are worked on at once: what is worked out of them stays in the processor's cache."""
+
+SKETCH = 100_000
+"""Samples at most that are looked at where more would not change the judgement."""
+
+
+class Block(NamedTuple):
+    """Some samples that follow each other, as in ``Recording``; no scalar where the whole run has none."""
+
+    time_s: FloatArray
+    readings_T: FloatArray
+    scalar_T: FloatArray | None
+
+
+class SampleSource(Protocol):
+    """The samples of one run, in memory or on disk: a ``Recording``, or what is read again for every pass."""
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples N."""
+
+    @property
+    def sensor_count(self) -> int:
+        """Number of sensors K."""
+
+    @property
+    def scalar_count(self) -> int | None:
+        """Number of samples with a scalar reading; None for a run without scalar magnetometer."""
+
+    @property
+    def time_span_s(self) -> tuple[float, float]:
+        """First and last time stamp, seconds."""
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield all samples in the order of time, ``BLOCK`` at once but for the last."""
+
+    def thinned(self, most: int) -> "Recording":
+        """Return every n-th sample, so that there are at most so many."""
+
+    def take(self, index: np.ndarray) -> "SampleSource":
+        """Return the samples that a mask (N,) selects."""
+
+    def whole(self) -> "Recording":
+        """Return all samples in memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """N simultaneous samples of K tri-axial sensors and the channels beside them.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Time stamps, strictly increasing, seconds.
+    readings_T : (N, K, 3) array
+        Raw readings of the sensors along their own axes x, y, z, tesla.
+    scalar_T : (N,) array, optional
+        Intensity from the scalar magnetometer, tesla; NaN where there is none.
+    temperature_C : (N,) array, optional
+        Temperature, degrees Celsius; NaN where there is none.
+    current_A : (N,) array, optional
+        Current that may disturb the sensors, ampere; NaN where there is none.
+    attitude : (N, 4) array, optional
+        Quaternion x, y, z, w that turns vectors of the array frame into the world's; NaN where there is none.
+
+    Raises
+    ------
+    InputError
+        When a shape is wrong, a value that is needed is not finite, or time does not increase.
+    """
+
+    time_s: FloatArray
+    readings_T: FloatArray
+    scalar_T: FloatArray | None = None
+    temperature_C: FloatArray | None = None
+    current_A: FloatArray | None = None
+    attitude: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        """Check shapes, finiteness and the order of time."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None:
+                array = np.asarray(value, dtype=float)
+                is_absent = field.name in CHANNELS and bool(np.isnan(array).all())
+                object.__setattr__(self, field.name, None if is_absent else array)
+        if self.readings_T.ndim != 3 or self.readings_T.shape[2] != 3 or self.readings_T.shape[1] < 1:
+            raise InputError(f"readings must have the shape (samples, sensors, 3), not {self.readings_T.shape}")
+        self._check_shapes()
+        if self.sample_count == 0:
+            raise InputError("the recording holds no sample")
+        self._check_finite()
+        self._check_attitude()
+        self._check_time()
+
+    def _check_shapes(self) -> None:
+        for name in ("time_s", *CHANNELS):
+            value = getattr(self, name)
+            shape: tuple[int, ...] = (self.sample_count, 4) if name == "attitude" else (self.sample_count,)
+            if value is not None and value.shape != shape:
+                raise InputError(f"{name} must have the shape {shape} to match the readings, not {value.shape}")
+
+    def _check_finite(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is None:
+                continue
+            is_channel = field.name in CHANNELS
+            bad = np.isinf(value) if is_channel else ~np.isfinite(value)
+            if bad.any():
+                index = np.argwhere(bad)[0]
+                where = f"sensor {index[1] + 1} axis {'xyz'[index[2]]}" if field.name == "readings_T" else field.name
+                count = int(bad.reshape(len(bad), -1).any(axis=1).sum())
+                raise InputError(
+                    f"{count} of {self.sample_count} samples hold {'' if is_channel else 'NaN or '}infinite values, "
+                    f"first {where} in sample {index[0] + 1}: remove them"
+                )
+
+    def _check_attitude(self) -> None:
+        if self.attitude is None:
+            return
+        is_zero = ~self.attitude.any(axis=1)
+        if is_zero.any():
+            raise InputError(
+                f"{int(is_zero.sum())} of {self.sample_count} attitudes are four zeros, first in sample "
+                f"{int(np.argmax(is_zero)) + 1}, which is no attitude: leave empty what is not known"
+            )
+
+    def _check_time(self) -> None:
+        step = np.diff(self.time_s)
+        if (step > 0).all():
+            return
+        first = int(np.argmax(step <= 0))
+        kind = "repeats" if step[first] == 0 else "goes backwards"
+        raise InputError(
+            f"time {kind} at sample {first + 2}: after {self.time_s[first]:.6f} s comes {self.time_s[first + 1]:.6f} s "
+            f"({int((step <= 0).sum())} such places); sort the samples by time and keep one of each"
+        )
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples N."""
+        return len(self.readings_T)
+
+    @property
+    def sensor_count(self) -> int:
+        """Number of sensors K."""
+        return int(self.readings_T.shape[1])
+
+    @property
+    def scalar_count(self) -> int | None:
+        """Number of samples with a scalar reading; None for a run without scalar magnetometer."""
+        return None if self.scalar_T is None else int(np.isfinite(self.scalar_T).sum())
+
+    @property
+    def time_span_s(self) -> tuple[float, float]:
+        """First and last time stamp, seconds."""
+        return float(self.time_s[0]), float(self.time_s[-1])
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield all samples in the order of time, ``BLOCK`` at once but for the last."""
+        for start in range(0, self.sample_count, BLOCK):
+            part = slice(start, start + BLOCK)
+            scalar = None if self.scalar_T is None else self.scalar_T[part]
+            yield Block(self.time_s[part], self.readings_T[part], scalar)
+
+    def thinned(self, most: int) -> "Recording":
+        """Return every n-th sample, so that there are at most so many."""
+        stride = -(-self.sample_count // most)
+        return self if stride == 1 else self.take(slice(None, None, stride))
+
+    def whole(self) -> "Recording":
+        """Return the recording itself."""
+        return self
+
+    def take(self, index: slice | np.ndarray) -> "Recording":
+        """Return the recording of the samples that a slice, mask or increasing index selects."""
+        chosen = {field.name: getattr(self, field.name) for field in fields(self)}
+        return replace(self, **{name: value[index] for name, value in chosen.items() if value is not None})
+
+    def check_plausible(self, field: FieldBounds = EARTH_FIELD) -> None:
+        """Check that readings and scalar can be those of a field in tesla that the array was turned in.
+
+        Parameters
+        ----------
+        field : FieldBounds
+            What its intensity can be.
+
+        Raises
+        ------
+        InputError
+            When a sensor's axis is constant, or sizes betray another unit than the one stated.
+        """
+        spread = np.ptp(self.readings_T, axis=0)
+        if self.sample_count > 1 and (spread == 0).any():
+            sensor, axis = np.argwhere(spread == 0)[0]
+            raise InputError(
+                f"sensor {sensor + 1} axis {'xyz'[axis]} reads the same value in all {self.sample_count} samples: "
+                "it is not connected, or was not turned"
+            )
+        self.check_units(field)
+
+    def check_units(self, field: FieldBounds = EARTH_FIELD) -> None:
+        """Check that the sizes of readings and scalar are those of a field in tesla.
+
+        Parameters
+        ----------
+        field : FieldBounds
+            What its intensity can be.
+
+        Raises
+        ------
+        InputError
+            When they betray another unit than the one stated.
+        """
+        if self.scalar_T is not None:
+            field.require_intensity(float(np.nanmedian(self.scalar_T)))
+        field.require_readings(np.median(np.linalg.norm(self.readings_T, axis=2), axis=0))

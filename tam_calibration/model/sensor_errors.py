@@ -1,0 +1,195 @@
+"""The errors of K tri-axial sensors: the forward and the inverse model.
+
+Wu 2025 eqs. 1 to 5: a field b in the array frame makes sensor i read ``D_i Λ_i b + o_i``, with D_i upper
+triangular (scale factors, non-orthogonality) and Λ_i the passive rotation Rx(α) Ry(β) Rz(γ) from the array
+frame to the sensor's own orthogonal frame.
+"""
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+from numpy.linalg import inv, norm
+
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray
+
+PARAMETER_NAMES = (
+    "scale factor x", "scale factor y", "scale factor z",
+    "non-orthogonality θ", "non-orthogonality φ", "non-orthogonality ψ",
+    "bias x", "bias y", "bias z",
+    "misalignment α", "misalignment β", "misalignment γ",
+)  # fmt: skip
+"""Names of the twelve parameters of one sensor, in the order of ``SensorErrors.to_vector``."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorErrors:
+    """Scale factor, non-orthogonality, bias and misalignment of K sensors; SI, angles in radians.
+
+    Parameters
+    ----------
+    scale_factor : (K, 3) array
+        Sx, Sy, Sz; 1 is without error.
+    non_orthogonality : (K, 3) array
+        θ, φ, ψ of Wu 2025 eq. 3.
+    bias_T : (K, 3) array
+        Reading in zero field.
+    misalignment : (K, 3) array
+        α, β, γ; zero for sensor 1 where its own frame serves as the array frame, which is all that a
+        uniform field can determine.
+
+    Raises
+    ------
+    InputError
+        When shapes differ, a value is not finite or a scale factor is not positive.
+    """
+
+    scale_factor: FloatArray
+    non_orthogonality: FloatArray
+    bias_T: FloatArray
+    misalignment: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check shapes and values."""
+        for field in fields(self):
+            value = np.atleast_2d(np.asarray(getattr(self, field.name), dtype=float))
+            object.__setattr__(self, field.name, value)
+            if value.shape != self.scale_factor.shape or value.shape[1] != 3:
+                raise InputError(f"{field.name} must have the shape (sensors, 3) of the others, not {value.shape}")
+            if not np.isfinite(value).all():
+                raise InputError(f"{field.name} holds a value that is not finite")
+        if not (self.scale_factor > 0).all():
+            raise InputError("scale factors must be positive: turn a reversed axis round before")
+
+    @classmethod
+    def none(cls, sensor_count: int) -> "SensorErrors":
+        """Return the errors of perfect sensors."""
+        zero = np.zeros((sensor_count, 3))
+        return cls(np.ones((sensor_count, 3)), zero, zero, zero)
+
+    @classmethod
+    def from_matrix(cls, matrix: FloatArray, bias_T: FloatArray) -> "SensorErrors":
+        """Split matrices D Λ into scale factors, non-orthogonality and misalignment.
+
+        Parameters
+        ----------
+        matrix : (K, 3, 3) array
+            From the field in the array frame to the readings without bias; right-handed.
+        bias_T : (K, 3) array
+            Reading in zero field, tesla.
+
+        Raises
+        ------
+        InputError
+            When a matrix is singular or its sensor left-handed.
+        """
+        for sensor, value in enumerate(np.linalg.det(matrix)):
+            if not value > 0:
+                raise InputError(f"sensor {sensor + 1} has left-handed or dependent axes: check their order and signs")
+        # The rows in reverse order turn QR into RQ: D upper triangular with a positive diagonal.
+        q, r = np.linalg.qr(np.swapaxes(matrix[:, ::-1], 1, 2))
+        sign = np.sign(np.diagonal(r, axis1=1, axis2=2))
+        upper = np.swapaxes(r * sign[:, :, None], 1, 2)[:, ::-1, ::-1]
+        rotation = np.swapaxes(q * sign[:, None, :], 1, 2)[:, ::-1]
+        scale = norm(upper, axis=2)
+        theta = np.arcsin(upper[:, 0, 2] / scale[:, 0])
+        phi = np.arctan2(upper[:, 0, 1], upper[:, 0, 0])
+        psi = np.arctan2(upper[:, 1, 2], upper[:, 1, 1])
+        alpha = np.arctan2(rotation[:, 1, 2], rotation[:, 2, 2])
+        beta = -np.arcsin(np.clip(rotation[:, 0, 2], -1, 1))
+        gamma = np.arctan2(rotation[:, 0, 1], rotation[:, 0, 0])
+        return cls(scale, np.stack([theta, phi, psi], 1), bias_T, np.stack([alpha, beta, gamma], 1))
+
+    @classmethod
+    def from_vector(cls, vector: FloatArray) -> "SensorErrors":
+        """Make the errors from K rows of twelve parameters, the inverse of ``to_vector``."""
+        return cls(*np.split(np.asarray(vector, dtype=float).reshape(-1, 12), 4, axis=1))
+
+    def to_vector(self) -> FloatArray:
+        """Return the (K, 12) parameters in the order of ``PARAMETER_NAMES``."""
+        return np.concatenate([self.scale_factor, self.non_orthogonality, self.bias_T, self.misalignment], axis=1)
+
+    @property
+    def sensor_count(self) -> int:
+        """Number of sensors K."""
+        return len(self.scale_factor)
+
+    @cached_property
+    def measurement(self) -> FloatArray:
+        """(K, 3, 3) upper triangular matrices D of scale factors and non-orthogonality (Wu 2025 eq. 3)."""
+        (sx, sy, sz), (theta, phi, psi) = self.scale_factor.T, self.non_orthogonality.T
+        matrix = np.zeros((self.sensor_count, 3, 3))
+        matrix[:, 0, 0] = sx * np.cos(theta) * np.cos(phi)
+        matrix[:, 0, 1] = sx * np.cos(theta) * np.sin(phi)
+        matrix[:, 0, 2] = sx * np.sin(theta)
+        matrix[:, 1, 1] = sy * np.cos(psi)
+        matrix[:, 1, 2] = sy * np.sin(psi)
+        matrix[:, 2, 2] = sz
+        return matrix
+
+    @cached_property
+    def rotation(self) -> FloatArray:
+        """(K, 3, 3) passive rotations Λ from the array frame to each sensor's orthogonal frame."""
+        alpha, beta, gamma = self.misalignment.T
+        rotation: FloatArray = _rotate(0, alpha) @ _rotate(1, beta) @ _rotate(2, gamma)
+        return rotation
+
+    @cached_property
+    def matrix(self) -> FloatArray:
+        """(K, 3, 3) matrices D Λ from the field in the array frame to the readings without bias."""
+        matrix: FloatArray = self.measurement @ self.rotation
+        return matrix
+
+    def distort(self, field_T: FloatArray) -> FloatArray:
+        """Return the (N, K, 3) readings of the true fields (N, K, 3) at the sensors, or (N, 3) uniform."""
+        if field_T.ndim == 2:
+            field_T = field_T[:, None, :]
+        everywhere = np.broadcast_to(field_T, (len(field_T), self.sensor_count, 3))
+        readings: FloatArray = np.einsum("kij,nkj->nki", self.matrix, everywhere) + self.bias_T
+        return readings
+
+    def restore(self, readings_T: FloatArray) -> FloatArray:
+        """Return the (N, K, 3) fields in the array frame from raw readings (N, K, 3)."""
+        unbiased = np.swapaxes(readings_T - self.bias_T, 0, 1)
+        return np.swapaxes(unbiased @ np.swapaxes(inv(self.matrix), 1, 2), 0, 1)
+
+    def jacobian(self) -> FloatArray:
+        """Return the (K, 3, 4, 12) derivatives of [D Λ | o] by the parameters in the order of ``PARAMETER_NAMES``."""
+        (sx, sy, _), (theta, phi, psi) = self.scale_factor.T, self.non_orthogonality.T
+        measurement, rotation = self.measurement, self.rotation
+        derivative = np.zeros((self.sensor_count, 12, 3, 4))
+        matrix = derivative[..., :3]
+        for axis in range(3):
+            matrix[:, axis, axis] = measurement[:, axis] / self.scale_factor[:, axis, None]
+        matrix[:, 3, 0] = np.stack(
+            [-sx * np.sin(theta) * np.cos(phi), -sx * np.sin(theta) * np.sin(phi), sx * np.cos(theta)], 1
+        )
+        matrix[:, 4, 0, 0], matrix[:, 4, 0, 1] = -measurement[:, 0, 1], measurement[:, 0, 0]
+        matrix[:, 5, 1, 1], matrix[:, 5, 1, 2] = -sy * np.sin(psi), sy * np.cos(psi)
+        matrix[:, :6] = matrix[:, :6] @ rotation[:, None]
+        derivative[:, 6:9, :, 3] = np.eye(3)
+        alpha, beta, gamma = self.misalignment.T
+        about_x, about_yz = _rotate(0, alpha), _rotate(1, beta) @ _rotate(2, gamma)
+        # A passive rotation by an angle has the derivative -[axis]× times itself.
+        matrix[:, 9] = measurement @ -_CROSS[0] @ rotation
+        matrix[:, 10] = measurement @ about_x @ -_CROSS[1] @ about_yz
+        matrix[:, 11] = measurement @ rotation @ -_CROSS[2]
+        return np.moveaxis(derivative, 1, 3)
+
+
+_CROSS = np.array(
+    [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]],
+    dtype=float,
+)
+
+
+def _rotate(axis: int, angle: FloatArray) -> FloatArray:
+    """Return the (K, 3, 3) passive rotations about an axis."""
+    rotation = np.zeros((len(angle), 3, 3))
+    second, third = (axis + 1) % 3, (axis + 2) % 3
+    rotation[:, axis, axis] = 1
+    rotation[:, second, second] = rotation[:, third, third] = np.cos(angle)
+    rotation[:, second, third] = np.sin(angle)
+    rotation[:, third, second] = -rotation[:, second, third]
+    return rotation

@@ -1,0 +1,51 @@
+"""How good a calibration is, in one line for people and in figures for /diagnostics."""
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.model.residuals import Residuals
+from tam_calibration.model.units import to_nanotesla
+
+_OLDEST_S = 20 * 365 * 86_400.0
+
+
+def describe(calibration: Calibration) -> str:
+    """Return residual before and after against the noise floor: of the tensor, or of |B| where there is none."""
+    seen = (calibration.before, _best(calibration), calibration.floor)
+    before, after, floor = (to_nanotesla(_overall(residuals, calibration.array.has_gradient)) for residuals in seen)
+    name, unit = ("e_T", "nT/m") if calibration.array.has_gradient else ("|B| error", "nT")
+    where = "held out" if calibration.held_out else "in sample"
+    return f"{name} {before:.4g} → {after:.4g} {unit} {where}, noise floor {floor:.4g} {unit}"
+
+
+def figures(calibration: Calibration | None, now_s: float) -> dict[str, object]:
+    """Return the figures of a calibration for /diagnostics (SI); nothing where there is none."""
+    if calibration is None:
+        return {"calibration": "none"}
+    best, floor = _best(calibration), calibration.floor
+    return {
+        "calibration": calibration.method,
+        "calibration_samples": calibration.samples,
+        "calibration_age_s": _age(calibration, now_s),
+        "tensor_residual_T_per_m": f"{best.tensor_rmse_T_per_m:.4g}",
+        "tensor_floor_T_per_m": f"{floor.tensor_rmse_T_per_m:.4g}",
+        "intensity_residual_T": f"{_overall(best, has_gradient=False):.4g}",
+        "intensity_floor_T": f"{_overall(floor, has_gradient=False):.4g}",
+    }
+
+
+def _best(calibration: Calibration) -> Residuals:
+    return calibration.held_out or calibration.in_sample
+
+
+def _overall(residuals: Residuals, has_gradient: bool) -> float:
+    if has_gradient:
+        return residuals.tensor_rmse_T_per_m
+    return float(norm(residuals.sensor_intensity_T) / np.sqrt(len(residuals.sensor_intensity_T)))
+
+
+def _age(calibration: Calibration, now_s: float) -> str:
+    """Return the time since the recording ended; unknown where its stamps are of another clock."""
+    age = now_s - calibration.time_span_s[1]
+    return f"{age:.0f}" if 0 <= age < _OLDEST_S else "unknown"

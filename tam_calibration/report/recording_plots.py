@@ -1,0 +1,211 @@
+"""Figures of a recording: the field directions that it visited, and residuals over time and by size."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap, ListedColormap, LogNorm, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
+
+from tam_calibration.fit.coverage import BANDS, SECTORS, Coverage, cell_of
+from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS
+from tam_calibration.model.residuals import Residuals, ResidualSeries
+from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
+from tam_calibration.report.formatting import count, number, ratio
+from tam_calibration.report.style import AFTER_COLOR, FLOOR_COLOR, MISSING_COLOR, QUIET_COLOR, STYLE, WIDTH_INCH
+
+_SHADES = LinearSegmentedColormap.from_list("samples", ["#d3e3f1", AFTER_COLOR, "#0d2c4b"])
+_MISSING = ListedColormap([MISSING_COLOR])
+_PLACES = (
+    ("forward", 0, 0),
+    ("left", -90, 0),
+    ("right", 90, 0),
+    ("backward", -158, 0),
+    ("backward", 158, 0),
+    ("up", 0, 80),
+    ("down", 0, -80),
+)
+
+
+@matplotlib.rc_context(STYLE)
+def plot_coverage(coverage: Coverage) -> Figure:
+    """Draw the samples in each cell of the sphere of field directions, equal in area (Hammer), seen from the array.
+
+    Left of the array (+y) is left of the map; cells without a sample stand out.
+    """
+    figure = Figure(figsize=(1.3 * WIDTH_INCH, 3.8), layout="constrained")
+    axes = figure.add_subplot(projection="hammer")
+    longitude, latitude, cell = cells_on_map()
+    samples = coverage.counts[cell]
+    visited = np.ma.masked_where(samples == 0, samples)
+    missing = np.ma.masked_where(samples > 0, samples)
+    scale = LogNorm(1, max(10, int(coverage.counts.max())))
+    mesh = axes.pcolormesh(longitude, latitude, visited, cmap=_SHADES, norm=scale, shading="nearest", rasterized=True)
+    axes.pcolormesh(longitude, latitude, missing, cmap=_MISSING, shading="nearest", rasterized=True)
+    draw_borders(axes)
+    name_directions(axes)
+    figure.colorbar(mesh, ax=axes, location="bottom", shrink=0.5, aspect=30, label="samples in a cell", format="%d")
+    key = [Patch(color=MISSING_COLOR, label="no sample")]
+    axes.legend(handles=key, loc="upper right", bbox_to_anchor=(1.02, 1.05), frameon=False)
+    return figure
+
+
+def cells_on_map() -> tuple[FloatArray, FloatArray, np.ndarray]:
+    """Return the map's longitude, to the right, its latitude, and the cell at each of its points."""
+    longitude, latitude = np.linspace(-np.pi, np.pi, 721), np.linspace(-np.pi / 2, np.pi / 2, 361)
+    azimuth, elevation = np.meshgrid(-longitude, latitude)
+    level = np.cos(elevation)
+    points = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+    return longitude, latitude, cell_of(points.reshape(-1, 3)).reshape(azimuth.shape)
+
+
+def draw_borders(axes: Axes) -> None:
+    """Draw the borders of the cells."""
+    along = np.linspace(-1, 1, 181)
+    for meridian in np.linspace(-np.pi, np.pi, SECTORS + 1)[1:-1]:
+        axes.plot(np.full_like(along, meridian), along * np.pi / 2, color="white", linewidth=0.5)
+    for parallel in np.arcsin(np.linspace(-1, 1, BANDS + 1)[1:-1]):
+        axes.plot(along * np.pi, np.full_like(along, parallel), color="white", linewidth=0.5)
+    axes.set_xticks([])
+    axes.set_yticks([])
+
+
+def name_directions(axes: Axes) -> None:
+    """Write the names of directions on the map."""
+    halo = [withStroke(linewidth=2.5, foreground="white")]
+    for name, longitude, latitude in _PLACES:
+        axes.text(from_degrees(longitude), from_degrees(latitude), name, ha="center", va="center", path_effects=halo)
+
+
+_DRAWN_SINGLY = 4000
+_STROKES = 1000
+_TIME_UNITS = (("s", 1, 600), ("min", 60, 3 * 3600), ("h", 3600, np.inf))
+_DEVIATION_PER_MEDIAN = 1.4826
+_REACH = 4.5
+_FEWEST_BINS, _MOST_BINS = 21, 81
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One residual to draw: its name, its values (N,) with NaN where there is none, its noise floor, in one unit."""
+
+    name: str
+    values: FloatArray
+    floor: float
+
+    @property
+    def known(self) -> FloatArray:
+        """The values that are not NaN."""
+        return self.values[np.isfinite(self.values)]
+
+    @property
+    def root_mean_square(self) -> float:
+        """Root mean square of the known values; NaN where there is none."""
+        return float(np.sqrt(np.mean(self.known**2))) if len(self.known) else np.nan
+
+
+def thinning_note(sample_count: int) -> str:
+    """Say how so many samples are thinned for display over time; empty where every sample is drawn."""
+    if sample_count <= _DRAWN_SINGLY:
+        return ""
+    size = count(_stroke_size(sample_count))
+    return f"Thinned for display: each stroke spans the smallest to the largest of {size} consecutive samples."
+
+
+@matplotlib.rc_context(STYLE)
+def plot_over_time(time_s: FloatArray, panels: Sequence[Panel], unit: str, color: str) -> Figure:
+    """Draw residuals over time, one row a panel on common axes, with dashed lines at ± the noise floor."""
+    figure = Figure(figsize=(WIDTH_INCH, 0.75 + 0.95 * len(panels)), layout="constrained")
+    rows = figure.subplots(len(panels), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    elapsed = time_s - time_s[0]
+    time_unit, seconds = time_axis(float(elapsed[-1]))
+    for axes, panel in zip(rows, panels, strict=True):
+        draw_series(axes, elapsed / seconds, panel.values, color)
+        axes.hlines([-panel.floor, panel.floor], 0, elapsed[-1] / seconds, FLOOR_COLOR, "dashed", linewidth=0.8)
+        axes.set_title(panel.name, loc="left")
+        axes.set_title(f"RMS {number(panel.root_mean_square)} {unit}", loc="right")
+        axes.margins(x=0.01)
+    rows[-1].set_xlabel(f"time from the first sample ({time_unit})")
+    figure.supylabel(f"residual ({unit})")
+    return figure
+
+
+@matplotlib.rc_context(STYLE)
+def plot_histograms(panels: Sequence[Panel], unit: str) -> Figure:
+    """Draw the distribution of residuals, one small plot a panel, against the Gaussian of the noise floor."""
+    columns = min(2, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(WIDTH_INCH, 0.9 + 1.25 * rows), layout="constrained")
+    plots = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes, panel in zip(plots, panels, strict=False):
+        _draw_histogram(axes, panel)
+    for axes in plots[len(panels) :]:
+        axes.remove()
+    figure.supxlabel(f"residual ({unit})")
+    figure.supylabel("probability density")
+    return figure
+
+
+def _stroke_size(sample_count: int) -> int:
+    return -(-sample_count // _STROKES)
+
+
+def time_axis(span_s: float) -> tuple[str, float]:
+    """Return the unit in which a span of time is drawn, and how many seconds it has."""
+    return next((name, size) for name, size, most in _TIME_UNITS if span_s <= most)
+
+
+def draw_series(axes: Axes, time: FloatArray, values: FloatArray, color: str) -> None:
+    """Draw values over time, as strokes from the smallest to the largest where there are many."""
+    if len(values) <= _DRAWN_SINGLY:
+        axes.plot(time, values, ".", color=color, markersize=2, rasterized=True)
+        return
+    starts = np.arange(0, len(values), _stroke_size(len(values)))
+    low, high = np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
+    pale = 0.4 + 0.6 * np.array(to_rgb(color))
+    axes.vlines(time[starts], low, high, color=pale, linewidth=0.8, rasterized=True)
+
+
+def _draw_histogram(axes: Axes, panel: Panel) -> None:
+    values, floor = panel.known, panel.floor
+    spread = _DEVIATION_PER_MEDIAN * float(np.median(np.abs(values)))
+    reach = _REACH * max(floor, spread)
+    bins = int(np.clip(np.sqrt(len(values)), _FEWEST_BINS, _MOST_BINS))
+    counts, edges = np.histogram(values, bins=bins, range=(-reach, reach))
+    density = counts / (len(values) * (edges[1] - edges[0]))
+    axes.stairs(density, edges, fill=True, color=AFTER_COLOR, alpha=0.75, linewidth=0)
+    x = np.linspace(-reach, reach, 301)
+    axes.plot(x, np.exp(-0.5 * (x / floor) ** 2) / (floor * np.sqrt(2 * np.pi)), color=FLOOR_COLOR, linewidth=1.2)
+    outside = len(values) - int(counts.sum())
+    remark = f"{ratio(panel.root_mean_square / floor)} × floor"
+    remark += f", {count(outside)} outside" if outside else ""
+    axes.set_title(panel.name, loc="left")
+    axes.set_title(remark, loc="right", fontsize=8, color=QUIET_COLOR)
+    axes.set_yticks([])
+    axes.spines["left"].set_visible(False)
+
+
+COMPONENT_NAMES = tuple(OUTPUT_NAMES[output][1:] for output in TENSOR_OUTPUTS)
+"""Names of the independent tensor components: xx, xy, xz, yy, yz."""
+
+
+def intensity_panels(series: ResidualSeries, floor: Residuals) -> list[Panel]:
+    """Return a panel of |B| − reference for each sensor and, of more than one, for their centre."""
+    sensors = zip(series.sensor_intensity_T.T, floor.sensor_intensity_T, strict=True)
+    panels = [
+        Panel(f"sensor {i + 1}", to_nanotesla(values), to_nanotesla(float(noise)))
+        for i, (values, noise) in enumerate(sensors)
+    ]
+    if len(panels) > 1:
+        panels.append(Panel("centre", to_nanotesla(series.center_intensity_T), to_nanotesla(floor.center_intensity_T)))
+    return panels
+
+
+def tensor_panels(series: ResidualSeries, floor: Residuals) -> list[Panel]:
+    """Return a panel for each independent component of the gradient tensor."""
+    components = zip(COMPONENT_NAMES, series.tensor_T_per_m.T, floor.tensor_T_per_m, strict=True)
+    return [Panel(name, to_nanotesla(values), to_nanotesla(float(noise))) for name, values, noise in components]

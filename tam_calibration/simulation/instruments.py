@@ -1,0 +1,110 @@
+"""The channels beside the tri-axial sensors: scalar magnetometer, temperature, current and attitude.
+
+Each has ``readings``, which takes the times or the true values and the numpy generator of this channel.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True)
+class ScalarReference:
+    """The scalar magnetometer at the array's centre.
+
+    Parameters
+    ----------
+    rate_hz : float, optional
+        Readings per second, at most the sensors' rate; None for one in every sample.
+    one_error_per_recording : bool
+        Whether the noise is one draw for the whole recording, as Wu 2025 Fig. 6 needs it, and not one per reading.
+    """
+
+    rate_hz: float | None = None
+    one_error_per_recording: bool = False
+
+    def readings(
+        self, time_s: FloatArray, intensity_T: FloatArray, noise_T: float, generator: np.random.Generator
+    ) -> FloatArray:
+        """Return the (N,) readings of true intensities (N,), tesla; NaN in samples without a reading."""
+        noise = generator.normal(0, noise_T, 1 if self.one_error_per_recording else len(time_s))
+        readings = intensity_T + noise
+        if self.rate_hz is not None:
+            due = np.floor((time_s - time_s[0]) * self.rate_hz + 1e-9)
+            readings[np.diff(due, prepend=-1) == 0] = np.nan
+        return readings
+
+
+@dataclass(frozen=True)
+class Temperature:
+    """A temperature that changes steadily.
+
+    Parameters
+    ----------
+    start_C, end_C : float
+        At the first and the last sample, degrees Celsius.
+    noise_C : float
+        Standard deviation of the reading.
+    """
+
+    start_C: float
+    end_C: float
+    noise_C: float = 0.0
+
+    def course(self, time_s: FloatArray) -> FloatArray:
+        """Return the (N,) true temperatures at times (N,)."""
+        return np.linspace(self.start_C, self.end_C, len(time_s))
+
+    def readings(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
+        """Return the (N,) temperatures at times (N,)."""
+        return self.course(time_s) + generator.normal(0, self.noise_C, len(time_s))
+
+
+@dataclass(frozen=True)
+class Current:
+    """A current that is switched on and off: low for half a period, then high.
+
+    Parameters
+    ----------
+    low_A, high_A : float
+        The two levels, ampere.
+    period_s : float
+        Duration of both together.
+    noise_A : float
+        Standard deviation of the reading.
+    """
+
+    low_A: float
+    high_A: float
+    period_s: float
+    noise_A: float = 0.0
+
+    def course(self, time_s: FloatArray) -> FloatArray:
+        """Return the (N,) true currents at times (N,)."""
+        return np.where(time_s % self.period_s < self.period_s / 2, self.low_A, self.high_A)
+
+    def readings(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
+        """Return the (N,) currents at times (N,)."""
+        return self.course(time_s) + generator.normal(0, self.noise_A, len(time_s))
+
+
+@dataclass(frozen=True)
+class AttitudeChannel:
+    """The attitude as a navigation system reports it.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of the error about each axis of the array, radians.
+    """
+
+    noise: float = 0.0
+
+    def readings(self, attitude: FloatArray, generator: np.random.Generator) -> FloatArray:
+        """Return the (N, 4) reported quaternions of the true ones (N, 4)."""
+        error = Rotation.from_rotvec(generator.normal(0, self.noise, (len(attitude), 3)))
+        reported: FloatArray = (Rotation.from_quat(attitude) * error).as_quat()
+        return reported

@@ -1,0 +1,101 @@
+"""The sources' common part, and the magnetic dipole: its field, gradient, and derivative by the moment."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.linalg import norm
+from scipy.constants import mu_0
+
+from tam_calibration.model.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Source(ABC):
+    """A magnetic source at rest.
+
+    Parameters
+    ----------
+    position_m : (3,) array
+        Its centre, metres, in the frame of the points at which its field is asked for.
+    moment_Am2 : (3,) array
+        Magnetic moment in the same frame, A m².
+    """
+
+    position_m: FloatArray
+    moment_Am2: FloatArray
+
+    @abstractmethod
+    def from_offset(self, offset_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return field, gradient and the field's derivative by the moment at offsets (…, 3) from the source, SI."""
+
+    def field_T(self, points_m: FloatArray) -> FloatArray:
+        """Return the field (…, 3) at points (…, 3), tesla."""
+        return self.from_offset(points_m - self.position_m)[0]
+
+    def gradient_T_per_m(self, points_m: FloatArray) -> FloatArray:
+        """Return the symmetric, trace-free gradient tensor (…, 3, 3) at points (…, 3), T/m."""
+        return self.from_offset(points_m - self.position_m)[1]
+
+
+STRENGTH = mu_0 / (4 * np.pi)
+"""μ₀/4π, T m/A."""
+
+
+@dataclass(frozen=True, eq=False)
+class Dipole(Source):
+    """A magnetic dipole at rest; place and moment are those of ``Source``."""
+
+    def from_offset(self, offset_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what ``dipole_field`` does for its moment."""
+        return dipole_field(offset_m, self.moment_Am2)
+
+
+def dipole_field(offset_m: FloatArray, moment_Am2: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the field μ₀/4π (3 (m·n) n - m)/r³, its gradient, and its derivative by the moment.
+
+    Parameters
+    ----------
+    offset_m : (…, 3) array
+        From the dipole to the point, metres.
+    moment_Am2 : (…, 3) array
+        Magnetic moment, A m².
+
+    Returns
+    -------
+    field : (…, 3) array
+        Tesla.
+    gradient : (…, 3, 3) array
+        T/m.
+    by_moment : (…, 3, 3) array
+        Rows of the field, columns of the moment, T/(A m²).
+    """
+    distance = norm(offset_m, axis=-1)[..., None, None]
+    unit = offset_m / distance[..., 0]
+    squared = unit[..., :, None] * unit[..., None, :]
+    by_moment = STRENGTH * (3 * squared - np.eye(3)) / distance**3
+    field = (by_moment @ np.asarray(moment_Am2)[..., None])[..., 0]
+    along = np.sum(unit * moment_Am2, axis=-1)[..., None, None]
+    crossed = unit[..., :, None] * np.asarray(moment_Am2)[..., None, :]
+    shape = crossed + np.swapaxes(crossed, -1, -2) + along * (np.eye(3) - 5 * squared)
+    return field, 3 * STRENGTH * shape / distance**4, by_moment
+
+
+def moment_of_field(offset_m: FloatArray, field_T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the moment (…, 3) of the dipole that makes a field (…, 3) at an offset (…, 3) from it, A m².
+
+    With it come its derivatives (…, 3, 3) by the offset and by the field. As n nᵀ is a projection, the inverse of
+    3 n nᵀ - 1 is (3/2) n nᵀ - 1.
+    """
+    distance = norm(offset_m, axis=-1)[..., None, None]
+    column, field = offset_m[..., :, None], field_T[..., :, None]
+    row = np.swapaxes(column, -1, -2)
+    unit = row / distance
+    along = row @ field
+    by_field = (1.5 * distance * column @ row - distance**3 * np.eye(3)) / STRENGTH
+    by_offset = (
+        1.5 * distance * (along * np.eye(3) + column @ np.swapaxes(field, -1, -2))
+        + 1.5 * along * column @ unit
+        - 3 * distance**2 * field @ unit
+    ) / STRENGTH
+    return (by_field @ field)[..., 0], by_offset, by_field

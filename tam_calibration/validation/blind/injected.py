@@ -1,0 +1,201 @@
+"""Effects that are put into real recordings: those that follow a channel or the time have a size that can be told."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.validation.blind.disorder import noise_excess, outliers
+from tam_calibration.validation.blind.disturbance import (
+    ALL,
+    Disturbance,
+    Draw,
+    Signal,
+    by_axis,
+    draw_axes,
+    draw_direction,
+    draw_sensor,
+    named,
+    of_sensors,
+    proportional,
+)
+from tam_calibration.validation.blind.instruments import nonlinearity, quantization, saturation, stale_samples
+from tam_calibration.validation.blind.material import hysteresis
+from tam_calibration.validation.blind.recorded import RecordedScene, model_of, own_residual, scene_of
+from tam_calibration.validation.blind.scene import Scene
+from tam_calibration.validation.blind.visible import Scaled, scale_to
+
+TRIES = 20
+SEEN = 0.2
+"""Of the size of what is added to a sensor, the least share that the fit must leave: below, the size depends on it."""
+
+
+def _temperature_drift(rng: Generator, scene: Scene) -> Disturbance:
+    """Let a bias follow the temperature, a little late."""
+    late_s = scene.duration_s * rng.uniform(0.002, 0.01)
+    warm = scene.temperature(scene.time_s - late_s)
+    return _following(rng, scene, "temperature_drift", "offset", warm - warm.mean(), {"late_s": late_s})
+
+
+def _current_interference(rng: Generator, scene: Scene) -> Disturbance:
+    """Lay a wire that carries the current beside a sensor."""
+    load = scene.current(scene.time_s)
+    return _following(rng, scene, "current_interference", "field", load - load.mean(), {})
+
+
+def _bias_jump(rng: Generator, scene: Scene) -> Disturbance:
+    """Put a magnet at a sensor, for the rest of the recording or for some of it."""
+    start = rng.uniform(0.2, 0.6)
+    share = np.array([start, start + rng.uniform(0.15, 0.3)] if rng.random() < 0.5 else [start])
+    on = np.searchsorted(share * scene.duration_s, scene.time_s) % 2.0
+    parameters = {"times_s": (share * scene.duration_s).tolist()}
+    return _following(rng, scene, "bias_jump", "offset", on, parameters)
+
+
+def _following(
+    rng: Generator, scene: Scene, effect: str, quantity: str, course: FloatArray, parameters: dict[str, Any]
+) -> Disturbance:
+    """Let the readings of a sensor follow a course (N,) along one direction."""
+    sensor, along = draw_sensor(rng, scene), draw_direction(rng)
+    change = proportional(of_sensors(scene, {sensor: 1e-9 * np.outer(course, along)}))
+    coefficients = by_axis(sensor, quantity, along)
+    return Disturbance(effect, (sensor + 1,), (), change, "nT", parameters, coefficients=coefficients)
+
+
+def _time_skew(rng: Generator, scene: Scene) -> Disturbance:
+    """Let one axis of a sensor be late or early."""
+    sensor, mask = draw_sensor(rng, scene), draw_axes(rng, 1.0)
+    sign = rng.choice([-1.0, 1.0])
+
+    def change(amplitude: float, _seen: object) -> Signal:
+        then = scene.readings_at(scene.time_s - sign * amplitude)[:, sensor]
+        return of_sensors(scene, {sensor: mask * (then - scene.readings_T[:, sensor])})
+
+    delays = by_axis(sensor, "delay", sign * mask)
+    return Disturbance("time_skew", (sensor + 1,), named(mask), change, "s", {}, coefficients=delays)
+
+
+def _periodic_interference(rng: Generator, scene: Scene) -> Disturbance:
+    """Let a machine hum into a sensor at one frequency."""
+    sensor, along = draw_sensor(rng, scene), draw_direction(rng)
+    frequency_hz = rng.uniform(0.12, 0.46) / scene.step_s
+    tone = np.sin(2 * np.pi * frequency_hz * scene.time_s[:, None] + rng.uniform(0, 2 * np.pi, 3))
+    change = proportional(of_sensors(scene, {sensor: 1e-9 * along * tone}))
+    parameters = {"frequency_hz": frequency_hz}
+    coefficients = by_axis(sensor, "tone", np.abs(along))
+    return Disturbance("periodic_interference", (sensor + 1,), (), change, "nT", parameters, coefficients=coefficients)
+
+
+def _noise_excess(rng: Generator, scene: Scene) -> Disturbance:
+    """Let one axis be noisier than the others."""
+    while True:
+        drawn = noise_excess(rng, scene)
+        if drawn.axes:
+            return drawn
+
+
+INJECTED: dict[str, Draw] = {
+    "temperature_drift": _temperature_drift,
+    "current_interference": _current_interference,
+    "bias_jump": _bias_jump,
+    "time_skew": _time_skew,
+    "periodic_interference": _periodic_interference,
+    "outliers": outliers,
+    "noise_excess": _noise_excess,
+    "hysteresis": hysteresis,
+    "nonlinearity": nonlinearity,
+    "quantization": quantization,
+    "saturation": saturation,
+    "stale_samples": stale_samples,
+}
+"""What can be put into a recording, by its name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Injected:
+    """A recording with an effect in it.
+
+    Parameters
+    ----------
+    readings_T : (N, K, 3) array
+    temperature_C, current_A : (N,) array, optional
+        Made up where the effect follows it.
+    key : dict
+    """
+
+    readings_T: FloatArray
+    temperature_C: FloatArray | None
+    current_A: FloatArray | None
+    key: dict[str, Any]
+
+
+def inject(
+    time_s: FloatArray, readings_T: FloatArray, to_world: FloatArray | None, effect: str, times: float, seed: int
+) -> Injected:
+    """Put an effect into a recording at some times the recording's own residual.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+    readings_T : (N, K, 3) array
+    to_world : (N, 3, 3) array, optional
+        Recorded attitudes.
+    effect : str
+        One of `INJECTED`.
+    times : float
+    seed : int
+
+    Raises
+    ------
+    Refused
+        When the recording cannot be fitted, or the effect cannot be so large in it.
+    """
+    rng = np.random.default_rng([seed, list(INJECTED).index(effect)])
+    scene = scene_of(rng, time_s, readings_T, to_world)
+    model = model_of(scene)
+    own_nT = own_residual(model, scene.fit, readings_T)
+    seen = (readings_T, scene.intensity_T)
+    for _ in range(TRIES):
+        scaled = scale_to(model, INJECTED[effect](rng, scene), times * own_nT, seen)
+        if scaled is not None and _is_seen(scene, scaled):
+            break
+    else:
+        raise Refused(f"{effect} cannot be {times:g} times what this recording leaves by itself, {own_nT:.3g} nT")
+    disturbance = scaled.disturbance
+    key = {
+        "effect": effect,
+        "sensors": list(disturbance.sensors),
+        "axes": list(disturbance.axes),
+        "times": times,
+        "own_residual_nT": own_nT,
+        "visible_nT": scaled.visible_gap,
+        "amplitude": scaled.amplitude,
+        "amplitude_unit": disturbance.amplitude_unit,
+        "coefficients": {name: value * scaled.amplitude for name, value in disturbance.coefficients.items()},
+        "parameters": disturbance.parameters,
+        "seed": seed,
+    }
+    return Injected(readings_T + scaled.signal[0], *_made_up(rng, scene, effect), key)
+
+
+def _is_seen(scene: RecordedScene, scaled: Scaled) -> bool:
+    """Say whether the fit takes up no more than is usual, and nothing but a spike is larger than the field."""
+    sensors = [int(sensor) - 1 for sensor in scaled.disturbance.sensors if sensor != ALL] or slice(None)
+    change = scaled.signal[0][:, sensors]
+    added_nT = to_nanotesla(float(np.sqrt(((change - change.mean(axis=0)) ** 2).mean() * 3)))
+    spikes = scaled.disturbance.effect in ("outliers", "noise_excess")
+    within = spikes or float(np.abs(change).max()) < float(scene.intensity_T.mean())
+    return within and scaled.visible_gap > SEEN * added_nT
+
+
+def _made_up(rng: Generator, scene: RecordedScene, effect: str) -> tuple[FloatArray | None, FloatArray | None]:
+    """Return the recorded temperature and current, the one that the effect follows."""
+    noise = rng.normal(size=scene.sample_count)
+    if effect == "temperature_drift":
+        return np.round(scene.temperature(scene.time_s) + 0.02 * noise, 3), None
+    if effect == "current_interference":
+        return None, np.round(scene.current(scene.time_s) + 0.01 * noise, 4)
+    return None, None

@@ -1,0 +1,152 @@
+"""How much of a disturbance a recording shows, in noise floors, and the amplitude that makes a wanted gap."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.linalg import norm, qr, svd
+
+from tam_calibration.model.units import FloatArray
+from tam_calibration.validation.blind.disturbance import Disturbance, Signal
+from tam_calibration.validation.blind.scene import Scene
+
+CONSTANCY = 0.02
+"""Without a scalar its place is taken by an intensity that is constant to this share of the vectors' noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class NominalModel:
+    """The nominal model about its true parameters: reading = matrix · field + offset, scalar = |field|.
+
+    The unknowns are the field of each sample, the first sensor's upper triangle, the others' matrices and all
+    offsets: 45 for the cross.
+    """
+
+    scene: Scene
+
+    @property
+    def channels(self) -> int:
+        """Redundant channels of a sample: what is read less the three of the field."""
+        return 3 * self.scene.sensor_count - 2
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """One over the noise of what is read, sensor by sensor, the scalar last (3K + 1,)."""
+        scene = self.scene
+        scalar = scene.scalar_noise_T if scene.with_scalar else CONSTANCY * scene.vector_noise_T
+        return 1 / np.append(np.full(3 * scene.sensor_count, scene.vector_noise_T), scalar)
+
+    @cached_property
+    def field_directions(self) -> FloatArray:
+        """What a change of a sample's field does, orthonormal and whitened (N, 3K + 1, 3)."""
+        scene = self.scene
+        samples, sensors = scene.sample_count, scene.sensor_count
+        vectors = np.broadcast_to(scene.response.reshape(1, 3 * sensors, 3), (samples, 3 * sensors, 3))
+        along = (scene.field_T / norm(scene.field_T, axis=1)[:, None])[:, None, :]
+        return np.asarray(qr(np.concatenate([vectors, along], axis=1) * self.weights[:, None])[0])
+
+    @cached_property
+    def tangent(self) -> FloatArray:
+        """What a change of the parameters does beyond the fields, whitened, columns of unit size (N (3K + 1), p)."""
+        scene = self.scene
+        samples, sensors = scene.sample_count, scene.sensor_count
+        unit = np.column_stack([scene.field_T / scene.intensity_T.mean(), np.ones(samples)])
+        columns = []
+        for row in range(3 * sensors):
+            for column in range(4):
+                if row < 3 and column < row:
+                    continue
+                change = np.zeros((samples, 3 * sensors + 1))
+                change[:, row] = unit[:, column]
+                columns.append(self._without_fields(change).ravel())
+        stacked = np.stack(columns, axis=1)
+        return np.asarray(stacked / norm(stacked, axis=0))
+
+    @cached_property
+    def parameters(self) -> FloatArray:
+        """The tangent, orthonormal."""
+        return np.asarray(qr(self.tangent)[0])
+
+    @cached_property
+    def conditioning(self) -> float:
+        """Smallest singular value of the tangent over its largest; near zero for a motion that tells too little."""
+        values = svd(self.tangent.T @ self.tangent, compute_uv=False)
+        return float(np.sqrt(max(values[-1], 0) / values[0]))
+
+    def _without_fields(self, whitened: FloatArray) -> FloatArray:
+        directions = self.field_directions
+        return np.asarray(whitened - np.einsum("nij,nj->ni", directions, np.einsum("nkj,nk->nj", directions, whitened)))
+
+    def whitened(self, signal: Signal) -> FloatArray:
+        """Return what is left of a signal when every sample's field is free (N, 3K + 1)."""
+        vectors, scalar = signal
+        if not self.scene.with_scalar:
+            scalar = np.zeros_like(scalar)
+        rows = np.concatenate([vectors.reshape(len(vectors), -1), scalar[:, None]], axis=1) * self.weights
+        return self._without_fields(rows)
+
+    def left(self, signal: Signal) -> FloatArray:
+        """Return what is left of a signal after the best nominal fit, in noise floors (N, 3K + 1)."""
+        rows = self.whitened(signal)
+        flat = rows.ravel()
+        return np.asarray(flat - self.parameters @ (self.parameters.T @ flat)).reshape(rows.shape)
+
+    def visible_gap(self, signal: Signal) -> float:
+        """Return the root mean square over the redundant channels of what is left."""
+        left = self.left(signal)
+        return float(np.sqrt((left**2).sum() / (len(left) * self.channels)))
+
+
+NEAR = 0.01
+"""Share by which the gap may differ from the one wanted."""
+
+STEPS = 60
+
+
+class VisibilityModel(Protocol):
+    """What a recording shows of a signal."""
+
+    @property
+    def scene(self) -> Scene:
+        """The recording."""
+
+    def visible_gap(self, signal: Signal) -> float:
+        """Return what is left of a signal by the nominal fit, in noise floors."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scaled:
+    """A disturbance at an amplitude, with what it adds and how much of that is seen."""
+
+    disturbance: Disturbance
+    amplitude: float
+    signal: Signal
+    visible_gap: float
+
+
+def scale_to(model: VisibilityModel, disturbance: Disturbance, gap: float, seen: Signal) -> Scaled | None:
+    """Return the disturbance at the amplitude that is seen with a gap; None when none is.
+
+    The gap grows with the amplitude, for most in proportion; the search keeps to the bracket that it knows.
+    """
+    low, high, amplitude = 0.0, np.inf, _start(model, disturbance)
+    for _ in range(STEPS):
+        signal = disturbance.change(amplitude, seen)
+        visible = model.visible_gap(signal)
+        if abs(visible / gap - 1) < NEAR:
+            return Scaled(disturbance, amplitude, signal, visible)
+        low, high = (amplitude, high) if visible < gap else (low, amplitude)
+        guess = amplitude * (np.clip(gap / visible, 0.1, 10) if visible > 0 else 10)
+        inside = low < guess < high
+        amplitude = float(guess if inside else np.sqrt(max(low, high * 1e-3) * high))
+        if high < low * (1 + 1e-9) or not np.isfinite(amplitude):
+            break
+    return None
+
+
+def _start(model: VisibilityModel, disturbance: Disturbance) -> float:
+    """Return an amplitude to begin with: the noise for what is in tesla, the natural one for the rest."""
+    if disturbance.amplitude_unit.startswith("T "):
+        return model.scene.vector_noise_T
+    return 1e-4 if disturbance.amplitude_unit.startswith("rad") else 1.0 if "nT" in disturbance.amplitude_unit else 1e-3

@@ -1,0 +1,95 @@
+"""Samples are corrected as they arrive as all of them would be, and what stays in is told and counted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tam_calibration.correction.calibration import EffectSize
+from tam_calibration.correction.streaming import Correction, why_left_in
+from tam_calibration.fit import calibrate
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+
+DRIFT = FittedEffect(
+    "temperature_drift",
+    {"time_constant_s": 0.5, "reference_C": 20.0},
+    (Contribution(1, 0, "offset", {"offset": 1e-9}),),
+)
+LATE = FittedEffect("time_skew", {}, (Contribution(2, None, "delay", {"delay": 1e-3}),))
+SIZE = EffectSize(np.full(9, 3e-9), np.full(9, 1e-10))
+
+
+@pytest.fixture(scope="module")
+def warming(recording):
+    """Return the recording with a temperature that rises."""
+    return replace(recording, temperature_C=np.linspace(15, 25, recording.sample_count))
+
+
+@pytest.fixture(scope="module")
+def plain(recording, cross):
+    """Return a calibration without effects."""
+    return calibrate(recording, cross)
+
+
+@pytest.fixture(scope="module")
+def keeping(plain):
+    """Return the calibration that keeps a drift."""
+    return replace(plain, effects=(DRIFT,), effect_sizes=(SIZE,))
+
+
+def live(calibration, recording):
+    """Return the batches of one sample each."""
+    correction = Correction(calibration)
+    return [correction.correct(recording.take(slice(index, index + 1))) for index in range(recording.sample_count)]
+
+
+def test_sample_by_sample_is_as_good_as_the_whole_recording(keeping, warming):
+    """Outputs and standard errors are those of `Calibration.correct`."""
+    batches = live(keeping, warming)
+    offline = keeping.correct(warming)
+    assert_allclose(np.concatenate([batch.outputs for batch in batches]), offline.outputs, rtol=1e-9, atol=1e-18)
+    assert_allclose(batches[-1].standard_errors[0], offline.standard_errors)
+    assert not any(batch.left_in for batch in batches)
+
+
+def test_without_effects_nothing_changes(plain, warming):
+    """A calibration without effects gives the same bits live, offline and as before effects could be kept."""
+    outputs = np.concatenate([batch.outputs for batch in live(plain, warming)])
+    assert_array_equal(outputs, plain.apply(warming.readings_T))
+    assert_array_equal(plain.correct(warming).outputs, plain.apply(warming.readings_T))
+    assert plain.without_effects(warming) is warming
+
+
+def test_the_effect_is_taken_off_the_readings(keeping, plain, warming):
+    """The corrected field is that of readings without the drift; a kept effect makes the standard errors larger."""
+    clean = keeping.without_effects(warming)
+    change = warming.readings_T - clean.readings_T
+    assert np.abs(change[:, 1, 0]).max() > 4e-9
+    change[:, 1, 0] = 0
+    assert not change.any()
+    assert_allclose(keeping.correct(warming).outputs, plain.apply(clean.readings_T), rtol=1e-12)
+    assert_allclose(keeping.output_standard_errors, np.hypot(plain.output_standard_errors, SIZE.standard_errors))
+
+
+def test_a_silent_channel_leaves_the_effect_in_and_says_so(keeping, plain, recording):
+    """Without temperature the outputs are those without effects, with errors that hold the size of the drift."""
+    batch = Correction(keeping).correct(recording)
+    assert batch.left_in == ("temperature_drift",)
+    assert_array_equal(batch.outputs, plain.apply(recording.readings_T))
+    assert_allclose(batch.standard_errors[0], np.hypot(keeping.output_standard_errors, SIZE.rms))
+    assert why_left_in("temperature_drift") == "temperature_drift needs the temperature, and none arrives"
+    with pytest.raises(InputError, match="no such channel"):
+        keeping.correct(recording)
+
+
+def test_an_effect_that_needs_later_samples_is_left_in_live_and_taken_off_offline(plain, warming):
+    """A delay cannot be taken off at once, a recording it can: other effects are taken off all the same."""
+    both = replace(plain, effects=(LATE, DRIFT), effect_sizes=(SIZE, SIZE))
+    batch = Correction(both).correct(warming)
+    assert batch.left_in == ("time_skew",)
+    only_drift = replace(plain, effects=(DRIFT,), effect_sizes=(SIZE,))
+    assert_allclose(batch.outputs, only_drift.correct(warming).outputs, rtol=1e-12)
+    assert np.abs(both.correct(warming).outputs - batch.outputs).max() > 1e-9
+    assert "needs later samples" in why_left_in("time_skew")

@@ -1,0 +1,146 @@
+"""Recordings as CSV: what is written reads back, and faults are told by column and line."""
+
+from dataclasses import fields
+from time import perf_counter
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tam_calibration.files import read_recording, write_recording
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Return a function that reads a text as a recording."""
+
+    def read(text):
+        path = tmp_path / "recording.csv"
+        path.write_text(text)
+        return read_recording(path)
+
+    return read
+
+
+def full_recording(sensor_count=2, samples=20):
+    """Make a recording with all channels, holes in them included."""
+    rng = np.random.default_rng(3)
+    scalar, temperature = 50e-6 + rng.normal(size=(2, samples)) * 1e-9
+    scalar[3] = temperature[:4] = np.nan
+    readings = rng.normal(size=(samples, sensor_count, 3)) * 5e-5
+    return Recording(
+        1.7e9 + np.arange(samples) / 7,
+        readings,
+        scalar,
+        temperature,
+        rng.normal(size=samples),
+        rng.normal(size=(samples, 4)),
+    )
+
+
+def test_a_recording_reads_back(tmp_path):
+    """All channels read back to the last bit of a number, twice to the very bit."""
+    recording = full_recording()
+    write_recording(tmp_path / "a.csv", recording)
+    once = read_recording(tmp_path / "a.csv")
+    for field in fields(Recording):
+        assert_allclose(getattr(once, field.name), getattr(recording, field.name), rtol=3e-16)
+    write_recording(tmp_path / "b.csv", once)
+    twice = read_recording(tmp_path / "b.csv")
+    for field in fields(Recording):
+        assert_array_equal(getattr(twice, field.name), getattr(once, field.name))
+
+
+def test_columns_may_have_any_order(read):
+    """Columns are found by their names; channels that are not there are None."""
+    recording = read("b1z_nT,time_s,b1x_nT,current_A,b1y_nT\n3,0,1,9,2\n")
+    assert recording.readings_T.tolist() == [[[1e-9, 2e-9, 3e-9]]]
+    assert recording.current_A.tolist() == [9]
+    assert recording.scalar_T is None and recording.temperature_C is None and recording.attitude is None
+
+
+@pytest.mark.parametrize(
+    ("unit", "value"), [("nT", "48123.4"), ("uT", "48.1234"), ("G", "0.481234"), ("T", "48.1234e-6")]
+)
+def test_units_are_converted(read, unit, value):
+    """The same field in nT, µT, gauss and tesla is the same number."""
+    recording = read(f"time_s,b1x_{unit},b1y_{unit},b1z_{unit},scalar_{unit}\n0{f',{value}' * 4}\n")
+    assert_allclose(recording.readings_T, 48.1234e-6, rtol=3e-16)
+    assert_allclose(recording.scalar_T, 48.1234e-6, rtol=3e-16)
+
+
+def test_empty_cells_of_a_channel_are_missing_values(read):
+    """An empty cell, nan, spaces, Windows line ends and a byte order mark are understood."""
+    recording = read(
+        "\ufefftime_s, b1x_nT,b1y_nT,b1z_nT,scalar_nT\r\n0,1,2,3,\r\n1,1,2,3,nan\r\n2, 1,2,3,5\r\n3,1,2,3, "
+    )
+    assert_array_equal(recording.scalar_T, [np.nan, np.nan, 5e-9, np.nan])
+
+
+def test_many_rows_are_read_quickly(tmp_path):
+    """A hundred thousand samples of a cross are read in seconds, not minutes."""
+    count = 100_000
+    write_recording(tmp_path / "a.csv", Recording(np.arange(count) / 100, np.full((count, 4, 3), 3.21e-5)))
+    start = perf_counter()
+    assert read_recording(tmp_path / "a.csv").sample_count == count
+    assert perf_counter() - start < 10
+
+
+HEADER = "time_s,b1x_nT,b1y_nT,b1z_nT\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "is empty"),
+        (" \n", "is empty"),
+        (HEADER, "holds a header but no sample"),
+        ("time_s,b1x_nT,b1y_nT\n0,1,2\n", r"column b1z_nT is missing \(of 1 sensors\)"),
+        ("time_s,b2x_nT,b2y_nT,b2z_nT\n0,1,2,3\n", r"column b1x_nT is missing \(of 2 sensors\)"),
+        ("b1x_nT,b1y_nT,b1z_nT\n1,2,3\n", "column time_s is missing"),
+        ("time_s,qx,qy\n0,1,2\n", "there is no sensor's column"),
+        ("time_s,b1x_nT,b1y_nT,b1z_nT,qx\n0,1,2,3,4\n", "column qy is missing"),
+        (
+            "time_s,b1x_mT,b1y_nT,b1z_nT\n0,1,2,3\n",
+            "column 'b1x_mT' is not known: a recording has the columns time_s,b1x_nT",
+        ),
+        ("time_s,b1x_nT,b1x_uT,b1y_nT,b1z_nT\n0,1,1,2,3\n", "column 'b1x_uT' is there twice"),
+        ("time_s;b1x_nT;b1y_nT;b1z_nT\n0;1;2;3\n", "separates its columns by semicolons: use commas"),
+        (HEADER + "0,1,2,3\n1,1,oops,3\n2,1,2,3\n", r"recording\.csv line 3 column b1y_nT: 'oops' is not a number"),
+        (HEADER + "0,1,2,3\n1,1,3\n2,1,2,3\n", "line 3 has 3 values, but the header has 4 columns$"),
+        (HEADER + "0,1,2,3\n1,1", "line 3 has 2 values, but the header has 4 columns: the file seems to be truncated"),
+        (HEADER + "0,1,2\n", "line 2 has 3 values"),
+        (
+            HEADER + "0,1,2,3\n1,1,nan,3\n",
+            "1 of 2 samples hold NaN or infinite values, first sensor 1 axis y in sample 2",
+        ),
+        (HEADER + "0,1,2,3\n1,1,,3\n", "first sensor 1 axis y in sample 2"),
+        (HEADER + "0,1,2,3\n1,1,2,3\n1,1,2,4\n", "time repeats at sample 3"),
+        (HEADER + "0,1,2,3\n2,1,2,3\n1,1,2,4\n", "time goes backwards at sample 3"),
+    ],
+)
+def test_a_fault_is_one_sentence(read, text, sentence):
+    """Whatever is wrong with the file is told with its name and place."""
+    with pytest.raises(InputError, match=sentence) as problem:
+        read(text)
+    assert "recording.csv" in str(problem.value)
+    assert "\n" not in str(problem.value)
+
+
+def test_other_files_are_refused(tmp_path):
+    """What is not there, not text or a folder without a bag is told as such."""
+    with pytest.raises(InputError, match=r"there is no file or bag .*none\.csv"):
+        read_recording(tmp_path / "none.csv")
+    for content in (b"\xff\xfe\x00\x81", b"\0"):
+        (tmp_path / "binary.csv").write_bytes(content * 10)
+        with pytest.raises(InputError, match="is not a text file"):
+            read_recording(tmp_path / "binary.csv")
+
+
+def test_the_number_of_sensors_is_checked(tmp_path):
+    """A recording of another number of sensors than wanted is refused."""
+    write_recording(tmp_path / "a.csv", full_recording(2))
+    with pytest.raises(InputError, match="the recording has 2 sensors, not 4"):
+        read_recording(tmp_path / "a.csv", sensor_count=4)

@@ -1,0 +1,56 @@
+"""The figures of one pass against the same worked out sample by sample."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.fit.coverage import field_of, measure_coverage
+from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
+from tam_calibration.fit.maximum_likelihood import estimate
+from tam_calibration.fit.result import measure_chi_square, measure_quality
+from tam_calibration.fit.scale import normalize
+from tam_calibration.model.residuals import residual_series
+
+
+@pytest.fixture(params=[1, 3], ids=["every scalar", "every third scalar"])
+def recording(request, wu_run, monkeypatch):
+    """Return Wu's run with some of its scalar readings, in blocks of 70."""
+    monkeypatch.setattr("tam_calibration.model.recording.BLOCK", 70)
+    scalar = np.where(np.arange(360) % request.param == 0, wu_run.recording.scalar_T, np.nan)
+    return replace(wu_run.recording, scalar_T=scalar)
+
+
+def test_figures_are_those_of_all_samples(recording, wu_scenario):
+    """Residuals, coverage, mean scalar and chi-square do not know of blocks."""
+    array = wu_scenario.array
+    errors = estimate(recording, array)
+    quality = measure_quality(recording, array, errors, 5e-5)
+    series = residual_series(errors, array, recording, 5e-5)
+    assert_allclose(quality.after.sensor_intensity_T, np.sqrt(np.nanmean(series.sensor_intensity_T**2, axis=0)))
+    assert quality.after.center_intensity_T == pytest.approx(np.sqrt(np.nanmean(series.center_intensity_T**2)))
+    assert_allclose(quality.after.tensor_T_per_m, np.sqrt(np.mean(series.tensor_T_per_m**2, axis=0)))
+    assert quality.coverage == measure_coverage(field_of(recording, errors)).fraction
+    assert quality.mean_scalar_T == pytest.approx(np.nanmean(recording.scalar_T))
+    unit = 5e-5
+    likelihood = Likelihood(
+        recording.readings_T / unit, recording.scalar_T / unit, array.vector_noise_T / unit, array.scalar_noise_T / unit
+    )
+    point = likelihood.linearize(errors.matrix, errors.bias_T / unit)
+    assert quality.reduced_chi_square["common_mode"] == pytest.approx(point.common_mode / (point.reference_count - 9))
+    assert quality.reduced_chi_square["differential"] == pytest.approx(point.differential / (360 * 9 - 36), rel=1e-5)
+    assert measure_chi_square(recording, array, errors, 5e-5) == quality.reduced_chi_square
+
+
+def test_normal_equations_are_those_of_all_samples(recording, wu_scenario):
+    """The likelihood that passes over blocks has the information and gradient of the one in memory."""
+    data, noise = normalize(recording), np.array([1.0, 2.0, 1.0, 0.5]) * 2e-5
+    errors = estimate(recording, wu_scenario.array)
+    point = errors.matrix + 1e-6, (errors.bias_T - data.origin_T) / data.radius_T
+    one = UniformLikelihood(data, noise, 1e-6).linearize(*point)
+    other = Likelihood(data.points, data.intensity, noise, 1e-6).linearize(*point)
+    assert_allclose(one.information, other.information, rtol=1e-9, atol=1e-9 * np.abs(other.information).max())
+    assert_allclose(one.gradient, other.gradient, rtol=1e-6)
+    assert one.reference_count == other.reference_count
+    assert one.common_mode == pytest.approx(other.common_mode)

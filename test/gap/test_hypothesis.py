@@ -1,0 +1,118 @@
+"""The best form of one hypothesis."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from tam_calibration.effects.bias_jump import BiasJump
+from tam_calibration.effects.flexure import Flexure
+from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
+from tam_calibration.effects.nonlinearity import Nonlinearity
+from tam_calibration.effects.temperature_drift import TemperatureDrift
+from tam_calibration.gap.hypothesis import best_form, given_form, places_of, refined, restricted
+from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
+
+TIME_CONSTANT_S = 3.3
+
+
+def followed(recording):
+    """Return the temperature that a sensor has which follows with a lag, by an integrator of its own."""
+
+    def rate(time, state):
+        return (np.interp(time, recording.time_s, recording.temperature_C) - state) / TIME_CONSTANT_S
+
+    time = recording.time_s
+    solved = solve_ivp(rate, (time[0], time[-1]), recording.temperature_C[:1], t_eval=time, max_step=0.05, rtol=1e-8)
+    return solved.y[0]
+
+
+@pytest.fixture(scope="module")
+def drifting(run):
+    """Return a run in which the x axis of sensor 2 drifts by 4 nT/K with a lag."""
+    made = run(600)
+    return made.with_row(3, 4e-9 * (followed(made.recording) - 20))
+
+
+@pytest.fixture(scope="module")
+def base(drifting):
+    """Return its calibration."""
+    return drifting.model().base()
+
+
+def test_the_best_form_stands_where_the_effect_was_planted(base):
+    """The drift is in one axis, and what it explains is nearly all of the excess."""
+    form = best_form(base, TemperatureDrift())
+    assert places_of(form) == [(1, 0)]
+    assert form.selection.gain > 0.9 * (base.energy - base.channels.count)
+    assert form.shape in form.tried and form.selection.delta_bic > 100
+
+
+def test_a_refined_shape_reaches_the_true_time_constant(base):
+    """Between the shapes that were tried, and no worse than the best of these."""
+    form = best_form(base, TemperatureDrift())
+    assert all(abs(shape["time_constant_s"] / TIME_CONSTANT_S - 1) > 0.1 for shape in form.tried)
+    found = refined(base, form)
+    assert found.shape["time_constant_s"] == pytest.approx(TIME_CONSTANT_S, rel=0.05)
+    assert found.shape["reference_C"] == form.shape["reference_C"]
+    assert found.selection.gain > form.selection.gain and found.selection.delta_bic > form.selection.delta_bic
+
+
+def test_a_shape_without_choice_stays(base):
+    """What was tried in one shape only is not refined."""
+    form = best_form(base, Nonlinearity())
+    assert refined(base, form).shape == form.shape
+
+
+def test_a_searched_shape_has_its_price(base):
+    """Each parameter of the shape that was searched costs a direction."""
+    form = best_form(base, TemperatureDrift())
+    again = restricted(base, form, 1)
+    assert form.selection.delta_bic < again.selection.delta_bic + 1e-9
+
+
+def test_a_given_form_has_the_gain_of_least_squares(base, dense, drifting):
+    """Terms, shape and coefficients are those given; its evidence is that of these terms."""
+    shape = {"time_constant_s": TIME_CONSTANT_S, "reference_C": 20.0}
+    fitted = FittedEffect("temperature_drift", shape, (Contribution(1, 0, "offset", {"offset": 4e-9}),))
+    form = given_form(base, TemperatureDrift(), fitted)
+    assert places_of(form) == [(1, 0)] and form.values.tolist() == [4e-9] and form.shape == shape
+    assert form.selection.rank == 1
+    channels = drifting.channels()
+    truth = dense(drifting)
+    gain = truth.left(channels.calibration) - truth.left(channels.calibration, channels.design(form.terms))
+    assert form.selection.gain == pytest.approx(gain, rel=1e-3)
+
+
+def test_a_restricted_form_is_of_one_sensor(base):
+    """The same effect and shape, at the sensor asked for."""
+    form = best_form(base, TemperatureDrift())
+    for sensor in range(4):
+        own = restricted(base, form, sensor)
+        assert {term.sensor for term in own.terms} == {sensor} and own.shape == form.shape
+    assert restricted(base, form, 1).selection.gain > 10 * restricted(base, form, 2).selection.gain
+
+
+def test_without_a_scalar_no_effect_stands_in_it(run):
+    """The row of the intensity is for what belongs to the site, where the intensity is only taken for constant."""
+    for has_scalar in (True, False):
+        made = run(400, has_scalar=has_scalar)
+        time = made.recording.time_s
+        field = made.errors.restore(made.recording.readings_T).mean(axis=1)
+        grown = field / np.linalg.norm(field, axis=1)[:, None] * np.where(time > 30, 20e-9, 0)[:, None]
+        added = np.zeros((400, 13))
+        added[:, :-1] = np.einsum("kij,nj->nki", made.errors.matrix, grown).reshape(400, -1)
+        base = made.with_added(added).model().base()
+        jump, drift = best_form(base, BiasJump()), best_form(base, GeomagneticDrift())
+        assert (SCALAR in {sensor for sensor, _ in places_of(jump)}) == has_scalar
+        assert places_of(drift) == [(SCALAR, None)] and drift.selection.delta_bic > 50
+
+
+def test_nothing_visible_is_no_form(run):
+    """An array whose attitude never changes shows no flexure beside its biases."""
+    made = run(300)
+    base = made.model().base()
+    covariates = base.channels.covariates
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (300, 1))
+    object.__setattr__(covariates, "attitude", still)
+    form = best_form(base, Flexure())
+    assert form is None or form.selection.delta_bic < 0

@@ -1,0 +1,113 @@
+"""Messages joined batch by batch: the samples and losses of messages pushed one by one."""
+
+from random import Random
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from tam_calibration.messages.batch_stream import StreamMessages
+from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
+from tam_calibration.messages.point_cloud import SampleLayout
+from tam_calibration.messages.synchroniser import Synchroniser
+
+MS = 1_000_000
+PERIOD = 10 * MS
+PATIENCE = 100 * MS
+ALL = SampleLayout(3, scalar=True, temperature=True, current=True, attitude=True)
+WIDTH = {"scalar": 1, "temperature": 1, "current": 1, "attitude": 4}
+
+
+def make(kind, tolerance_ns, **options):
+    """Make a synchroniser as for bags, with little patience."""
+    return kind(ALL, tolerance_ns, PATIENCE, PATIENCE, expected=ALL.channels, capacity=1 << 30, **options)
+
+
+def one_by_one(messages, tolerance_ns, **options):
+    """Return stamps, values and the synchroniser after messages pushed one by one."""
+    synchroniser = make(Synchroniser, tolerance_ns, **options)
+    samples = [sample for one in messages for sample in synchroniser.push(*one)] + synchroniser.flush()
+    return [sample.stamp_ns for sample in samples], [sample.values for sample in samples], synchroniser
+
+
+def to_batch(messages):
+    """Return messages as a batch."""
+    streams = {}
+    for order, (name, stamp, values) in enumerate(messages):
+        streams.setdefault(name, []).append((order, stamp, values))
+    batch = {}
+    for name, rows in streams.items():
+        order, stamps, values = zip(*rows, strict=True)
+        stamps = None if stamps[0] is None else np.array(stamps, dtype=np.int64)
+        batch[name] = StreamMessages(np.array(order, dtype=np.int64), stamps, np.array(values))
+    return batch
+
+
+def in_batches(random, messages, tolerance_ns, smallest, largest, **options):
+    """Return stamps, values and the synchroniser after messages pushed in batches of random size."""
+    synchroniser = make(BatchSynchroniser, tolerance_ns, **options)
+    parts, first = [], 0
+    while first < len(messages):
+        size = random.randint(smallest, largest)
+        parts.append(synchroniser.push_batch(to_batch(messages[first : first + size])))
+        first += size
+    parts.append(synchroniser.flush_batch())
+    stamps, values = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return stamps, values, synchroniser
+
+
+def rough(random, loss, jitter_ns, lag_ns, unstamped, restarts):
+    """Make the messages of all streams with jitter, losses, repeats, steps back, lags and restarts, as they arrive."""
+    arrivals = []
+    rounds = [random.randint(30, 120) for _ in range(1 + restarts)]
+    for name in (*(f"tam_{sensor}" for sensor in (1, 2, 3)), *ALL.channels):
+        every = 1 if name.startswith("tam") else random.choice((1, 1, 3, 40))
+        doubled = name in unstamped and random.random() < 0.5
+        clock, latest, rank = 0, 0, random.random()
+        for length in rounds:
+            for index in range(0, length, every):
+                fate = random.random()
+                stamps = [index * PERIOD + random.randint(0, jitter_ns)] * (fate > loss)
+                if fate > 1 - loss:
+                    stamps.append(stamps[0] - random.choice((0, MS)))
+                for stamp in stamps * (1 + doubled):
+                    latest = max(latest, clock + index * PERIOD + random.randint(0, lag_ns))
+                    values = tuple(random.random() for _ in range(WIDTH.get(name, 3)))
+                    arrivals.append((latest, rank, (name, None if name in unstamped else stamp, values)))
+            clock += length * PERIOD
+    return [message for _, _, message in sorted(arrivals, key=lambda one: one[:2])]
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    seed=st.integers(0, 2**32),
+    loss=st.sampled_from([0.0, 0.02, 0.3]),
+    jitter_ns=st.sampled_from([0, 1, 2 * MS, 9 * MS]),
+    lag_ns=st.sampled_from([0, 40 * MS, 80 * MS, 300 * MS]),
+    tolerance_ns=st.sampled_from([1 * MS, 4 * MS, 15 * MS]),
+    unstamped=st.sets(st.sampled_from(["scalar", "current"])),
+    restarts=st.sampled_from([0, 0, 0, 2]),
+)
+def test_batches_give_what_single_messages_give(seed, loss, jitter_ns, lag_ns, tolerance_ns, unstamped, restarts):
+    """Same samples and losses however batches are cut while no stream lags beyond the patience; in one, always."""
+    random = Random(seed)
+    messages = rough(random, loss, jitter_ns, lag_ns, unstamped, restarts)
+    options = {"scalar_is_held": "scalar" in unstamped}
+    stamps, values, single = one_by_one(messages, tolerance_ns, **options)
+    for largest in (len(messages), *((40, 400) if lag_ns < PATIENCE and not restarts else ())):
+        smallest = largest if largest == len(messages) else 1
+        again, again_values, batched = in_batches(random, messages, tolerance_ns, smallest, largest, **options)
+        assert again.tolist() == stamps
+        assert_array_equal(again_values, np.array(values).reshape(again_values.shape))
+        assert batched.losses == single.losses
+        assert batched.explain_losses() == single.explain_losses()
+        assert (batched.delivered, batched.restarts) == (single.delivered, single.restarts)
+
+
+def test_a_steady_recording_is_joined_in_batches(monkeypatch):
+    """Nothing of a steady recording goes through message by message but what waits at its end."""
+    messages = rough(Random(1), 0.02, 2 * MS, 40 * MS, {"current"}, 0)
+    monkeypatch.setattr(BatchSynchroniser, "push", None)
+    stamps, _, synchroniser = in_batches(Random(2), messages, 4 * MS, 100, 100)
+    assert len(stamps) == synchroniser.delivered > 20

@@ -1,0 +1,258 @@
+"""The synchroniser: what it joins, what it loses and says, and that it does not depend on the order of arrival."""
+
+import math
+from random import Random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tam_calibration.messages.point_cloud import SampleLayout
+from tam_calibration.messages.synchroniser import REMEMBERED, Sample, Synchroniser
+
+MS = 1_000_000
+PERIOD = 10 * MS
+CROSS = SampleLayout(4, scalar=True)
+ALL = SampleLayout(2, scalar=True, temperature=True, current=True, attitude=True)
+
+
+def message(stream, stamp_ns):
+    """Make a message whose values tell its stream and stamp."""
+    width = {"scalar": 1, "temperature": 1, "current": 1, "attitude": 4}.get(stream, 3)
+    return stream, stamp_ns, (stamp_ns / 1e9,) * width
+
+
+def push_all(synchroniser, messages):
+    """Return the samples of messages pushed one by one, and of the flush."""
+    samples = [sample for one in messages for sample in synchroniser.push(*one)]
+    return samples + synchroniser.flush()
+
+
+def steady(layout, count, streams=None, start=0):
+    """Make the messages of all streams at common stamps."""
+    names = streams or [*(f"tam_{k + 1}" for k in range(layout.sensor_count)), *layout.channels]
+    return [message(name, start + index * PERIOD) for index in range(count) for name in names]
+
+
+def test_a_sample_is_complete_with_its_last_message():
+    """With equal stamps and the scalar last, each sample comes out at once, in stamp order, none lost."""
+    synchroniser = Synchroniser(CROSS, MS, expected=["scalar"])
+    counts = [len(synchroniser.push(*one)) for one in steady(CROSS, 50)]
+    assert counts == [0, 0, 0, 0, 1] * 50
+    assert synchroniser.explain_losses() == "50 of 50 samples synchronised"
+    assert not synchroniser.drops_everything
+
+
+def test_values_are_in_the_order_of_the_layout():
+    """Readings of sensors 1 to K come first, then scalar, temperature, current and attitude."""
+    synchroniser = Synchroniser(ALL, MS, expected=ALL.channels, hold_patience_ns=MS)
+    streams = {"tam_1": (1.0, 2.0, 3.0), "tam_2": (4.0, 5.0, 6.0), "scalar": (7.0,), "temperature": (8.0,)}
+    streams |= {"current": (9.0,), "attitude": (10.0, 11.0, 12.0, 13.0)}
+    samples = push_all(synchroniser, [(name, 5, values) for name, values in reversed(streams.items())])
+    assert samples == [Sample(5, 0, tuple(float(value) for value in range(1, 14)))]
+
+
+def test_the_nearest_message_within_the_tolerance_is_taken():
+    """Of several messages within the tolerance the nearest joins; one outside joins nothing and is counted."""
+    synchroniser = Synchroniser(SampleLayout(2), 2 * MS)
+    messages = [message("tam_1", 10 * MS), *(message("tam_2", stamp) for stamp in (8 * MS, 9 * MS, 12 * MS, 17 * MS))]
+    samples = push_all(synchroniser, [*messages, message("tam_1", 20 * MS)])
+    assert [sample.values[3] for sample in samples] == [0.009]
+    assert synchroniser.losses["tam_2"].missing == 1
+    assert synchroniser.losses["tam_2"].unmatched == 3
+    assert synchroniser.losses["tam_1"].unmatched == 1
+
+
+def test_a_scalar_that_arrives_later_is_waited_for():
+    """A scalar whose topic lags by less than the patience is not lost; each sample keeps its own."""
+    synchroniser = Synchroniser(SampleLayout(1, scalar=True), MS, patience_ns=50 * MS, expected=["scalar"])
+    lagging = sorted(steady(SampleLayout(1, scalar=True), 30), key=lambda one: one[1] + 45 * MS * (one[0] == "scalar"))
+    samples = push_all(synchroniser, lagging)
+    assert [sample.values[3] for sample in samples] == [sample.stamp_ns / 1e9 for sample in samples]
+    assert len(samples) == 30
+
+
+def test_a_scalar_that_never_comes_delays_by_no_more_than_the_patience():
+    """Samples without scalar come out with NaN when the sensors have run ahead by the patience."""
+    synchroniser = Synchroniser(SampleLayout(1, scalar=True), MS, patience_ns=50 * MS, expected=["scalar"])
+    out = [synchroniser.push(*message("tam_1", index * PERIOD)) for index in range(20)]
+    assert [len(samples) for samples in out] == [0] * 5 + [1] * 15
+    assert math.isnan(out[-1][0].values[3])
+    assert synchroniser.losses["scalar"].missing == 15
+
+
+def test_a_channel_that_was_not_seen_is_not_waited_for():
+    """Without expectation a silent channel costs no delay."""
+    synchroniser = Synchroniser(SampleLayout(1, scalar=True, temperature=True), MS)
+    assert len(synchroniser.push(*message("tam_1", 0))) == 1
+
+
+def test_held_channels_have_their_newest_value_and_a_maximum_age():
+    """A held value is the newest at or before the sample, and NaN when older than its maximum age."""
+    layout = SampleLayout(1, temperature=True)
+    synchroniser = Synchroniser(layout, MS, maximum_age_ns={"temperature": 25 * MS})
+    messages = [message("tam_1", 0), message("temperature", 9 * MS), message("temperature", 11 * MS)]
+    messages += [message("tam_1", index * PERIOD) for index in range(1, 6)]
+    values = [sample.values[3] for sample in push_all(synchroniser, messages)]
+    assert values[1:4] == [0.009, 0.011, 0.011]
+    assert math.isnan(values[0]) and math.isnan(values[4])
+
+
+def test_a_message_without_stamp_takes_the_newest_stamp():
+    """A scalar without stamps is held from the sensors' newest stamp on."""
+    synchroniser = Synchroniser(SampleLayout(1, scalar=True), MS, scalar_is_held=True)
+    samples = synchroniser.push(*message("tam_1", 7))
+    for value in (1.0, 2.0):
+        synchroniser.push("scalar", None, (value,))
+    samples += synchroniser.push(*message("tam_1", 8))
+    assert math.isnan(samples[0].values[3])
+    assert samples[1].values[3] == 2.0
+
+
+def test_duplicate_and_late_stamps_are_counted_and_dropped():
+    """A repeated stamp and a small step back are not delivered, and said."""
+    synchroniser = Synchroniser(SampleLayout(1), MS)
+    samples = push_all(synchroniser, [message("tam_1", stamp * MS) for stamp in (0, 10, 10, 5, 20)])
+    assert [sample.stamp_ns for sample in samples] == [0, 10 * MS, 20 * MS]
+    assert synchroniser.explain_losses() == (
+        "3 of 5 samples synchronised; tam_1: 1 repeated stamps, 1 stamps out of order"
+    )
+
+
+def test_a_looping_bag_begins_a_new_epoch_without_loss():
+    """Stamps that step back begin a new epoch; every sample of both rounds is delivered in order."""
+    synchroniser = Synchroniser(CROSS, MS, expected=["scalar"])
+    samples = push_all(synchroniser, steady(CROSS, 100) * 3)
+    assert [(sample.epoch, sample.stamp_ns) for sample in samples] == [
+        (e, i * PERIOD) for e in range(3) for i in range(100)
+    ]
+    assert synchroniser.restarts == 2
+
+
+def test_a_sensor_with_one_false_stamp_is_soon_joined_again():
+    """A sensor that once stamps zero costs samples for about the patience, not for ever."""
+    synchroniser = Synchroniser(SampleLayout(2), MS, patience_ns=50 * MS)
+    messages = steady(SampleLayout(2), 200, start=10**18)
+    messages[101] = message("tam_2", 0)
+    assert len(push_all(synchroniser, messages)) >= 190
+    assert synchroniser.restarts == 1
+
+
+@pytest.mark.parametrize("stopped", ["tam_1", "tam_3", "scalar"])
+def test_a_stream_that_stops_bounds_memory_and_is_reported(stopped):
+    """What waits for a stream that stopped is let go after the patience; a sensor that stopped is said."""
+    synchroniser = Synchroniser(CROSS, MS, patience_ns=100 * MS)
+    messages = steady(CROSS, 100) + [one for one in steady(CROSS, 1000, start=100 * PERIOD) if one[0] != stopped]
+    for one in messages:
+        synchroniser.push(*one)
+    assert max(len(stream.buffer) for stream in synchroniser._streams.values()) <= 12
+    assert synchroniser.drops_everything == (stopped != "scalar")
+
+
+def test_buffers_have_a_capacity():
+    """However dense the stamps, no buffer grows past its capacity."""
+    synchroniser = Synchroniser(SampleLayout(2), MS, capacity=100)
+    for stamp in range(1000):
+        synchroniser.push(*message("tam_2", stamp))
+    assert len(synchroniser._streams["tam_2"].buffer) == 100
+    assert synchroniser.losses["tam_2"].unmatched == 900
+
+
+def test_a_silent_sensor_is_named():
+    """When nothing is joined the explanation names the sensor that was never heard."""
+    synchroniser = Synchroniser(SampleLayout(3), MS)
+    push_all(synchroniser, steady(SampleLayout(3), 5, streams=["tam_1", "tam_3"]))
+    assert "0 of 5 samples synchronised; nothing arrived from tam_2" in synchroniser.explain_losses()
+
+
+PATIENCE = 100 * MS
+
+
+def rough_streams(random, layout):
+    """Make streams with jitter, losses, duplicates, steps back and restarts; (time, message) for each stream."""
+    streams = []
+    names = [*(f"tam_{k + 1}" for k in range(layout.sensor_count)), *layout.channels]
+    rounds = [random.randint(40, 80) for _ in range(random.choice((1, 1, 2, 3)))]
+    for name in names:
+        every = 1 if name.startswith("tam") else random.choice((1, 1, 3))
+        clock, messages = 0, []
+        for length in rounds:
+            for index in range(0, length, every):
+                stamp = index * PERIOD + random.choice((0, random.randint(0, 3 * MS)))
+                fate = random.random()
+                if fate > 0.05:
+                    messages.append((clock + index * PERIOD, message(name, stamp)))
+                if fate > 0.97:
+                    messages.append((clock + index * PERIOD, message(name, stamp - random.choice((0, MS)))))
+            clock += length * PERIOD
+        streams.append(messages)
+    return streams
+
+
+def arrive(random, streams):
+    """Interleave the streams with delays below half the patience; each keeps its own order."""
+    arrivals = []
+    for messages in streams:
+        latest = 0
+        for time, one in messages:
+            latest = max(latest, time + random.randint(0, PATIENCE // 2 - 4 * MS))
+            arrivals.append((latest, random.random(), one))
+    in_order = {}
+    for messages in streams:
+        in_order[messages[0][1][0]] = iter([one for _, one in messages])
+    return [next(in_order[one[0]]) for _, _, one in sorted(arrivals, key=lambda arrival: arrival[:2])]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32))
+def test_samples_do_not_depend_on_the_interleaving(seed):
+    """Streams with jitter, losses, repeats and restarts give the same samples and losses however they interleave."""
+    random = Random(seed)
+    streams = rough_streams(random, ALL)
+    results = []
+    for _ in range(3):
+        synchroniser = Synchroniser(ALL, 2 * MS, PATIENCE, PATIENCE, expected=ALL.channels)
+        samples = push_all(synchroniser, arrive(random, streams))
+        results.append((repr(samples), synchroniser.losses, synchroniser.restarts))
+        order = [(sample.epoch, sample.stamp_ns) for sample in samples]
+        assert order == sorted(set(order))
+    assert results[0] == results[1] == results[2]
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    seed=st.integers(0, 2**32),
+    tolerance_ns=st.integers(MS // 10, 40 * MS),
+    loss=st.sampled_from([0.02, 0.1, 0.4]),
+    jitter_ns=st.sampled_from([0, MS, PERIOD // 5]),
+)
+def test_a_loss_makes_no_stream_late(seed, tolerance_ns, loss, jitter_ns):
+    """Whatever the tolerance and what is lost, a sample has the messages of its own period where they came."""
+    random = Random(seed)
+    layout = SampleLayout(3, scalar=True)
+    streams, came = [], {}
+    for name in ("tam_1", "tam_2", "tam_3", "scalar"):
+        kept = [index for index in range(120) if random.random() > loss]
+        came[name] = set(kept)
+        stamps = {index: index * PERIOD + random.randint(0, jitter_ns) for index in kept}
+        width = 1 if name == "scalar" else 3
+        streams.append([(stamp, (name, stamp, (float(index),) * width)) for index, stamp in stamps.items()])
+    messages = arrive(random, streams)
+    samples = push_all(Synchroniser(layout, tolerance_ns, PATIENCE, expected=["scalar"]), messages)
+    for sample in samples:
+        index = int(sample.values[0])
+        for name, value in zip(("tam_2", "tam_3", "scalar"), sample.values[3::3], strict=True):
+            if index in came[name] and jitter_ns <= tolerance_ns:
+                assert value == index
+
+
+def test_a_late_message_costs_no_delay():
+    """A message less than half an interval later than sensor 1's completes its sample, once the interval is known."""
+    synchroniser = Synchroniser(SampleLayout(2), 10 * PERIOD)
+    counts = [
+        len(synchroniser.push(*message(name, index * PERIOD + late)))
+        for index in range(40)
+        for name, late in (("tam_1", 0), ("tam_2", 4 * MS))
+    ]
+    assert counts[2 * REMEMBERED + 2 :] == [0, 1] * (39 - REMEMBERED)
+    assert sum(counts) == 40

@@ -1,0 +1,139 @@
+"""The sensor array."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS, Array
+from tam_calibration.model.exceptions import InputError
+
+GRADIENT_ELEMENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+COMPONENTS = st.floats(-1, 1)
+
+
+def trace_free(elements):
+    """Return the symmetric, trace-free tensor of xx, xy, xz, yy, yz."""
+    xx, xy, xz, yy, yz = elements
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, -xx - yy]])
+
+
+def test_cross_numbers_its_sensors_as_wu():
+    """Sensors 1, 3 lie at +x, -x and 2, 4 at +y, -y, half a baseline from the centre."""
+    expected = [[0.25, 0, 0], [0, 0.25, 0], [-0.25, 0, 0], [0, -0.25, 0]]
+    assert_allclose(Array.cross(0.5).positions_m, expected)
+
+
+@given(readings=arrays(float, (4, 3), elements=COMPONENTS), baseline=st.floats(0.05, 2))
+def test_operator_of_the_cross_is_li_2018a_equation_2(readings, baseline):
+    """Centre and tensor are the mean and the differences over the baseline, xy the mean of its two."""
+    first, second, third, fourth = readings
+    along_x, along_y = (first - third) / baseline, (second - fourth) / baseline
+    xy = (along_x[1] + along_y[0]) / 2
+    tensor = [along_x[0], xy, along_x[2], along_y[1], along_y[2], -along_x[0] - along_y[1]]
+    outputs = Array.cross(baseline).operator @ readings.ravel()
+    assert_allclose(outputs, [*readings.mean(axis=0), *tensor], atol=1e-12 / baseline)
+
+
+@given(
+    positions=st.integers(4, 7).flatmap(lambda count: arrays(float, (count, 3), elements=COMPONENTS)),
+    center=arrays(float, 3, elements=COMPONENTS),
+    elements=arrays(float, 5, elements=COMPONENTS),
+)
+def test_operator_is_exact_on_a_linear_field(positions, center, elements):
+    """Wherever the sensors are, a field with a constant Maxwell gradient comes out as it is, at the origin."""
+    array = Array(positions)
+    if np.linalg.svd(array._linear_field, compute_uv=False)[-1] < 1e-3:
+        return  # not in general position: the operator must not be trusted to many digits
+    tensor = trace_free(elements)
+    outputs = array.operator @ (center + positions @ tensor).ravel()
+    assert_allclose(outputs, [*center, *(tensor[i, j] for i, j in GRADIENT_ELEMENTS)], atol=1e-9)
+
+
+def test_noise_floor_of_the_cross():
+    """White noise of 1 nT with a baseline of 0.5 m makes 2.83 nT/m, for xy 2.00, together 6.00, and 0.50 nT."""
+    noise = np.linalg.norm(Array.cross(0.5).operator, axis=1)
+    by_name = dict(zip(OUTPUT_NAMES, noise, strict=True))
+    assert_allclose([by_name[name] for name in ("gxx", "gyy", "gyz", "gxz")], np.sqrt(8))
+    assert_allclose(by_name["gxy"], 2.0)
+    assert_allclose([by_name[name] for name in ("bx", "by", "bz")], 0.5)
+    # √(4·8 + 4); with the scale factors of Wu 2025 Table 1 it becomes 5.99.
+    assert_allclose(np.linalg.norm(noise[list(TENSOR_OUTPUTS)]), 6.0)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_sensors_have_a_centre_but_no_gradient(count):
+    """One or two sensors give their mean; what they cannot know is NaN, not a number."""
+    array = Array(np.arange(3.0 * count).reshape(count, 3))
+    assert not array.has_gradient
+    readings = np.arange(3.0 * count)
+    outputs = array.operator @ readings
+    assert_allclose(outputs[:3], readings.reshape(count, 3).mean(axis=0))
+    assert np.isnan(outputs[3:]).all()
+
+
+def test_sensors_on_a_line_have_no_gradient():
+    """Four sensors along x see no yy."""
+    assert not Array(np.outer([-1, 0, 1, 2], [1, 0, 0])).has_gradient
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 100.0])
+def test_geometry_decides_about_the_gradient_at_every_size(size):
+    """A cross of a millimetre has a gradient as one of 100 m has."""
+    assert Array.cross(size).has_gradient
+
+
+def test_geometry_is_compared_to_a_micrometre():
+    """Noise does not matter, a tenth of a millimetre does, and so does the number of sensors."""
+    cross = Array.cross(0.5, 1e-9)
+    assert cross.has_geometry_of(Array.cross(0.5))
+    assert not cross.has_geometry_of(Array.cross(0.5002))
+    assert not cross.has_geometry_of(Array(cross.positions_m[:3]))
+
+
+def test_one_noise_goes_to_all_sensors_of_the_cross():
+    """The cross takes one vector noise for its four sensors."""
+    assert_array_equal(Array.cross(0.5, 2e-9).vector_noise_T, np.full(4, 2e-9))
+
+
+POSITIONS = np.zeros((2, 3))
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: Array(np.zeros(3)), r"K rows of x, y, z; its shape is \(3,\)"),
+        (lambda: Array(np.zeros((0, 3))), r"K rows of x, y, z; its shape is \(0, 3\)"),
+        (lambda: Array(np.zeros((4, 2))), r"K rows of x, y, z; its shape is \(4, 2\)"),
+        (lambda: Array(np.array([[0, np.nan, 0]])), "positions_m holds a value that is not finite"),
+        (lambda: Array(POSITIONS, np.ones(3)), r"one value for each of .*2 sensors, not .*shape \(3,\)"),
+        (lambda: Array(POSITIONS, np.array([1e-9, 0])), "every vector noise must be a positive number"),
+        (lambda: Array(POSITIONS, np.array([1e-9, np.inf])), "every vector noise must be a positive number"),
+        (lambda: Array(POSITIONS, None, -1e-9), "scalar noise must be zero or a positive number"),
+        (lambda: Array(POSITIONS, None, float("nan")), "scalar noise must be zero or a positive number"),
+        (lambda: Array.cross(0.0), "baseline must be a positive number of metres, not 0"),
+        (lambda: Array.cross(float("inf")), "baseline must be a positive number of metres, not inf"),
+    ],
+)
+def test_impossible_arrays_are_refused(make, sentence):
+    """Each wrong value is named with what would be right."""
+    with pytest.raises(InputError, match=sentence):
+        make()
+
+
+def test_axes_that_are_not_in_one_place_are_allowed_for():
+    """In a linear field, each axis reading it where its element sits, centre and tensor are exact; otherwise not."""
+    offsets = 0.02 * np.random.default_rng(5).uniform(-1, 1, (4, 3, 3))
+    array = Array(Array.cross(0.5).positions_m, axis_offsets_m=offsets)
+    center = np.array([1.0, -2.0, 3.0])
+    tensor = np.array([[1.0, 0.5, -0.3], [0.5, -2.0, 0.7], [-0.3, 0.7, 1.0]])
+    fields = center + array.element_positions_m @ tensor
+    readings = np.diagonal(fields, axis1=1, axis2=2).ravel()
+    expected = np.concatenate([center, tensor[np.triu_indices(3)]])
+    assert_allclose(array.operator @ readings, expected, atol=1e-12)
+    assert np.abs(Array.cross(0.5).operator @ readings - expected).max() > 0.01
+    assert not array.has_geometry_of(Array.cross(0.5))
+    with pytest.raises(InputError, match="three rows"):
+        Array(np.eye(3), axis_offsets_m=np.zeros(3))

@@ -1,0 +1,52 @@
+"""Conversion of units."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from tam_calibration.model import units
+
+
+@given(st.floats(-1e6, 1e6))
+def test_conversions_are_inverse(value):
+    """There and back is the same number to rounding."""
+    assert_allclose(units.from_nanotesla(units.to_nanotesla(value)), value, rtol=1e-15)
+    assert_allclose(units.from_degrees(units.to_degrees(value)), value, rtol=1e-15)
+
+
+def test_known_values():
+    """Half a turn and the field of Wu 2025 in both units."""
+    assert units.to_degrees(np.pi) == 180
+    assert units.from_nanotesla(54955.83) == 54955.83e-9
+    assert_allclose(units.to_nanotesla(np.array([1e-9, 5e-5])), [1, 50_000])
+
+
+def test_units_of_one_field_agree():
+    """0.5 G, 50 µT and 50 000 nT are the same field."""
+    sizes = {"G": 0.5, "uT": 50.0, "nT": 50_000.0, "T": 5e-5}
+    assert sizes.keys() == units.TESLA_PER_FIELD_UNIT.keys()
+    assert_allclose([size * units.TESLA_PER_FIELD_UNIT[unit] for unit, size in sizes.items()], 5e-5, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "name"),
+    [
+        ("T", 1e9, "nT"),
+        ("T/K", 1e9, "nT/°C"),
+        ("T/(K s)", 1e9, "nT/(°C s)"),
+        ("T/m²", 1e9, "nT/m²"),
+        ("1/T²", 1e-18, "1/nT²"),
+        ("rad s²/m", 180 / np.pi, "° s²/m"),
+        ("1/K", 1e6, "ppm/°C"),
+        ("1/s", 1.0, "1/s"),
+        ("Hz", 1.0, "Hz"),
+        ("1", 1.0, "1"),
+    ],
+)
+def test_units_for_people(unit, factor, name):
+    """Every tesla, kelvin and radian of a compound unit is converted, with its power and on its side of the stroke."""
+    found = units.for_people(unit)
+    assert_allclose(found[0], factor)
+    assert found[1] == name

@@ -1,0 +1,112 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.simulation.attitude import Manoeuvre
+from tam_calibration.sources.demodulation import background_of, demodulate, turning_of, without
+
+TIME_S = np.arange(2000) / 100
+ATTITUDE = Manoeuvre(0.5, 0.5, 20.0).attitudes(TIME_S, np.random.default_rng(0))
+BACKGROUND = background_of(TIME_S, ATTITUDE)
+CARRIER = np.sin(2 * np.pi * 10 * (TIME_S - TIME_S[[0, -1]].mean()) + 0.7)
+AMPLITUDE = 1e-9 * np.array([30.0, -12, 5, 20, 5, -7, 9, 3])
+NOISE = 1e-9 * np.array([0.5] * 3 + [3.0] * 5)
+EARTH = np.array([1e-6, 2e-5, -4.5e-5])
+
+
+def earth():
+    """Return what eight channels of an uncalibrated, turning platform read of the Earth's field, with a drift."""
+    generator = np.random.default_rng(41)
+    field = Rotation.from_quat(ATTITUDE).inv().apply(EARTH)
+    drift = np.outer(np.sin(2 * np.pi * TIME_S / 60), 1e-8 * generator.normal(size=8))
+    return field @ generator.normal(size=(3, 8)) + 1e-6 * generator.normal(size=8) + drift
+
+
+def test_amplitudes_have_their_signs_and_nothing_of_the_background():
+    """Without noise they come out to a thousandth of a picotesla under 50 µT that turn."""
+    found = demodulate(TIME_S, earth() + np.outer(CARRIER, AMPLITUDE), 10.0, background_of(TIME_S, ATTITUDE))
+    sign = np.sign(found.amplitude[0])
+    assert_allclose(sign * found.amplitude, AMPLITUDE, atol=1e-13)
+    assert found.phase == pytest.approx(0.7, abs=1e-4)
+
+
+@pytest.mark.parametrize("rests_in", ["array", "world"])
+def test_error_is_the_standard_error_and_that_of_the_noise_alone(rests_in):
+    """σ √(2/N): neither background nor rotation cost anything that counts."""
+    generator = np.random.default_rng(42)
+    turning = None if rests_in == "array" else turning_of(ATTITUDE, 8)
+    signal = CARRIER[:, None] * (AMPLITUDE if turning is None else turning @ AMPLITUDE)
+    pulls, phases, coherence = [], [], []
+    for _ in range(100):
+        found = demodulate(
+            TIME_S, earth() + signal + NOISE * generator.normal(size=(2000, 8)), 10.0, BACKGROUND, turning
+        )
+        pulls.append((found.amplitude - AMPLITUDE) / found.standard_errors)
+        phases.append((found.phase - 0.7) / found.phase_standard_error)
+        coherence.append(found.out_of_phase)
+    assert np.mean(np.square(pulls)) == pytest.approx(1, abs=0.15)
+    assert np.mean(np.square(phases)) == pytest.approx(1, abs=0.45)
+    assert np.mean(coherence) == pytest.approx(1, abs=0.2)
+    if turning is None:
+        assert_allclose(found.standard_errors, NOISE * np.sqrt(2 / 2000), rtol=0.06)
+        assert_allclose(found.noise, NOISE, rtol=0.06)
+
+
+def test_uneven_times_are_no_trouble():
+    """A third of the samples lost at random."""
+    kept = np.random.default_rng(43).random(2000) > 1 / 3
+    time = TIME_S[kept]
+    carrier = np.sin(2 * np.pi * 10 * (time - time[[0, -1]].mean()) + 0.7)
+    found = demodulate(time, np.outer(carrier, AMPLITUDE), 10.0, background_of(time))
+    assert_allclose(found.amplitude, AMPLITUDE, atol=1e-18)
+
+
+def test_world_amplitudes_of_field_and_gradient_turn_with_the_platform():
+    """Field and tensor of the world, turned by the rotation, are what the matrices of the turning give."""
+    turning = turning_of(ATTITUDE[:5], 8)
+    for matrix, turned in zip(Rotation.from_quat(ATTITUDE[:5]).as_matrix(), turning @ AMPLITUDE, strict=True):
+        xx, xy, xz, yy, yz = AMPLITUDE[3:]
+        tensor = matrix.T @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, -xx - yy]]) @ matrix
+        assert_allclose(turned[:3], matrix.T @ AMPLITUDE[:3])
+        assert_allclose(turned[3:], tensor[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]], atol=1e-22)
+
+
+def test_two_sources_out_of_phase_are_told():
+    """No common phase fits: the channels' amplitudes at right angles to it are many standard errors."""
+    second = np.cos(2 * np.pi * 10 * (TIME_S - TIME_S[[0, -1]].mean()))
+    noise = NOISE * np.random.default_rng(44).normal(size=(2000, 8))
+    channels = np.outer(CARRIER, AMPLITUDE) + np.outer(second, AMPLITUDE[::-1]) + noise
+    assert demodulate(TIME_S, channels, 10.0, background_of(TIME_S)).out_of_phase > 100
+
+
+def test_background_is_orthonormal_and_takes_splines_and_rotation():
+    """A slow sinusoid needs knots; what is left of it shrinks as they come closer."""
+    slow = np.sin(2 * np.pi * TIME_S / 8)[:, None]
+    left = [np.abs(without(background_of(TIME_S, knot_spacing_s=spacing), slow)).max() for spacing in (np.inf, 2, 0.5)]
+    assert left[0] > 0.5 and left[1] < 0.1 and left[2] < left[1] / 100
+    assert_allclose(BACKGROUND.T @ BACKGROUND, np.eye(BACKGROUND.shape[1]), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: demodulate(TIME_S, np.zeros((5, 3)), 10.0, BACKGROUND), InputError, "2000 rows"),
+        (lambda: demodulate(TIME_S, np.full((2000, 3), np.nan), 10.0, BACKGROUND), InputError, "not finite"),
+        (lambda: demodulate(TIME_S, np.zeros((2000, 3)), 0.01, BACKGROUND), InputError, "one period"),
+        (lambda: demodulate(TIME_S, np.zeros((2000, 3)), 60.0, BACKGROUND), InputError, "cannot be told"),
+        (
+            lambda: demodulate(TIME_S, np.zeros((2000, 3)), 1.0, background_of(TIME_S, knot_spacing_s=0.2)),
+            Refused,
+            "the signal itself",
+        ),
+        (lambda: background_of(TIME_S, knot_spacing_s=0), InputError, "spacing"),
+        (lambda: background_of(TIME_S[:4]), InputError, "too few"),
+        (lambda: turning_of(ATTITUDE, 12), InputError, "3 channels"),
+    ],
+)
+def test_what_cannot_be_demodulated_is_refused(call, error, message):
+    """Shapes, periods, rates and backgrounds that leave nothing."""
+    with pytest.raises(error, match=message):
+        call()

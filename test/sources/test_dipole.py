@@ -1,0 +1,40 @@
+import magpylib
+import numpy as np
+from numpy.testing import assert_allclose
+
+from tam_calibration.sources.dipole import Dipole, dipole_field, moment_of_field
+
+PLACE = np.array([1.0, 2.0, 3.0])
+RNG = np.random.default_rng(3)
+OFFSETS, MOMENTS = RNG.normal(size=(20, 3)), 100 * RNG.normal(size=(20, 3))
+
+
+def test_field_is_that_of_magpylib():
+    """In any direction and at any distance."""
+    for offset, moment in zip(OFFSETS, MOMENTS, strict=True):
+        expected = magpylib.misc.Dipole(position=PLACE, moment=moment).getB(offset + PLACE)
+        assert_allclose(Dipole(PLACE, moment).field_T(offset + PLACE), expected, rtol=1e-8)
+
+
+def test_gradient_and_derivative_by_the_moment_are_slopes_of_the_field(slope):
+    """Central differences agree, and the tensor is symmetric without trace."""
+    field, gradient, by_moment = dipole_field(OFFSETS, MOMENTS)
+    for n, (offset, moment) in enumerate(zip(OFFSETS, MOMENTS, strict=True)):
+        reach = np.linalg.norm(offset)
+        by_place = slope(lambda point, moment=moment: dipole_field(point, moment)[0], offset, 0.01 * reach)
+        assert_allclose(gradient[n], by_place, atol=1e-8 * np.abs(by_place).max())
+        assert_allclose(by_moment[n] @ moment, field[n], rtol=1e-12)
+    assert_allclose(gradient, np.swapaxes(gradient, 1, 2), atol=0)
+    assert_allclose(np.trace(gradient, axis1=1, axis2=2), 0, atol=1e-14 * np.abs(gradient).max())
+
+
+def test_moment_of_the_field_is_the_moment(slope):
+    """Field to moment undoes moment to field; its derivatives are slopes."""
+    moment, by_offset, by_field = moment_of_field(OFFSETS, dipole_field(OFFSETS, MOMENTS)[0])
+    assert_allclose(moment, MOMENTS, rtol=1e-12)
+    for n, (offset, source) in enumerate(zip(OFFSETS, MOMENTS, strict=True)):
+        field = dipole_field(offset, source)[0]
+        by_place = slope(lambda point, field=field: moment_of_field(point, field)[0], offset, 1e-3)
+        by_value = slope(lambda value, offset=offset: moment_of_field(offset, value)[0], field, np.abs(field).max())
+        assert_allclose(by_offset[n], by_place, atol=1e-8 * np.abs(by_place).max())
+        assert_allclose(by_field[n], by_value, atol=1e-8 * np.abs(by_value).max())
