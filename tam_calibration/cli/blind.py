@@ -220,9 +220,9 @@ def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: 
         if "json" in beside:
             beside["json"].write_text(to_json(score_to_mapping(result, times)) + "\n", encoding="utf-8")
         if "report" in beside:
-            from tam_calibration.validation.blind.page import write_page
+            from tam_calibration.validation.blind.page import write_score_page
 
-            write_page(beside["report"], result, folder.name)
+            write_score_page(beside["report"], result, folder.name)
     if failures:
         for outcome in result.failures:
             click.echo(outcome.line)

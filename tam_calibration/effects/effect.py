@@ -85,7 +85,7 @@ class Sized:
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """What an effect says of a misfit without regression.
+    """What an effect says of a residual without regression.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ from tam_calibration.model.units import FloatArray
 _CELLS = 48
 """Cells of directions on half the sphere, twenty degrees wide, within which the mean of AᵀA serves.
 
-So many more as the misfit has energy over that of noise: what the mean errs by is a part of it.
+So many more as the residual has energy over that of noise: what the mean errs by is a part of it.
 """
 
 _MOST_CELLS = 4096

@@ -131,7 +131,7 @@ def find_limits(residuals: WhitenedResiduals) -> list[_Limit]:
 
 
 def inside_range(residuals: WhitenedResiduals) -> WhitenedResiduals:
-    """Return a misfit in which samples at the end of an axis' range do not count: these have a cause of their own."""
+    """Return a residual in which samples at the end of an axis' range do not count: these have a cause of their own."""
     is_inside = residuals.is_counted.copy()
     for limit in find_limits(residuals):
         is_inside[limit.samples] = False

@@ -84,7 +84,7 @@ def find_spikes(residuals: WhitenedResiduals) -> Spikes | str:
 
 
 def without_spikes(residuals: WhitenedResiduals) -> WhitenedResiduals:
-    """Return a misfit in which the samples that stand alone do not count."""
+    """Return a residual in which the samples that stand alone do not count."""
     spikes = find_spikes(residuals)
     if isinstance(spikes, str):
         return residuals
@@ -115,7 +115,7 @@ def come_with_motion(residuals: WhitenedResiduals, spikes: Spikes) -> bool:
 
 
 def without_spikes_of_motion(residuals: WhitenedResiduals) -> WhitenedResiduals:
-    """Return a misfit in which samples that stand alone do not count where they come with the motion."""
+    """Return a residual in which samples that stand alone do not count where they come with the motion."""
     spikes = find_spikes(residuals)
     if isinstance(spikes, str) or not come_with_motion(residuals, spikes):
         return residuals

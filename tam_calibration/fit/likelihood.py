@@ -111,7 +111,7 @@ class Likelihood:
             unbiased = self._flat[part] @ channels.unbiased[:, :-1].T + channels.unbiased[:, -1]
             energy[part] = np.maximum(np.sum((unbiased @ channels.complement) * unbiased, axis=1), 0)
             there = self._common_mode(part, channels)
-            energy[part][there.known] += there.precision * there.misfit**2
+            energy[part][there.known] += there.precision * there.residual**2
         return energy
 
     @cached_property
@@ -152,14 +152,14 @@ class Likelihood:
 
 
 class CommonMode(NamedTuple):
-    """The channel of samples with a reference: at the scalar magnetometer field and direction (3, n), the misfit (n,).
+    """The channel of samples with a reference: field and direction (3, n) at the scalar magnetometer, residual (n,).
 
-    ``precision`` is one over the variance of the misfit; ``known`` tells which samples these are.
+    ``precision`` is one over the variance of the residual; ``known`` tells which samples these are.
     """
 
     field: FloatArray
     direction: FloatArray
-    misfit: FloatArray
+    residual: FloatArray
     precision: FloatArray
     known: slice | BoolArray
 
@@ -178,7 +178,7 @@ def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, 
 
 
 def whitened(there: CommonMode, features: FloatArray) -> FloatArray:
-    """Return the whitened columns direction ⊗ [field, features, 1] and, last, the misfit: (3 F + 1, n).
+    """Return the whitened columns direction ⊗ [field, features, 1] and, last, the residual: (3 F + 1, n).
 
     The features (Q, m) are those of all samples, also of those without a reference.
     """
@@ -187,7 +187,7 @@ def whitened(there: CommonMode, features: FloatArray) -> FloatArray:
     extended *= root
     columns = np.empty((3 * len(extended) + 1, len(root)))
     np.multiply(there.direction[:, None], extended, out=columns[:-1].reshape(3, *extended.shape))
-    np.multiply(there.misfit, root, out=columns[-1])
+    np.multiply(there.residual, root, out=columns[-1])
     return columns
 
 

@@ -109,11 +109,11 @@ class EnergySums:
         field, differences = channels[:3], channels[3:].ravel()
         self._differential += float(differences @ differences)
         square = np.einsum("in,in->n", field, field)
-        # The variance of the length of the field, and the misfit, both times its length.
+        # The variance of the length of the field, and the residual, both times its length.
         variance = self._scalar_variance * square + np.einsum("in,in->n", self._covariance @ field, field)
         length = np.sqrt(square)
-        misfit = length * (length - (self._intensity_T if block.scalar_T is None else block.scalar_T))
-        energy = misfit * misfit / variance
+        residual = length * (length - (self._intensity_T if block.scalar_T is None else block.scalar_T))
+        energy = residual * residual / variance
         known = np.isfinite(energy)
         self._common_mode += float(np.sum(energy, where=known))
         self._all += len(known)

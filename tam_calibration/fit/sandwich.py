@@ -1,6 +1,6 @@
 """The covariance of the lossless fit: the sandwich of its estimating equations, which needs no noise to be stated.
 
-The fit is where 9 sums of each sensor's ellipsoid, of its monomials m times the misfit e = mᵀ a - s², and 3 sums of
+The fit is where 9 sums of each sensor's ellipsoid, of its monomials m times the residual e = mᵀ a - s², and 3 sums of
 each further sensor's alignment, of (Λ b_1) × b, vanish. How far noise moves it is told by the spread of their terms
 over the samples, and by how the sums answer to a step of the estimate. Terms that follow each other are added up
 before, to about a thousand runs: what neighbouring samples share counts too.

@@ -33,7 +33,7 @@ from tam_calibration.fleet.rows import (
     open_points,
 )
 from tam_calibration.report.formatting import count, number
-from tam_calibration.report.page import Block, Gallery, Points, Section, Table, Text, embed, render
+from tam_calibration.report.page import Block, Gallery, Points, Section, Table, Text, embed, write_page
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, QUIET_COLOR, STYLE, WIDTH_INCH
 
 _COLORS = (BEFORE_COLOR, AFTER_COLOR, FLOOR_COLOR)
@@ -78,7 +78,7 @@ _DRIFTS = (
 _RECORDINGS_HEADER = ("recording", "platform", "start (UTC)", "samples", "status", "verdict", "gap (noise floors)")
 
 
-def write_page(path: Path, results: Sequence[Result]) -> None:
+def write_fleet_page(path: Path, results: Sequence[Result]) -> None:
     """Write the self-contained HTML page.
 
     Parameters
@@ -91,7 +91,7 @@ def write_page(path: Path, results: Sequence[Result]) -> None:
     sections = [_overview(results), *_drifts(results), _recordings(results)]
     platforms = len(by_platform(results))
     subtitle = f"{_number(len(results), 'recording')} of {_number(platforms, 'platform')}"
-    path.write_text(render("Calibrations over many missions", subtitle, sections), encoding="utf-8")
+    write_page(path, "Calibrations over many missions", subtitle, sections)
 
 
 def _overview(results: Sequence[Result]) -> Section:
@@ -166,8 +166,7 @@ def write_summaries(out: Path, results: Sequence[Result]) -> None:
         beside.write_text(to_json(summary_to_mapping(results)), encoding="utf-8")
     with write_whole(out / "summary.csv") as beside, beside.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows(summary_rows(results))
-    with write_whole(out / "summary.html") as beside:
-        write_page(beside, results)
+    write_fleet_page(out / "summary.html", results)
 
 
 def summary_to_mapping(results: Sequence[Result]) -> dict[str, Any]:

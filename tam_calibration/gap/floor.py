@@ -2,7 +2,7 @@
 
 White noise has the same power at all frequencies, and what is slow, a tone or a spike has little in most of those near
 the Nyquist frequency: the median of the power in the upper half of the band is that of the noise. It is taken of the
-third differences of the residuals between the sensors, or without these of the misfit of the intensity, clipped where
+third differences of the residuals between the sensors, or without these of the residual of the intensity, clipped where
 few are far larger than the rest. How much of it is of which row is told by how the residuals depend on the rows,
 beginning at the differences of the readings themselves: what the residuals leave open stays as these have it.
 """

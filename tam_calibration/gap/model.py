@@ -251,7 +251,7 @@ class Model:
         return replace(replace(best, recording=recording.take(best.agrees)).settled(), recording=recording)
 
     def steady(self) -> "Model | None":
-        """Return the model with the calibration of a steady part of a run, of which the whole leaves gross misfits.
+        """Return the model with the calibration of a steady part of a run, of which the whole leaves gross residuals.
 
         None where there is nothing gross, or no part with which more samples agree.
         """
@@ -311,7 +311,7 @@ class Model:
         return replace(model, world=world, gross=start.jump)
 
     def _is_gross(self) -> bool:
-        """Whether the misfit is no small disturbance of the field."""
+        """Whether the residual is no small disturbance of the field."""
         return bool(np.sqrt(np.mean(self._relative_residual**2)) > NEGLIGIBLE)
 
     @property
@@ -323,7 +323,7 @@ class Model:
 
     @property
     def agrees(self) -> NDArray[np.bool_]:
-        """(N,) whether the misfit of a sample is a small disturbance of the field."""
+        """(N,) whether the residual of a sample is a small disturbance of the field."""
         agrees: NDArray[np.bool_] = self._relative_residual <= NEGLIGIBLE
         return agrees
 

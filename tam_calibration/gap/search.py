@@ -277,7 +277,7 @@ def search(
 
     The strongest at first need not be a cause: what acts on all sensors may be one thing at one of them and another at
     the scalar magnetometer. The search is made again from other starts where that may be, and the best is kept; also
-    from the calibration of a steady part, where that of the whole leaves gross misfits that no cause explains.
+    from the calibration of a steady part, where that of the whole leaves gross residuals that no cause explains.
     """
     tell = progress or (lambda what, part: None)
     tell("nominal calibration", 0.0)

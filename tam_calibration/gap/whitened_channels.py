@@ -43,8 +43,8 @@ class WhitenedChannels:
         As read; a scalar channel is NaN or None where there is no reference.
     covariates : Covariates
         With the field of the world, or that which the sensors agree on, moved to where the intensity wants it as far as
-        it is the surer: its noise is then independent of the misfit, which a product of both would take for an error of
-        scale.
+        it is the surer: its noise is then independent of the residual, which a product of both would take for an error
+        of scale.
     directions : (3K, C) array
         How a shift of each row moves the C differential channels, 1/T: 3K - 3, or 3K in the field of the world.
     differential : (N, C) array

@@ -8,7 +8,6 @@ from numpy.linalg import inv
 
 from tam_calibration import __version__
 from tam_calibration.correction.calibration import Calibration, KnownSource
-from tam_calibration.files import write_whole
 from tam_calibration.fit.coverage import Coverage
 from tam_calibration.fit.identifiability import find_weakness
 from tam_calibration.model.array import OUTPUT_NAMES
@@ -24,7 +23,19 @@ from tam_calibration.report.calibration_rows import (
 )
 from tam_calibration.report.calibration_view import NO_GRADIENT, CalibrationView, view_of
 from tam_calibration.report.formatting import count, fixed, join, number, ratio, sentence, with_error
-from tam_calibration.report.page import Block, Formula, Gallery, Image, Points, Section, Table, Text, embed, render
+from tam_calibration.report.page import (
+    Block,
+    Formula,
+    Gallery,
+    Image,
+    Points,
+    Section,
+    Table,
+    Text,
+    embed,
+    sections_of,
+    write_page,
+)
 from tam_calibration.report.recording_plots import (
     COMPONENT_NAMES,
     Panel,
@@ -40,7 +51,7 @@ from tam_calibration.report.verdict import best_evidence, judge
 
 
 def verdict_section(evidence: CalibrationView) -> Section:
-    """Return the section."""
+    """Return whether the calibration can be relied on, and why it should be doubted."""
     verdict = judge(evidence.calibration, evidence.coverage)
     blocks: list[Block] = [Text(verdict.sentence, "doubt" if verdict.doubts else "good"), Text(_figures(evidence))]
     if verdict.doubts:
@@ -66,7 +77,7 @@ def _figures(evidence: CalibrationView) -> str:
 
 
 def residuals_section(evidence: CalibrationView) -> Section:
-    """Return the section."""
+    """Return the residuals over time, before and after."""
     blocks: list[Block] = [Text(_introduce(evidence))]
     blocks.append(_compare(evidence, intensity_panels, "nT", f"|B| − {evidence.reference_name}"))
     if evidence.calibration.array.has_gradient:
@@ -105,7 +116,7 @@ _INTRO = (
 
 
 def histograms_section(evidence: CalibrationView) -> Section:
-    """Return the section."""
+    """Return how often the residuals have which size."""
     floor = evidence.calibration.floor
     pictures = [_histograms(intensity_panels(evidence.after, floor), "nT", f"|B| − {evidence.reference_name}")]
     if evidence.calibration.array.has_gradient:
@@ -118,7 +129,7 @@ def _histograms(panels: Sequence[Panel], unit: str, what: str) -> Image:
 
 
 def coverage_section(evidence: CalibrationView) -> Section:
-    """Return the section."""
+    """Return which directions of the field were visited."""
     picture = embed(
         plot_coverage(evidence.coverage),
         "Map of the directions of the field",
@@ -155,7 +166,7 @@ _WEIGHTS = "Weights W (no unit) of the centre field and G (1/m) of the gradient;
 
 
 def parameters_section(evidence: CalibrationView) -> Section:
-    """Return the section."""
+    """Return the parameters with their standard errors, and how to apply them by hand."""
     calibration = evidence.calibration
     blocks: list[Block] = [_parameters(calibration), *_effects(calibration)]
     blocks += [Text(statement) for statement in calibration.statements]
@@ -206,7 +217,7 @@ _CHANNELS = {"differential": "between the sensors", "common_mode": "against the 
 
 
 def quality_section(evidence: CalibrationView) -> Section:
-    """Return the section."""
+    """Return the residuals in and out of sample against the noise floor."""
     calibration = evidence.calibration
     return Section("Quality", [_residuals(calibration), Text(_chi_square(calibration)), Text(_noise(calibration))])
 
@@ -269,7 +280,7 @@ _DOUBTFUL = 2.0
 
 
 def known_source_section(evidence: CalibrationView) -> Section | None:
-    """Return the section, or None where no source was known."""
+    """Return what a known source showed of the array; None where none was recorded."""
     calibration = evidence.calibration
     found = calibration.known_source
     if found is None:
@@ -316,7 +327,7 @@ def _millimetres(values: np.ndarray, errors: np.ndarray) -> list[str]:
 
 
 def provenance_section(evidence: CalibrationView) -> Section:
-    """Return the section."""
+    """Return where the calibration comes from."""
     calibration = evidence.calibration
     first, last = calibration.time_span_s
     rows = [
@@ -358,7 +369,7 @@ SECTIONS: tuple[Callable[[CalibrationView], Section | None], ...] = (
     quality_section,
     provenance_section,
 )
-"""What makes each section from the evidence; None where it has nothing to tell."""
+"""In the order in which they are read."""
 
 
 def write_calibration_report(path: Path, calibration: Calibration, recording: Recording) -> None:
@@ -379,10 +390,7 @@ def write_calibration_report(path: Path, calibration: Calibration, recording: Re
         When the recording is not of the calibration's array, or the file cannot be written.
     """
     evidence = view_of(calibration, recording)
-    sections = [section for build in SECTIONS if (section := build(evidence)) is not None]
-    page = render("Calibration report", _subtitle(calibration), sections)
-    with write_whole(path) as part:
-        part.write_text(page, encoding="utf-8")
+    write_page(path, "Calibration report", _subtitle(calibration), sections_of(SECTIONS, evidence))
 
 
 def _subtitle(calibration: Calibration) -> str:

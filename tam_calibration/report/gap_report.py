@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.effects.library import effect_named
-from tam_calibration.files import write_whole
 from tam_calibration.gap.checks import LAGS, Check, Checks, row_name
 from tam_calibration.gap.result import Gap
 from tam_calibration.report.formatting import count, fixed, number, sentence
@@ -33,7 +32,7 @@ from tam_calibration.report.gap_rows import (
     where_words,
 )
 from tam_calibration.report.gap_view import GapView
-from tam_calibration.report.page import Block, Points, Section, Table, Text, figure_blocks, render
+from tam_calibration.report.page import Block, Points, Section, Table, Text, figure_blocks, sections_of, write_page
 from tam_calibration.report.style import AFTER_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, STYLE
 
 _HEADER = {
@@ -45,11 +44,11 @@ _HEADER = {
 }
 
 
-def checks_section(view: GapView) -> list[Section]:
-    """Return the section; none without a verdict."""
+def checks_section(view: GapView) -> Section | None:
+    """Return what the causes leave beside the simulated twin, in numbers; None without a verdict."""
     checks = view.gap.checks
     if checks is None:
-        return []
+        return None
     row = view.rows[0]
     figure = figure_blocks(
         plot_autocorrelation(checks, row),
@@ -58,7 +57,7 @@ def checks_section(view: GapView) -> list[Section]:
         "that of noise at the first.",
         "all bars would end within the band.",
     )
-    return [Section("Against the simulated twin", [*_summary(checks), *figure])]
+    return Section("Against the simulated twin", [*_summary(checks), *figure])
 
 
 def _summary(checks: Checks) -> list[Block]:
@@ -117,7 +116,8 @@ _TERMS = (
 )
 
 
-def _verdict(view: GapView) -> list[Section]:
+def verdict_section(view: GapView) -> Section:
+    """Return whether there is a gap, and how large it is."""
     gap = view.gap
     emphasis = "good" if gap.verdict in ("no_gap", "explained") else "doubt"
     blocks: list[Block] = [*(Text(remark, "doubt") for remark in gap.remarks), Text(gap.headline, emphasis)]
@@ -131,12 +131,13 @@ def _verdict(view: GapView) -> list[Section]:
         blocks.append(Text(f"What no cause explains: {gap.remainder}", "doubt"))
     blocks += [Text(words) for words in (*set_words(gap), *unseen_words(gap))]
     blocks += [Text("Words of this page:"), Points(_TERMS)]
-    return [Section("Verdict", blocks)]
+    return Section("Verdict", blocks)
 
 
-def _where(view: GapView) -> list[Section]:
+def where_section(view: GapView) -> Section | None:
+    """Return which sensors, axes, times and directions hold the gap; None without a verdict."""
     if view.gap.verdict == "not_identifiable":
-        return []
+        return None
     row = view.rows[0]
     name = view.row_name(row)
     words = where_words(view.gap.where, view.sensor_count)
@@ -169,13 +170,14 @@ def _where(view: GapView) -> list[Section]:
             "flat lines near the dashed one. A slope says that the residual goes with that quantity, not yet why.",
         ),
     ]
-    return [Section("Where it lies", blocks)]
+    return Section("Where it lies", blocks)
 
 
-def _causes(view: GapView) -> list[Section]:
+def causes_section(view: GapView) -> Section | None:
+    """Return the causes, ranked, with their numbers; None without a verdict."""
     gap = view.gap
     if gap.verdict == "not_identifiable":
-        return []
+        return None
     blocks: list[Block] = [
         *figure_blocks(
             plot_evidence(gap),
@@ -186,7 +188,7 @@ def _causes(view: GapView) -> list[Section]:
         )
     ]
     if not gap.causes:
-        return [Section("Causes", [Text("No effect of the library is supported by these data."), *blocks])]
+        return Section("Causes", [Text("No effect of the library is supported by these data."), *blocks])
     blocks.append(Table(CAUSES_HEADER, [cause_row(cause, view.sensor_count) for cause in gap.causes], numeric=False))
     for cause in gap.causes:
         effect = effect_named(cause.fitted.effect)
@@ -197,13 +199,14 @@ def _causes(view: GapView) -> list[Section]:
             blocks.append(Table(header, rows, f"{cause.fitted.effect}: {where}", numeric=False))
         if words := cause_words(cause):
             blocks.append(Points(words))
-    return [Section("Causes, ranked", blocks)]
+    return Section("Causes, ranked", blocks)
 
 
-def _shrink(view: GapView) -> list[Section]:
+def shrinkage_section(view: GapView) -> Section | None:
+    """Return how far the gap shrinks with the causes added; None without a verdict."""
     gap = view.gap
     if gap.verdict == "not_identifiable":
-        return []
+        return None
     blocks: list[Block] = []
     if gap.causes:
         blocks += figure_blocks(
@@ -226,35 +229,37 @@ def _shrink(view: GapView) -> list[Section]:
         "how often the residual has which size; what lies further out is counted in the outermost bins.",
         "all lines would follow the dashed one. Broad shoulders are a slow or large effect, far tails are outliers.",
     )
-    return [Section("How far it shrinks" if gap.causes else "The residuals", blocks)]
+    return Section("How far it shrinks" if gap.causes else "The residuals", blocks)
 
 
-def _considered(view: GapView) -> list[Section]:
+def considered_section(view: GapView) -> Section | None:
+    """Return what was tried and explained nothing; None where nothing was."""
     others = [each for each in view.gap.considered if each.status != "supported"]
     if not others:
-        return []
+        return None
     blocks: list[Block] = [
         Text("These were tried, or could not be, and are no cause as far as these data tell."),
         Table(CONSIDERED_HEADER, [considered_row(each) for each in others], numeric=False),
     ]
-    return [Section("What explained nothing", blocks)]
+    return Section("What explained nothing", blocks)
 
 
-def _next(view: GapView) -> list[Section]:
+def next_recording_section(view: GapView) -> Section | None:
+    """Return what to record next; None where there is nothing to ask for."""
     words = view.gap.next_recording
-    return [Section("What to record next", [Text(sentence(words))])] if words else []
+    return Section("What to record next", [Text(sentence(words))]) if words else None
 
 
-SECTIONS: tuple[Callable[[GapView], list[Section]], ...] = (
-    _verdict,
-    _where,
-    _causes,
-    _shrink,
+SECTIONS: tuple[Callable[[GapView], Section | None], ...] = (
+    verdict_section,
+    where_section,
+    causes_section,
+    shrinkage_section,
     checks_section,
-    _considered,
-    _next,
+    considered_section,
+    next_recording_section,
 )
-"""What makes each section."""
+"""In the order in which they are read."""
 
 
 def write_gap_report(path: Path, gap: Gap, source: Provenance | None = None) -> None:
@@ -275,10 +280,7 @@ def write_gap_report(path: Path, gap: Gap, source: Provenance | None = None) -> 
         When the file cannot be written.
     """
     view = GapView(gap)
-    sections = [section for build in SECTIONS for section in build(view)]
-    page = render("The gap between recording and simulation", _subtitle(view, source), sections)
-    with write_whole(path) as part:
-        part.write_text(page, encoding="utf-8")
+    write_page(path, "The gap between recording and simulation", _subtitle(view, source), sections_of(SECTIONS, view))
 
 
 def _subtitle(view: GapView, source: Provenance | None) -> str:

@@ -1,19 +1,26 @@
 """One self-contained HTML page made of sections, each a title and blocks.
 
+A report lists its sections in a tuple ``SECTIONS``, in the order in which they are read: functions that take what the
+report is about and return a ``Section``, or None where there is nothing to tell.
+
 Jinja2 writes it because it escapes every text by itself, so that no file name can break or inject into a page.
 """
 
 import base64
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
-from typing import ClassVar
+from pathlib import Path
+from typing import ClassVar, TypeVar
 
 import matplotlib
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
+from tam_calibration.files import write_whole
+
+About = TypeVar("About")
 _RASTER_DPI = 200
 
 
@@ -83,6 +90,24 @@ class Section:
 
     title: str
     blocks: Sequence[Block]
+
+
+def sections_of(makers: Sequence[Callable[[About], Section | None]], about: About) -> list[Section]:
+    """Return the sections that the ``SECTIONS`` of a report make of what it is about."""
+    return [section for make in makers if (section := make(about)) is not None]
+
+
+def write_page(path: Path, title: str, subtitle: str, sections: Sequence[Section]) -> None:
+    """Write a page; nothing is left at the path when writing fails, and an older file stays as it was.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    page = render(title, subtitle, sections)
+    with write_whole(path) as part:
+        part.write_text(page, encoding="utf-8")
 
 
 def render(title: str, subtitle: str, sections: Sequence[Section]) -> str:

@@ -20,7 +20,7 @@ SCALAR_NOISE_T = 0.1e-9
 INTENSITY_T = 50e-6
 
 
-def misfit_of(recording, array, errors, intensity_T=INTENSITY_T, is_counted=None):
+def residuals_of(recording, array, errors, intensity_T=INTENSITY_T, is_counted=None):
     """Return the whitened channels: the orthonormal complement of the stacked, weighted matrices, and the scalar."""
     count = recording.sensor_count
     weight = 1 / np.repeat(array.vector_noise_T, 3)
@@ -50,7 +50,7 @@ def misfit_of(recording, array, errors, intensity_T=INTENSITY_T, is_counted=None
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """A simulated array whose rows can be disturbed in front of the misfit of the true errors."""
+    """A simulated array whose rows can be disturbed in front of the residuals of the true errors."""
 
     covariates: Covariates
     rows_T: np.ndarray
@@ -76,7 +76,7 @@ class Bench:
         readings = self.rows_T[:, :-1].reshape(covariates.sample_count, -1, 3)
         scalar = self.rows_T[:, -1] if self.has_scalar else None
         recording = Recording(covariates.time_s, readings, scalar)
-        return misfit_of(recording, covariates.array, covariates.errors, is_counted=is_counted)
+        return residuals_of(recording, covariates.array, covariates.errors, is_counted=is_counted)
 
 
 def make_bench(samples=2000, sensors=4, has_scalar=True, moves=True, seed=1, sheet=1.0, noise_T=NOISE_T):
@@ -196,7 +196,7 @@ def refit(effect, covariates, shape, *terms):
 
 @pytest.fixture(scope="session")
 def left_by():
-    """Return the maker of the misfit that an effect leaves in a situation, with noise, under the true errors."""
+    """Return the maker of the residuals that an effect leaves in a situation, with noise, under the true errors."""
     return make_left_by
 
 
@@ -209,4 +209,4 @@ def make_left_by(effect, covariates, shape, *contributions, seed=6):
     rows[:, :-1] += NOISE_T * generator.normal(size=rows[:, :-1].shape)
     rows[:, -1] += SCALAR_NOISE_T * generator.normal(size=len(rows))
     readings = rows[:, :-1].reshape(covariates.sample_count, -1, 3)
-    return misfit_of(Recording(covariates.time_s, readings, rows[:, -1]), covariates.array, covariates.errors)
+    return residuals_of(Recording(covariates.time_s, readings, rows[:, -1]), covariates.array, covariates.errors)

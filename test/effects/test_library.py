@@ -52,7 +52,7 @@ class Tide(LinearEffect):
     excitation = "a record of hours"
     shape_units = {"period_s": "s"}
 
-    def shapes(self, situation, misfit):
+    def shapes(self, covariates, residuals):
         return ({"period_s": 40.0},)
 
     def terms(self, situation, shape):

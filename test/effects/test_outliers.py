@@ -174,7 +174,7 @@ def test_spikes_where_an_axis_stands_still_must_be_several(bench, slowest, stand
 
 
 def shaped(made, deviations, row=4):
-    """Return the misfit of readings of a row of which some samples are off by so many standard errors."""
+    """Return the residual of readings of a row of which some samples are off by so many standard errors."""
     residuals, rows = made.residuals(), made.rows_T.copy()
     errors = 1 / np.sqrt(residuals.row_information[:, row])
     for sample, size in deviations.items():

@@ -184,7 +184,7 @@ def test_what_is_added_is_taken_off(run):
 
 
 def test_the_misfit_is_told_by_the_same_channels(run, dense):
-    """Effects that look at the misfit see the shift of a row that explains a sample best."""
+    """Effects that look at the residual see the shift of a row that explains a sample best."""
     made = run(80)
     made = replace(made, recording=replace(made.recording, scalar_T=np.where(np.arange(80) < 9, np.nan, 5e-5)))
     residuals, truth = made.channels().residuals, dense(made)

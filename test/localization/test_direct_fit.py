@@ -49,7 +49,7 @@ def test_without_poses_the_source_is_in_the_array_frame():
 
 
 def test_loop_taken_for_a_dipole_is_wrong_by_a_per_cent():
-    """And its misfit tells."""
+    """And its residual tells."""
     fit = fit_dipole(readings_of(LOOP), ARRAY, POSES)
     assert 0.01 < norm(fit.source.position_m - PLACE) / norm(PLACE) < 0.03
     assert fit.chi_square > 10 * fit.degrees_of_freedom

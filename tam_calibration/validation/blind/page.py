@@ -4,12 +4,12 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from tam_calibration.report.page import Points, Section, Table, Text, embed, render
+from tam_calibration.report.page import Points, Section, Table, Text, embed, write_page
 from tam_calibration.validation.blind.score import Score
 from tam_calibration.validation.blind.table import HEADER, cells, effects, reliability, remarks, shares
 
 
-def write_page(path: Path, score: Score, name: str) -> None:
+def write_score_page(path: Path, score: Score, name: str) -> None:
     """Write the page."""
     missed = [row.name for row in score.rows if row.cases and not row.is_met]
     verdict = Text(f"Missed: {'; '.join(missed)}.", "doubt") if missed else Text("Every figure is met.", "good")
@@ -28,7 +28,7 @@ def write_page(path: Path, score: Score, name: str) -> None:
         Section("By condition", [Table(("condition", "solved", "of"), shares({**score.by_condition, **score.short}))]),
         Section("Cases that went wrong", [Points([one.line for one in score.failures] or ["none"])]),
     ]
-    path.write_text(render("The check on withheld effects", name, sections), encoding="utf-8")
+    write_page(path, "The check on withheld effects", name, sections)
 
 
 def draw_confusion(score: Score) -> Figure:

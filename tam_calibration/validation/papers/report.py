@@ -3,10 +3,9 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from tam_calibration.files import write_whole
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.report.formatting import count, fixed, join
-from tam_calibration.report.page import Block, Gallery, Section, Table, Text, embed, render
+from tam_calibration.report.page import Block, Gallery, Section, Table, Text, embed, write_page
 from tam_calibration.validation.papers import PAPERS
 from tam_calibration.validation.papers.plots import coil_section, plot_relative_errors, plot_residuals
 from tam_calibration.validation.papers.row import PrintedNumber
@@ -69,9 +68,7 @@ def write_reproduction_report(
         sections.append(coil_section(coil_sweeps))
     sections += [_numbers(paper, own) for paper, own in rows.items()]
     total = sum(len(own) for own in rows.values())
-    page = render("Papers reproduced", f"{join(list(rows))}: {count(total)} numbers", sections)
-    with write_whole(path) as part:
-        part.write_text(page, encoding="utf-8")
+    write_page(path, "Papers reproduced", f"{join(list(rows))}: {count(total)} numbers", sections)
 
 
 def _verdict(rows: Mapping[str, Sequence[PrintedNumber]]) -> Section:
