@@ -26,7 +26,7 @@ import tam_calibration
 from tam_calibration.effects.effect import Limit
 
 PACKAGE = Path(tam_calibration.__file__).parent
-ROOMS = ("gap", "effects")
+ROOMS = ("gap", "effects", "core")
 KINDS = ("decision", "tolerance", "size", "factor", "basis", "limit", "label")
 
 _ROUNDING = 1e-4

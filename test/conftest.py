@@ -1,6 +1,7 @@
 """Shared fixtures: recordings with a known truth, a gap, sweeps; those with ROS are in ``ros_bench``."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,6 +50,31 @@ def recording(true_errors):
     field = direction / np.linalg.norm(direction, axis=1, keepdims=True) * intensity[:, None]
     readings = true_errors.distort(field) + 1e-9 * rng.normal(size=(600, 4, 3))
     return Recording(1.7e9 + np.arange(600) / 100, readings, intensity + 1e-10 * rng.normal(size=600))
+
+
+@pytest.fixture(scope="session")
+def wu_scenario():
+    """Return Wu's Table 1 scenario: 360 random attitudes, 1 nT and 0.1 nT of noise."""
+    from tam_calibration.files.scenario import read_scenario
+
+    return read_scenario("wu_table_1")
+
+
+@pytest.fixture(scope="session")
+def wu_run(wu_scenario):
+    """Return one simulated run of it."""
+    from tam_calibration.simulation import simulate
+
+    return simulate(wu_scenario)
+
+
+@pytest.fixture(scope="session")
+def noise_free(wu_scenario):
+    """Return the same run without noise; its array still states the noise."""
+    from tam_calibration.simulation import simulate
+
+    silent = replace(wu_scenario, array=replace(wu_scenario.array, vector_noise_T=None, scalar_noise_T=None))
+    return simulate(silent)
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.core.harmonics import derivatives, fields, harmonics
-from tam_calibration.effects.ambient_gradient import BASIS
+from tam_calibration.model.array import UNIT_TENSORS
 
 
 def test_harmonics_are_orthonormal():
@@ -42,4 +42,4 @@ def test_they_are_independent(degree):
 def test_those_of_degree_two_are_the_gradient():
     """Their coefficients are components of the gradient tensor."""
     order = [derivatives(2).index(orders) for orders in ((2, 0, 0), (1, 1, 0), (1, 0, 1), (0, 2, 0), (0, 1, 1))]
-    assert_allclose(fields(2, POSITIONS)[order], BASIS @ POSITIONS)
+    assert_allclose(fields(2, POSITIONS)[order], UNIT_TENSORS @ POSITIONS)

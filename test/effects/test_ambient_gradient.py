@@ -8,9 +8,6 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.ambient_gradient import (
-    BASIS,
-    COLUMNS,
-    ROWS,
     AmbientGradient,
     gradient_field,
     require_attitude,
@@ -18,7 +15,7 @@ from tam_calibration.effects.ambient_gradient import (
     without_gradient,
 )
 from tam_calibration.files.scenario import read_scenario
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS, UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import ALL, Contribution, FittedEffect
 from tam_calibration.model.recording import Recording
@@ -38,7 +35,7 @@ def scenario():
 
 def test_the_basis_spans_symmetric_trace_free_tensors():
     """Five components make any such tensor, and are its own."""
-    assert_allclose(np.tensordot(GRADIENT[ROWS, COLUMNS], BASIS, 1), GRADIENT, atol=1e-24)
+    assert_allclose(np.tensordot(GRADIENT[TENSOR_ROWS, TENSOR_COLUMNS], UNIT_TENSORS, 1), GRADIENT, atol=1e-24)
 
 
 def test_the_field_is_the_gradient_along_the_world_position():
@@ -87,7 +84,7 @@ def test_the_effect_is_the_gradient_of_the_fit(turning):
     """Its terms of degree 2 add, at sensors and scalar, what the fit takes off."""
     covariates, weak = turning(samples=60), GRADIENT / 100
     names = ("xx", "xy", "xz", "yy", "yz")
-    values = {f"gradient {name}": value for name, value in zip(names, weak[ROWS, COLUMNS], strict=True)}
+    values = {f"gradient {name}": value for name, value in zip(names, weak[TENSOR_ROWS, TENSOR_COLUMNS], strict=True)}
     fitted = FittedEffect("ambient_gradient", {}, (Contribution(ALL, None, "degree 2", values),))
     rows = np.column_stack([covariates.sensed_T + covariates.errors.bias_T.ravel(), covariates.intensity_T])
     disturbed = AmbientGradient().add(rows, covariates, fitted, np.random.default_rng(1))

@@ -3,11 +3,12 @@
 import ast
 import runpy
 import sys
-from importlib.resources import files
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+
+from tam_calibration.nodes import start
 
 ROOT = Path(__file__).parents[2]
 LAUNCH_FILE = ROOT / "launch" / "tam.launch.py"
@@ -57,8 +58,8 @@ def test_nodes_are_the_entry_points(launch_file):
     setup = ast.unparse(ast.parse((ROOT / "setup.py").read_text()))
     for name, node in nodes.items():
         assert (node.package, node.executable) == ("tam_calibration", name)
-        assert f"{name} = {{NAME}}.nodes.{name}:main" in setup
-        assert (files("tam_calibration") / "nodes" / f"{name}.py").is_file()
+        assert f"{name} = {{NAME}}.nodes.start:{name}" in setup
+        assert callable(getattr(start, name))
 
 
 def test_arguments_become_parameters_only_where_given(launch_file):
