@@ -28,6 +28,7 @@ LAYERS = (
         "field_bounds",
         "units",
         "exceptions",
+        "configuration",
         "geomagnetic",
         "pointcloud_layout",
         "message_stream",
