@@ -6,6 +6,7 @@ from setuptools import find_packages, setup
 
 NAME = "tam_calibration"
 SHARE = f"share/{NAME}"
+DOCS = ["myst-parser", "numpydoc", "sphinx>=7.2", "sphinx-rtd-theme"]
 
 setup(
     name=NAME,
@@ -40,6 +41,7 @@ setup(
     ],
     extras_require={
         "bench": ["circuitpython-mag-cal", "magcal", "navlib>=2"],
+        "docs": DOCS,
         "fleet": ["distributed>=2024.1"],
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
         "test": [
@@ -53,6 +55,7 @@ setup(
             "pytest-xdist",
             "ruff",
             "types-PyYAML",
+            *DOCS,
         ],
     },
     entry_points={
