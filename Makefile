@@ -1,6 +1,7 @@
 # make demo    the whole chain once: simulate, play over DDS, calibrate, compare; writes demo_output/
 # make test    every check and test
 # make check   format, lint and types only
+# make docs    the site of docs/ and the docstrings; writes build/docs/index.html
 # make bench   every figure of speed beside what it is compared with: a quarter of an hour; writes benchmarks/results/
 # make colcon  build and test as a ROS 2 machine does, in build/ and install/
 # make clean   remove what these wrote, except the environment .venv
@@ -11,7 +12,7 @@ BIN := .venv/bin
 READY := .venv/ready
 MAKEFLAGS += --no-print-directory
 
-.PHONY: demo test check bench colcon clean
+.PHONY: demo test check docs bench colcon clean
 
 demo: $(READY)
 	@$(BIN)/tam demo
@@ -25,6 +26,9 @@ check: $(READY)
 	@$(BIN)/ruff format --check --quiet .
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/mypy --no-error-summary
+
+docs: $(READY)
+	@$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet --fresh-env docs build/docs
 
 bench: $(READY)
 	@$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]' \

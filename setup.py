@@ -6,6 +6,7 @@ from setuptools import find_packages, setup
 
 NAME = "tam_calibration"
 SHARE = f"share/{NAME}"
+DOCS = ["myst-parser", "numpydoc", "sphinx>=7.2", "sphinx-rtd-theme"]
 
 setup(
     name=NAME,
@@ -15,13 +16,13 @@ setup(
     maintainer_email="maintainers@tam-calibration.org",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["config/**/*", "py.typed", "report/templates/*"]},
+    package_data={NAME: ["py.typed", "report/templates/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (SHARE, ["package.xml"]),
         (f"{SHARE}/launch", glob("launch/*.py")),
-        (f"{SHARE}/config", glob(f"{NAME}/config/*.*")),
-        (f"{SHARE}/config/scenarios", glob(f"{NAME}/config/scenarios/*.*")),
+        (f"{SHARE}/config", glob("config/*.*")),
+        (f"{SHARE}/config/scenarios", glob("config/scenarios/*.*")),
     ],
     zip_safe=False,
     python_requires=">=3.11",
@@ -40,6 +41,7 @@ setup(
     ],
     extras_require={
         "bench": ["circuitpython-mag-cal", "magcal", "navlib>=2"],
+        "docs": DOCS,
         "fleet": ["distributed>=2024.1"],
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
         "test": [
@@ -53,6 +55,7 @@ setup(
             "pytest-xdist",
             "ruff",
             "types-PyYAML",
+            *DOCS,
         ],
     },
     entry_points={

@@ -25,6 +25,7 @@ from spread import machine
 from std_msgs.msg import Header
 
 from tam_calibration.files import read_array
+from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.localization.sample_by_sample import Regional, locate_samples
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SampleLayout
@@ -43,7 +44,7 @@ PLACE = "47.37,8.54,2026-06-01"
 NOISE_T = 1e-9
 START_S, END_S = 20.0, 5.0
 LAYOUT = SampleLayout(4, attitude=True)
-CROSS = Path(__file__).parents[1] / "tam_calibration" / "config" / "cross.yaml"
+CROSS = configuration_folder() / "cross.yaml"
 RESULTS = Path(__file__).parent / "results" / "localizer.csv"
 
 

@@ -1,12 +1,11 @@
 """Start all nodes: `ros2 launch tam_calibration tam.launch.py array_file:=A.yaml`."""
 
-from importlib.resources import files
-
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription
+from tam_calibration.files.configuration import configuration_folder
 
 NODES = ("collector", "calibrator", "corrector", "localizer")
 
@@ -22,7 +21,7 @@ ARGUMENTS = {
 def generate_launch_description() -> LaunchDescription:
     """Return the nodes with the arguments that are given."""
     name = "FASTRTPS_DEFAULT_PROFILES_FILE"
-    profile = str(files("tam_calibration") / "config" / "fastdds.xml")
+    profile = str(configuration_folder() / "fastdds.xml")
     return LaunchDescription(
         [
             *(

@@ -4,11 +4,12 @@ import fcntl
 import os
 import tempfile
 import time
-from importlib.resources import files
 from itertools import count
 from pathlib import Path
 
 import pytest
+
+from tam_calibration.files.configuration import configuration_folder
 
 NO_ROS = "rclpy is not installed: pip install 'tam_calibration[ros]'"
 
@@ -20,7 +21,7 @@ def ros_domain(monkeypatch, tmp_path_factory):
     logs = tmp_path_factory.mktemp("ros")
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_LOG_DIR", str(logs))
-    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(files("tam_calibration") / "config" / "fastdds.xml"))
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(configuration_folder() / "fastdds.xml"))
     domain, lock = _lock_domain()
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     yield logs

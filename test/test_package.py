@@ -4,6 +4,7 @@ import runpy
 import shutil
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 
 import pytest
@@ -94,42 +95,72 @@ def test_entry_points_exist(arguments, group, kind):
         assert name in defined, f"{point}: {source.name} has no {name}"
 
 
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory):
-    """Build the package with colcon and return the folder into which it was installed."""
+def run(*command, **options):
+    """Run a command to its good end."""
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, **options)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module", params=["", "--symlink-install"])
+def workspace(tmp_path_factory, request):
+    """Build the package with colcon and return the workspace."""
     folder = tmp_path_factory.mktemp("workspace")
     colcon = shutil.which("colcon", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
     assert colcon, "colcon is missing: pip install colcon-common-extensions"
     base = ["--base-paths", str(ROOT)]
-    options = {"cwd": folder, "capture_output": True, "text": True, "timeout": 120}
-    listed = subprocess.run([colcon, "list", *base], **options)
-    assert "(ros.ament_python)" in listed.stdout, listed.stderr
-    built = subprocess.run([colcon, "build", *base], **options)
-    assert built.returncode == 0, built.stdout + built.stderr
-    return folder / "install" / PACKAGE.name
+    assert "(ros.ament_python)" in run(colcon, "list", *base, cwd=folder)
+    run(colcon, "build", *request.param.split(), *base, cwd=folder)
+    return folder
 
 
-def test_colcon_installs_the_whole_package(installed):
+@pytest.fixture
+def prefix(workspace):
+    """Return the folder into which colcon installed the package."""
+    return workspace / "install" / PACKAGE.name
+
+
+@pytest.mark.parametrize("workspace", [""], indirect=True)
+def test_colcon_installs_the_whole_package(prefix):
     """Every file of the package is installed, data included."""
-    assert files_below(next(installed.glob("lib/python3*/site-packages")) / PACKAGE.name) == files_below(PACKAGE)
+    assert files_below(next(prefix.glob("lib/python3*/site-packages")) / PACKAGE.name) == files_below(PACKAGE)
 
 
-def test_colcon_installs_what_ros_looks_for(installed):
+def test_colcon_installs_what_ros_looks_for(prefix):
     """The marker, package.xml, launch files and configuration are in share, the commands where ``ros2 run`` looks."""
-    share = installed / "share"
+    share = prefix / "share"
     assert (share / "ament_index/resource_index/packages" / PACKAGE.name).is_file()
     assert (share / PACKAGE.name / "package.xml").is_file()
     assert files_below(share / PACKAGE.name / "launch") == files_below(ROOT / "launch")
-    assert files_below(share / PACKAGE.name / "config") == files_below(PACKAGE / "config")
-    commands = installed / "lib" / PACKAGE.name
+    assert files_below(share / PACKAGE.name / "config") == files_below(ROOT / "config")
+    commands = prefix / "lib" / PACKAGE.name
     assert all(os.access(commands / name, os.X_OK) for name in ("tam", "collector", "calibrator", "corrector"))
 
 
-def test_command_runs_where_colcon_put_it(installed):
-    """The installed command finds the installed package."""
-    path = next(installed.glob("lib/python3*/site-packages"))
-    command = [installed / "lib" / PACKAGE.name / "tam", "--version"]
-    done = subprocess.run(
-        command, env={**os.environ, "PYTHONPATH": str(path)}, capture_output=True, text=True, timeout=60
-    )
-    assert done.returncode == 0, done.stderr
+def test_command_runs_where_colcon_put_it(workspace, tmp_path):
+    """In a shell that sourced the workspace the installed command finds the package and its scenarios."""
+    source = f". {workspace}/install/local_setup.bash"
+    tam = f"{workspace}/install/{PACKAGE.name}/lib/{PACKAGE.name}/tam"
+    run("bash", "-c", f"{source} && {tam} simulate wu_table_1 -o run.csv", cwd=tmp_path)
+    assert (tmp_path / "run.csv").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("option", [[], ["--editable"]], ids=["wheel", "editable"])
+def test_command_runs_where_pip_put_it(tmp_path, option):
+    """In an environment of its own, from a wheel or from the sources, the command finds the scenarios."""
+    sources, environment = tmp_path / "sources", tmp_path / "environment"
+    for name in (PACKAGE.name, "config", "launch", "resource"):
+        shutil.copytree(ROOT / name, sources / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("package.xml", "pyproject.toml", "setup.cfg", "setup.py"):
+        shutil.copy(ROOT / name, sources)
+    run(sys.executable, "-m", "venv", "--without-pip", environment)
+    (packages,) = environment.glob("lib/python3*/site-packages")
+    (packages / "libraries.pth").write_text(sysconfig.get_path("purelib"))  # numpy and the others, by their path
+    alone = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    pip = [sys.executable, "-m", "pip", "--python", environment, "install", "--no-index", "--ignore-installed"]
+    run(*pip, "--no-deps", "--no-build-isolation", "--no-compile", *option, sources, env=alone)
+    run(environment / "bin" / "tam", "simulate", "wu_table_1", "-o", "run.csv", cwd=tmp_path, env=alone)
+    assert (tmp_path / "run.csv").stat().st_size > 10_000
+    where = f"import {PACKAGE.name}.files.configuration as c; print(c.configuration_folder())"
+    found = run(environment / "bin" / "python", "-c", where, cwd=tmp_path, env=alone)
+    assert Path(found.strip()) == (sources / "config" if option else environment / "share" / PACKAGE.name / "config")

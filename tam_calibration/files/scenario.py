@@ -1,11 +1,11 @@
 """Scenario files, shipped ones by name, and the truth that is written beside a simulated recording."""
 
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.files.effects_schema import effect_to_mapping
 from tam_calibration.files.scenario_schema import scenario_of
 from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write, write_whole
@@ -20,8 +20,7 @@ TRUTH_SCHEMA = "tam_calibration/truth/1"
 
 def shipped_scenarios() -> dict[str, Path]:
     """Return the paths of the scenarios that come with the package, by name."""
-    folder = Path(str(files("tam_calibration") / "config" / "scenarios"))
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    return {path.stem: path for path in sorted((configuration_folder() / "scenarios").glob("*.yaml"))}
 
 
 def read_scenario(name_or_path: str | Path) -> Scenario:

@@ -4,9 +4,9 @@ import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.resources import files
 from importlib.util import find_spec
 
+from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes import signals
 
@@ -23,8 +23,7 @@ def ros_session(exit_code: int = 0) -> Iterator[None]:
     if find_spec("rclpy") is None:
         raise InputError("this needs ROS 2: source a Jazzy installation, or run pip install 'tam_calibration[ros]'")
     # Announces nodes often at the start; the processes that are started from here inherit it.
-    profile = files("tam_calibration") / "config" / "fastdds.xml"
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile))
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(configuration_folder() / "fastdds.xml"))
 
     import rclpy
     from rclpy.signals import SignalHandlerOptions

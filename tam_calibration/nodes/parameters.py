@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
 from tam_calibration.files import read_array
+from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.messages.point_cloud import FRAME_ID as DEFAULT_FRAME_ID
 from tam_calibration.model.array import Array
 
@@ -53,4 +53,4 @@ def array_of(node: Node) -> Array:
         When the file cannot be used.
     """
     path: str = node.get_parameter(ARRAY_FILE.name).value
-    return read_array(Path(path) if path else Path(str(files("tam_calibration") / "config" / "cross.yaml")))
+    return read_array(Path(path) if path else configuration_folder() / "cross.yaml")

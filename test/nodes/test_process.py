@@ -4,10 +4,11 @@ import signal
 import subprocess
 import sys
 from importlib import import_module
-from importlib.resources import files
 
 import pytest
 import yaml
+
+from tam_calibration.files.configuration import configuration_folder
 
 NODES = ("collector", "calibrator", "corrector", "localizer")
 
@@ -57,7 +58,7 @@ def test_unusable_arguments_end_the_node_with_a_sentence(ros_domain):
 
 def test_shipped_parameters_are_known(bench):
     """Every node takes the shipped file of parameters, which names all its parameters with their defaults."""
-    path = files("tam_calibration") / "config" / "tam.yaml"
+    path = configuration_folder() / "tam.yaml"
     commands = {
         name: ["-m", "tam_calibration.nodes.start", name, "--ros-args", "--params-file", str(path)] for name in NODES
     }

@@ -1,0 +1,50 @@
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from catkin_pkg.package import parse_package
+
+import tam_calibration
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Build the site as ``make docs`` does, where a warning is an error, and return its folder."""
+    site = tmp_path_factory.mktemp("site")
+    sphinx = [sys.executable, "-m", "sphinx", "--fail-on-warning", "--keep-going", "--quiet", DOCS, site]
+    done = subprocess.run(sphinx, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return site
+
+
+def test_every_page_is_in_the_navigation(site):
+    """The first page leads to all others, those included that a list forgot."""
+    first = (site / "index.html").read_text()
+    assert {path.stem for path in DOCS.glob("*.md")} <= set(re.findall(r'href="(\w+)\.html"', first))
+
+
+def test_every_picture_is_shown(site):
+    """None is left out of the site, also of those that README.md shows."""
+    assert {path.name for path in (site / "_images").iterdir()} == {path.name for path in (DOCS / "images").iterdir()}
+
+
+@pytest.mark.parametrize("name", tam_calibration.__all__)
+def test_every_public_name_is_documented(site, name):
+    """What the package gives to Python has its place on the page of its names."""
+    assert f'id="tam_calibration.{name}"' in (site / "api.html").read_text()
+
+
+def test_rosdoc2_finds_the_pages():
+    """The file that package.xml names has rosdoc2's two sections, and leads to the folder with conf.py and an index."""
+    (export,) = (each for each in parse_package(ROOT).exports if each.tagname == "rosdoc2")
+    kind, content = yaml.safe_load_all((ROOT / export.content).read_text())
+    assert kind == {"type": "rosdoc2 config", "version": 1}
+    (builder,) = content["builders"]
+    folder = ROOT / builder["sphinx"]["user_doc_dir"]
+    assert (folder / "conf.py").is_file() and (folder / "index.rst").is_file()
