@@ -4,9 +4,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.linalg import inv
 from numpy.typing import NDArray
 
+from tam_calibration.core.elimination import Elimination
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.recursions import Memory
@@ -56,7 +56,8 @@ class EffectStream:
     def __init__(self, effects: Sequence[FittedEffect], errors: SensorErrors, array: Array) -> None:
         self._effects = [(linear_effect(fitted), fitted) for fitted in effects]
         self._errors, self._array = errors, array
-        self._unmix = _unmixing(errors, array)
+        assert array.vector_noise_T is not None
+        self._unmix = Elimination.of_sensors(errors, array.vector_noise_T).unmixing
         self._newest_s = -np.inf
         self._begin()
 
@@ -197,15 +198,7 @@ def agreed_field(
     Axes that are not trusted (3K,) do not count.
     """
     unbiased = (readings_T - errors.bias_T).reshape(len(readings_T), -1)
-    field: FloatArray = unbiased @ _unmixing(errors, array, is_trusted).T
-    return field
-
-
-def _unmixing(errors: SensorErrors, array: Array, is_trusted: NDArray[np.bool_] | None = None) -> FloatArray:
-    """Return the (3, 3K) matrix from readings without bias to the field."""
     assert array.vector_noise_T is not None
-    matrix = errors.matrix.reshape(-1, 3)
-    precision = 1 / np.repeat(array.vector_noise_T**2, 3)
-    weighted = matrix * np.where(True if is_trusted is None else is_trusted, precision, 0.0)[:, None]
-    unmixing: FloatArray = inv(matrix.T @ weighted) @ weighted.T
-    return unmixing
+    weight = np.where(True if is_trusted is None else is_trusted, 1 / np.repeat(array.vector_noise_T, 3), 0.0)
+    field: FloatArray = unbiased @ Elimination.of(errors.matrix.reshape(-1, 3), weight).unmixing.T
+    return field

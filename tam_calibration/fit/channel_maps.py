@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.linalg import inv
 
+from tam_calibration.core.elimination import Elimination
 from tam_calibration.effects.ambient_gradient import turned
 from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS, UNIT_TENSORS
 from tam_calibration.model.units import FloatArray
@@ -59,10 +59,8 @@ class ChannelMaps:
 
     Parameters
     ----------
-    complement : (3K, 3K) array
-        Quadratic form of the whitened differential channels in the unbiased readings.
-    covariance : (3, 3) array
-        Of the field that the sensors agree on.
+    elimination : Elimination
+        Of the field that the sensors agree on from the unbiased readings.
     unbiased : (3K, Z) array
         To the readings without bias and without what the gradient adds.
     at_sensors : (K, 4, Z) array
@@ -75,8 +73,7 @@ class ChannelMaps:
         Minus the derivative of the intensity there, in direction ⊗ [field there, features, 1].
     """
 
-    complement: FloatArray
-    covariance: FloatArray
+    elimination: Elimination
     unbiased: FloatArray
     at_sensors: FloatArray
     by_gradient: FloatArray
@@ -93,39 +90,33 @@ class ChannelMaps:
         turning: Turning | None,
     ) -> "ChannelMaps":
         """Return the maps at matrices D Λ (K, 3, 3), biases (K, 3) and components of the gradient (P,)."""
-        rows = matrix.reshape(-1, 3)
-        weight = 1 / np.repeat(vector_noise, 3)
-        basis, _ = np.linalg.qr(weight[:, None] * rows)
-        covariance = inv(rows.T @ (weight[:, None] ** 2 * rows))
-        unmix = covariance @ (weight[:, None] ** 2 * rows).T
-        complement = weight[:, None] * (np.eye(len(rows)) - basis @ basis.T) * weight
+        elimination = Elimination.of(matrix.reshape(-1, 3), 1 / np.repeat(vector_noise, 3))
         if turning is None:
-            return cls._of_uniform_field(complement, covariance, unmix, bias)
+            return cls._of_uniform_field(elimination, bias)
+        unmix, rows = elimination.unmixing, matrix.size // 3
         levers, scalar_lever = turning.levers, turning.scalar_lever
         moved = (matrix @ levers).reshape(-1, 5)
         chosen = np.kron(np.eye(5), gradient)
-        unbiased = np.column_stack([np.eye(len(rows)), -moved @ chosen, -bias.ravel()])
+        unbiased = np.column_stack([np.eye(rows), -moved @ chosen, -bias.ravel()])
         center = unmix @ unbiased
-        at_sensors = _append_one(center + _features_only(levers @ chosen, len(rows)))
-        by_gradient = _features_only(_each(moved), len(rows))
-        at_scalar = center + _features_only(scalar_lever @ chosen, len(rows))
+        at_sensors = _append_one(center + _features_only(levers @ chosen, rows))
+        by_gradient = _features_only(_each(moved), rows)
+        at_scalar = center + _features_only(scalar_lever @ chosen, rows)
         field = np.eye(3, 4 + chosen.shape[1]) + _features_only((levers - scalar_lever) @ chosen, 3)
         by_rows = _by_rows(unmix, _append_one(field))
         by_gradient_there = np.swapaxes(_features_only(_each(unmix @ moved - scalar_lever), 3), 0, 1)
         response = np.concatenate([by_rows, by_gradient_there])
-        return cls(complement, covariance, unbiased, at_sensors, by_gradient, at_scalar, response)
+        return cls(elimination, unbiased, at_sensors, by_gradient, at_scalar, response)
 
     @classmethod
-    def _of_uniform_field(
-        cls, complement: FloatArray, covariance: FloatArray, unmix: FloatArray, bias: FloatArray
-    ) -> "ChannelMaps":
+    def _of_uniform_field(cls, elimination: Elimination, bias: FloatArray) -> "ChannelMaps":
         count = len(bias)
         unbiased = np.column_stack([np.eye(3 * count), -bias.ravel()])
-        center = unmix @ unbiased
+        center = elimination.unmixing @ unbiased
         at_sensors = np.broadcast_to(_append_one(center), (count, 4, 3 * count + 1))
-        response = _by_rows(unmix, np.broadcast_to(np.eye(4), (count, 4, 4)))
+        response = _by_rows(elimination.unmixing, np.broadcast_to(np.eye(4), (count, 4, 4)))
         none = np.zeros((3 * count, 0, 3 * count + 1))
-        return cls(complement, covariance, unbiased, at_sensors, none, center, response)
+        return cls(elimination, unbiased, at_sensors, none, center, response)
 
 
 def _append_one(field: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import inv, norm
 
+from tam_calibration.core.elimination import Elimination
 from tam_calibration.fit.coverage import ellipsoid_rows
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.scale import free_scale_gradient
@@ -197,7 +198,7 @@ class InformationModel:
         length = norm(field_T, axis=1, keepdims=True)
         direction = field_T / length
         scalar_noise = (self.array.scalar_noise_T or 0.0) / self.intensity_T if self.has_scalar else 0.0
-        variance = scalar_noise**2 + np.sum((direction @ self._field_covariance) * direction, axis=1, keepdims=True)
+        variance = scalar_noise**2 + self._elimination.variance_along(direction.T)[:, None]
         ellipsoid = ellipsoid_rows(direction) / np.sqrt(variance)
         ellipsoid[:, :6] *= length / self.intensity_T
         return SensitivityRows(ellipsoid, np.hstack([field_T / self.intensity_T, np.ones_like(length)]))
@@ -244,10 +245,9 @@ class InformationModel:
         in_unit = np.tile(np.repeat([1.0, 1.0, self.intensity_T, 1.0], 3), count)
         jacobian = _block_diagonal(self.errors.jacobian()) * in_unit
         jacobian[:, 3] /= self.intensity_T
-        common = np.tensordot(self._field_covariance @ self._whitened.T * self._weight, jacobian[..., free], 1)
-        differing = np.linalg.qr(self._whitened, mode="complete")[0][:, 3:].T * self._weight
+        common = np.tensordot(self._elimination.unmixing, jacobian[..., free], 1)
         symmetric = (common[_FIRST, _SECOND] + common[_SECOND, _FIRST]) / 2
-        affine = np.tensordot(differing, jacobian[..., free], 1).reshape(12 * count - 12, 12 * count - 3)
+        affine = np.tensordot(self._elimination.directions.T, jacobian[..., free], 1).reshape(12 * count - 12, -1)
         loadings = np.zeros((12 * count, 12 * count - 3))
         loadings[free] = inv(np.concatenate([symmetric, common[:, 3], affine]))
         loadings = in_unit[:, None] * (loadings if self.has_scalar else self._with_fixed_scale(loadings))
@@ -260,21 +260,10 @@ class InformationModel:
         return loadings - np.outer(scale, gradient @ loadings) / (gradient @ scale.ravel())
 
     @cached_property
-    def _weight(self) -> FloatArray:
-        """(3 K,) intensity over noise of each axis."""
+    def _elimination(self) -> Elimination:
+        """Of the field in units of the intensity."""
         assert self.array.vector_noise_T is not None
-        return self.intensity_T / np.repeat(self.array.vector_noise_T, 3)
-
-    @cached_property
-    def _whitened(self) -> FloatArray:
-        """(3 K, 3) readings in units of their noise by the field in units of the intensity."""
-        whitened: FloatArray = self._weight[:, None] * self.errors.matrix.reshape(-1, 3)
-        return whitened
-
-    @cached_property
-    def _field_covariance(self) -> FloatArray:
-        """(3, 3) covariance of the field that the sensors agree on, in units of the intensity."""
-        return inv(self._whitened.T @ self._whitened)
+        return Elimination.of_sensors(self.errors, self.array.vector_noise_T / self.intensity_T)
 
 
 def _block_diagonal(blocks: FloatArray) -> FloatArray:

@@ -109,7 +109,7 @@ class Likelihood:
         energy = np.empty(len(self.points))
         for part in self._pieces():
             unbiased = self._flat[part] @ channels.unbiased[:, :-1].T + channels.unbiased[:, -1]
-            energy[part] = np.maximum(np.sum((unbiased @ channels.complement) * unbiased, axis=1), 0)
+            energy[part] = np.sum((unbiased @ channels.elimination.directions) ** 2, axis=1)
             there = self._common_mode(part, channels)
             energy[part][there.known] += there.precision * there.residual**2
         return energy
@@ -173,7 +173,7 @@ def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, 
     length = np.sqrt(np.einsum("in,in->n", field, field))
     direction = field / length
     own = scalar_noise if np.ndim(scalar_noise) == 0 else scalar_noise[known]
-    variance = own**2 + np.einsum("in,in->n", channels.covariance @ direction, direction)
+    variance = own**2 + channels.elimination.variance_along(direction)
     return CommonMode(field, direction, length - intensity[known], 1 / variance, known)
 
 
@@ -205,19 +205,19 @@ def linearization(
 
 def _differential(channels: ChannelMaps, moments: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Return information, gradient and energy of the differential channels from the second moments of the rows."""
-    count = len(channels.at_sensors)
+    count, complement = len(channels.at_sensors), channels.elimination.complement
     extend = channels.at_sensors.reshape(4 * count, -1)
     products = (extend @ moments @ extend.T).reshape(count, 1, 4, count, 1, 4)
-    by_rows = channels.complement.reshape(count, 3, 1, count, 3, 1) * products
+    by_rows = complement.reshape(count, 3, 1, count, 3, 1) * products
     unbiased = channels.unbiased @ moments
-    white = channels.complement @ unbiased
+    white = complement @ unbiased
     gradient = np.einsum("iaz,icz->iac", white.reshape(count, 3, -1), channels.at_sensors).ravel()
-    energy = float(np.sum(channels.complement * (unbiased @ channels.unbiased.T)))
+    energy = float(np.sum(complement * (unbiased @ channels.unbiased.T)))
     information = by_rows.reshape(12 * count, 12 * count)
     if not channels.by_gradient.shape[1]:
         return information, gradient, energy
     by_gradient = channels.by_gradient
-    whitened = np.einsum("ab,bpy,yz->apz", channels.complement, by_gradient, moments, optimize=True)
+    whitened = np.einsum("ab,bpy,yz->apz", complement, by_gradient, moments, optimize=True)
     cross = np.einsum("icz,iapz->iacp", channels.at_sensors, whitened.reshape(count, 3, *whitened.shape[1:]))
     cross = cross.reshape(12 * count, -1)
     own = np.einsum("apz,aqz->pq", whitened, by_gradient)

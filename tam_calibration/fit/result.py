@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.linalg import inv
 
+from tam_calibration.core.elimination import Elimination
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradientEstimate, Calibration
 from tam_calibration.fit.attitude import as_if_uniform
@@ -93,11 +94,8 @@ class EnergySums:
         assert array.vector_noise_T is not None
         self._intensity_T, self._scalar_variance = intensity_T, (array.scalar_noise_T or 0.0) ** 2
         self._sensors = errors.sensor_count
-        weight = 1 / np.repeat(array.vector_noise_T, 3)[:, None]
-        rows = weight * errors.matrix.reshape(-1, 3)
-        basis, _ = np.linalg.qr(rows, mode="complete")
-        self._covariance: FloatArray = inv(rows.T @ rows)
-        self._map = np.concatenate([self._covariance @ rows.T, basis[:, 3:].T]) * weight.T
+        self._elimination = Elimination.of_sensors(errors, array.vector_noise_T)
+        self._map = np.concatenate([self._elimination.unmixing, self._elimination.directions.T])
         self._offset = -self._map @ errors.bias_T.reshape(-1, 1)
         self._differential, self._common_mode = 0.0, 0.0
         self._all, self._known = 0, 0
@@ -110,7 +108,7 @@ class EnergySums:
         self._differential += float(differences @ differences)
         square = np.einsum("in,in->n", field, field)
         # The variance of the length of the field, and the residual, both times its length.
-        variance = self._scalar_variance * square + np.einsum("in,in->n", self._covariance @ field, field)
+        variance = self._scalar_variance * square + self._elimination.variance_along(field)
         length = np.sqrt(square)
         residual = length * (length - (self._intensity_T if block.scalar_T is None else block.scalar_T))
         energy = residual * residual / variance

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
+from tam_calibration.core.elimination import Elimination
 from tam_calibration.core.normal_equations import Normal
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.term import Term, WhitenedResiduals, thinned
 from tam_calibration.gap.regressors import Regressors, calibration_regressors
-from tam_calibration.gap.whitening import Whitening
 from tam_calibration.gap.world import World, world_design
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import SCALAR, Shape
@@ -112,19 +112,21 @@ class WhitenedChannels:
         """
         if world is not None:
             return cls._in_world(recording, array, errors, world, added_T, is_counted, row_variance, stride)
-        whitening = Whitening.of(array, errors, row_variance)
+        elimination = Elimination.of(errors.matrix.reshape(-1, 3), _row_weight(array, row_variance))
+        beyond = 0.0 if row_variance is None else float(row_variance[-1])
+        scalar_variance = (array.scalar_noise_T or 0.0) ** 2 + beyond
         added = np.zeros(3 * recording.sensor_count + 1) if added_T is None else added_T
         rows = recording.readings_T.reshape(recording.sample_count, -1) - errors.bias_T.ravel() - added[..., :-1]
-        field = rows @ whitening.unmix.T
+        field = rows @ elimination.unmixing.T
         length = norm(field, axis=1)
         direction = field / length[:, None]
         scalar = (
             (intensity_T if recording.scalar_T is None else recording.scalar_T) - added[..., -1] + np.zeros(len(rows))
         )
         residuals = np.where(np.isfinite(scalar), scalar - length, 0.0)
-        precision = np.where(np.isfinite(scalar), 1 / whitening.common_variance(direction), 0.0)
+        precision = np.where(np.isfinite(scalar), 1 / (scalar_variance + elimination.variance_along(direction.T)), 0.0)
         # Along the direction only, so that a turn of the array is seen by no channel.
-        moved = length + (1 - precision * whitening.scalar_variance) * residuals
+        moved = length + (1 - precision * scalar_variance) * residuals
         covariates = Covariates(
             recording.time_s,
             moved[:, None] * direction,
@@ -137,10 +139,10 @@ class WhitenedChannels:
         return cls(
             recording,
             covariates,
-            whitening.directions,
-            rows @ whitening.directions,
+            elimination.directions,
+            rows @ elimination.directions,
             np.column_stack([direction, np.ones(len(rows))]),
-            whitening.turn,
+            _row_turn(elimination),
             residuals,
             precision,
             np.ones(len(rows), dtype=bool) if is_counted is None else is_counted,
@@ -184,7 +186,8 @@ class WhitenedChannels:
         assert recording.attitude is not None and recording.scalar_T is None
         count = recording.sample_count
         beyond = np.append(world.variance_T2, 0.0)
-        whitening = Whitening.of_known_field(array, beyond if row_variance is None else beyond + row_variance)
+        weight = _row_weight(array, beyond if row_variance is None else beyond + row_variance)
+        elimination = Elimination.of_known_field(weight)
         added = np.zeros((count, 3 * recording.sensor_count + 1)) if added_T is None else added_T
         attitude = world.attitude(recording.attitude)
         # An intensity that is taken for constant and is too large by what is added to it.
@@ -203,10 +206,10 @@ class WhitenedChannels:
         return cls(
             recording,
             covariates,
-            whitening.directions,
-            rows @ whitening.directions,
+            elimination.directions,
+            rows @ elimination.directions,
             np.column_stack([field / covariates.intensity_T[:, None], np.ones(count)]),
-            whitening.turn,
+            _row_turn(elimination),
             np.zeros(count),
             np.zeros(count),
             np.ones(count, dtype=bool) if is_counted is None else is_counted,
@@ -458,3 +461,18 @@ class WhitenedChannels:
         start, stop, step = (part or slice(None)).indices(len(self._taken[0]))
         for first in range(start, stop, _PIECE * step):
             yield slice(first, min(first + _PIECE * step, stop), step)
+
+
+def _row_weight(array: Array, row_variance: FloatArray | None) -> FloatArray:
+    """Return the inverse standard deviation (3K,) of the rows of the sensors, 1/T."""
+    assert array.vector_noise_T is not None
+    variance = np.repeat(array.vector_noise_T**2, 3)
+    weight: FloatArray = 1 / np.sqrt(variance if row_variance is None else variance + row_variance[:-1])
+    return weight
+
+
+def _row_turn(elimination: Elimination) -> FloatArray:
+    """Return the (4, 3K + 1) matrix by which direction and 1 become how each row moves the scalar minus the length."""
+    turn = np.zeros((4, elimination.unmixing.shape[1] + 1))
+    turn[:3, :-1], turn[3, -1] = -elimination.unmixing, 1
+    return turn
