@@ -14,9 +14,8 @@ extensions = [
 ]
 html_theme = "sphinx_rtd_theme"  # that of docs.ros.org
 html_theme_options = {"titles_only": True}
-html_static_path = [
-    name for name in ("_static", "docs/_static") if (Path(__file__).parent / name).is_dir()
-]  # rosdoc2's
+# Read here by Sphinx, and by rosdoc2 one folder above its copy of docs/
+html_static_path = [name for name in ("_static", "docs/_static") if (Path(__file__).parent / name).is_dir()]
 html_css_files = ["tables.css"]
 myst_heading_anchors = 3  # the anchors that a page has on GitHub
 
