@@ -245,9 +245,10 @@ class InformationModel:
         in_unit = np.tile(np.repeat([1.0, 1.0, self.intensity_T, 1.0], 3), count)
         jacobian = _block_diagonal(self.errors.jacobian()) * in_unit
         jacobian[:, 3] /= self.intensity_T
-        common = np.tensordot(self._elimination.unmixing, jacobian[..., free], 1)
+        jacobian = jacobian[..., free]
+        common = np.tensordot(self._elimination.unmixing, jacobian, 1)
         symmetric = (common[_FIRST, _SECOND] + common[_SECOND, _FIRST]) / 2
-        affine = np.tensordot(self._elimination.directions.T, jacobian[..., free], 1).reshape(12 * count - 12, -1)
+        affine = np.tensordot(self._elimination.directions.T, jacobian, 1).reshape(12 * count - 12, 12 * count - 3)
         loadings = np.zeros((12 * count, 12 * count - 3))
         loadings[free] = inv(np.concatenate([symmetric, common[:, 3], affine]))
         loadings = in_unit[:, None] * (loadings if self.has_scalar else self._with_fixed_scale(loadings))
