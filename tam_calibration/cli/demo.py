@@ -49,7 +49,7 @@ def errors_of(run: "Simulation", outputs: FloatArray) -> tuple[float, float]:
 
 def floor_of(run: "Simulation") -> tuple[float, float]:
     """Return what the sensors' noise alone makes of `errors_of`, whatever the calibration."""
-    floor = noise_floor(run.errors, run.scenario.array, scalar_noise_T=0.0)
+    floor = noise_floor(run.errors, run.scenario.array.with_stated_noise(), scalar_noise_T=0.0)
     return floor.center_intensity_T, floor.tensor_rmse_T_per_m
 
 

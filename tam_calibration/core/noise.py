@@ -1,10 +1,8 @@
 """The noise of sensors: robust scales, and a noise that is not stated, from the recording's fast differences."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.units import FloatArray
 
@@ -34,7 +32,7 @@ _LARGEST_PART_OF_SPREAD = 0.02
 """Of the readings' spread, which attitudes that jump would pass for noise; 1000 nT in the Earth's field."""
 
 
-def complete_noise(array: Array, source: SampleSource) -> tuple[Array, bool]:
+def complete_noise(array: Array, source: SampleSource) -> tuple[KnownNoiseArray, bool]:
     """Return the array with every noise known, and whether one was estimated.
 
     A noise that is not stated is the robust scale of the third differences of its channel divided by √20, which is
@@ -53,7 +51,7 @@ def complete_noise(array: Array, source: SampleSource) -> tuple[Array, bool]:
         vector = np.minimum(fast, np.maximum(_LARGEST_PART_OF_SPREAD * spread, _SMALLEST_T))
     if needs_scalar and len(reference) > 3:
         scalar = float(fast_noise(reference[:, None])[0])
-    return replace(array, vector_noise_T=vector, scalar_noise_T=scalar), estimated
+    return array.with_noise(vector, scalar), estimated
 
 
 def _stretches(source: SampleSource) -> tuple[FloatArray, FloatArray]:

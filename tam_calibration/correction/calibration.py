@@ -7,7 +7,7 @@ import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.effects.removal import added_to, of_sensors, removable
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
@@ -182,7 +182,7 @@ class Calibration:
     """
 
     method: str
-    array: Array
+    array: KnownNoiseArray
     noise_is_estimated: bool
     errors: SensorErrors
     covariance: FloatArray | None
@@ -249,7 +249,6 @@ class Calibration:
 
         Effects count as independent from output to output.
         """
-        assert self.array.vector_noise_T is not None
         noise = self.correction_matrix * np.repeat(self.array.vector_noise_T**2, 3) @ self.correction_matrix.T
         effects = sum((size.standard_errors**2 for size in self.effect_sizes), start=np.zeros(9))
         covariance: FloatArray = noise + self._calibration_covariance() + np.diag(effects)

@@ -11,7 +11,7 @@ from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.recursions import Memory
 from tam_calibration.effects.situation import Covariates
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import SCALAR, FittedEffect
 from tam_calibration.model.recording import BLOCK, Recording
@@ -53,10 +53,9 @@ class EffectStream:
         Positions and noise.
     """
 
-    def __init__(self, effects: Sequence[FittedEffect], errors: SensorErrors, array: Array) -> None:
+    def __init__(self, effects: Sequence[FittedEffect], errors: SensorErrors, array: KnownNoiseArray) -> None:
         self._effects = [(linear_effect(fitted), fitted) for fitted in effects]
         self._errors, self._array = errors, array
-        assert array.vector_noise_T is not None
         self._unmix = Elimination.of_sensors(errors, array.vector_noise_T).unmixing
         self._newest_s = -np.inf
         self._begin()
@@ -91,7 +90,9 @@ class EffectStream:
         return Added(total, is_known)
 
 
-def added_to(recording: Recording, effects: Sequence[FittedEffect], errors: SensorErrors, array: Array) -> FloatArray:
+def added_to(
+    recording: Recording, effects: Sequence[FittedEffect], errors: SensorErrors, array: KnownNoiseArray
+) -> FloatArray:
     """Return what effects added to the rows of a recording, (N, 3K + 1), tesla.
 
     Holes in its channels are filled as in ``filled``.
@@ -191,14 +192,13 @@ def _knows(recording: Recording, channels: Sequence[str]) -> NDArray[np.bool_]:
 
 
 def agreed_field(
-    readings_T: FloatArray, errors: SensorErrors, array: Array, is_trusted: NDArray[np.bool_] | None = None
+    readings_T: FloatArray, errors: SensorErrors, array: KnownNoiseArray, is_trusted: NDArray[np.bool_] | None = None
 ) -> FloatArray:
     """Return the field (N, 3) that the readings (N, K, 3) agree on, each weighed by its noise, tesla.
 
     Axes that are not trusted (3K,) do not count.
     """
     unbiased = (readings_T - errors.bias_T).reshape(len(readings_T), -1)
-    assert array.vector_noise_T is not None
     weight = np.where(True if is_trusted is None else is_trusted, 1 / np.repeat(array.vector_noise_T, 3), 0.0)
     field: FloatArray = unbiased @ Elimination.of(errors.matrix.reshape(-1, 3), weight).unmixing.T
     return field

@@ -178,7 +178,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     residuals = stored.residuals
     return Calibration(
         method=stored.method,
-        array=array,
+        array=array.with_stated_noise(),
         noise_is_estimated=stored.array.noise_is_estimated,
         errors=errors,
         covariance=_covariance(stored),

@@ -52,7 +52,6 @@ def count_determined(recording: Recording, array: Array) -> tuple[int, int]:
     the nine parameters of an ellipsoid along the monomials of the readings. What rises above the noise is counted.
     """
     noisy, _ = complete_noise(array, recording)
-    assert noisy.vector_noise_T is not None
     centered = recording.readings_T[:, 0] - recording.readings_T[:, 0].mean(axis=0)
     radius = np.sqrt(np.mean(np.sum(centered**2, axis=1)))
     points = centered / radius

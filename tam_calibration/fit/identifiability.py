@@ -9,7 +9,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import CELLS, cell_directions, field_of, measure_coverage
 from tam_calibration.fit.information import InformationModel, bound
 from tam_calibration.fit.scale import Normalized, normalize
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
@@ -68,12 +68,11 @@ def require_accurate(calibration: Calibration) -> None:
     refuse_open(excess * calibration.standard_errors.ravel(), calibration.intensity_T)
 
 
-def _noise_excess(data: Normalized, array: Array) -> float:
+def _noise_excess(data: Normalized, array: KnownNoiseArray) -> float:
     """Return how much larger than stated, at least 1, the noise is in which the sensors differ from each other.
 
     Noise spreads readings that lie in a plane, and must not pass for directions that were visited.
     """
-    assert array.vector_noise_T is not None
     whitened = data.points / (array.vector_noise_T / data.radius_T)[:, None]
     differing = np.linalg.eigvalsh(np.cov(whitened.reshape(len(whitened), -1), rowvar=False))[:-3]
     return float(np.sqrt(max(1.0, differing.mean()))) if differing.size else 1.0

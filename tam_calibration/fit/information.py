@@ -16,12 +16,12 @@ from tam_calibration.core.elimination import Elimination
 from tam_calibration.fit.coverage import ellipsoid_rows
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.scale import free_scale_gradient
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 
-def bound(field_T: FloatArray, errors: SensorErrors, array: Array, has_scalar: bool) -> FloatArray:
+def bound(field_T: FloatArray, errors: SensorErrors, array: KnownNoiseArray, has_scalar: bool) -> FloatArray:
     """Return the smallest covariance of the parameters for given fields.
 
     Parameters
@@ -41,8 +41,6 @@ def bound(field_T: FloatArray, errors: SensorErrors, array: Array, has_scalar: b
     (12 K, 12 K) array
         In the order of ``SensorErrors.to_vector`` flattened, SI; infinite on the diagonal where undetermined.
     """
-    assert array.vector_noise_T is not None
-    assert array.scalar_noise_T is not None
     intensity = np.linalg.norm(field_T, axis=1)
     unit = float(intensity.mean())
     scalar_noise = array.scalar_noise_T / unit if has_scalar else 0.0
@@ -189,7 +187,7 @@ class InformationModel:
     """
 
     errors: SensorErrors
-    array: Array
+    array: KnownNoiseArray
     has_scalar: bool
     intensity_T: float
 
@@ -197,7 +195,7 @@ class InformationModel:
         """Return the rows of samples at fields (N, 3) in the array frame, tesla."""
         length = norm(field_T, axis=1, keepdims=True)
         direction = field_T / length
-        scalar_noise = (self.array.scalar_noise_T or 0.0) / self.intensity_T if self.has_scalar else 0.0
+        scalar_noise = self.array.scalar_noise_T / self.intensity_T if self.has_scalar else 0.0
         variance = scalar_noise**2 + self._elimination.variance_along(direction.T)[:, None]
         ellipsoid = ellipsoid_rows(direction) / np.sqrt(variance)
         ellipsoid[:, :6] *= length / self.intensity_T
@@ -231,7 +229,6 @@ class InformationModel:
     @cached_property
     def noise_units(self) -> FloatArray:
         """(12 K,) factors that turn a bias, and a scale factor or angle times the field, into units of the noise."""
-        assert self.array.vector_noise_T is not None
         relative = np.repeat([self.intensity_T, self.intensity_T, 1.0, self.intensity_T], 3)
         units: FloatArray = np.outer(1 / self.array.vector_noise_T, relative).ravel()
         return units
@@ -263,7 +260,6 @@ class InformationModel:
     @cached_property
     def _elimination(self) -> Elimination:
         """Of the field in units of the intensity."""
-        assert self.array.vector_noise_T is not None
         return Elimination.of_sensors(self.errors, self.array.vector_noise_T / self.intensity_T)
 
 

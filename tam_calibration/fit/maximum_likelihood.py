@@ -16,7 +16,7 @@ from tam_calibration.fit.likelihood import Likelihood, Linearization, UniformLik
 from tam_calibration.fit.reference import LARGEST_SHARE, interpolate, is_worth_interpolating
 from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -153,7 +153,7 @@ def _errors(data: Normalized, point: Point) -> tuple[SensorErrors, float]:
     return errors, factor
 
 
-def _fit(recording: SampleSource, array: Array, data: Normalized) -> tuple[Point, FloatArray]:
+def _fit(recording: SampleSource, array: KnownNoiseArray, data: Normalized) -> tuple[Point, FloatArray]:
     """Return the estimate in a uniform field and its information, the intensity interpolated where it is slow."""
     if _is_slow(recording):
         return _fit_in_memory(recording.whole(), array, data, robust=False, ambient_gradient=False)
@@ -171,7 +171,7 @@ def _is_slow(recording: SampleSource) -> bool:
 
 
 def _fit_in_memory(
-    recording: Recording, array: Array, data: Normalized, robust: bool, ambient_gradient: bool
+    recording: Recording, array: KnownNoiseArray, data: Normalized, robust: bool, ambient_gradient: bool
 ) -> tuple[Point, FloatArray]:
     """Return the estimate and its information where samples differ in weight, attitude or share of a reading."""
     # In a gradient the intensity away from the centre changes as the array is turned, not along a line.
@@ -193,7 +193,7 @@ def _linearize(likelihood: Likelihood, robust: bool, point: Point) -> Linearizat
     return likelihood.linearize(point.matrix, point.bias, weights, point.gradient)
 
 
-def _likelihood(recording: Recording, array: Array, data: Normalized, may_interpolate: bool) -> Likelihood:
+def _likelihood(recording: Recording, array: KnownNoiseArray, data: Normalized, may_interpolate: bool) -> Likelihood:
     vector_noise, scalar_noise = _noise(array, data)
     if not may_interpolate or not is_worth_interpolating(data.intensity):
         return Likelihood(data.points, data.intensity, vector_noise, scalar_noise)
@@ -201,9 +201,8 @@ def _likelihood(recording: Recording, array: Array, data: Normalized, may_interp
     return Likelihood(data.points, reference.intensity, vector_noise, 0.0, reference.noise)
 
 
-def _noise(array: Array, data: Normalized) -> tuple[FloatArray, float]:
+def _noise(array: KnownNoiseArray, data: Normalized) -> tuple[FloatArray, float]:
     """Return the noise of the sensors and of the intensity in the unit of the data."""
-    assert array.vector_noise_T is not None and array.scalar_noise_T is not None
     return array.vector_noise_T / data.radius_T, array.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
 
 

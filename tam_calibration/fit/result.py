@@ -10,7 +10,7 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradientEstimate, Calibration
 from tam_calibration.fit.attitude import as_if_uniform
 from tam_calibration.fit.coverage import CELLS, cell_of
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import Block, SampleSource
 from tam_calibration.model.residuals import Residuals, ResidualSums, noise_floor
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -40,7 +40,7 @@ class Quality:
     mean_scalar_T: float | None
 
 
-def measure_quality(source: SampleSource, array: Array, errors: SensorErrors, intensity_T: float) -> Quality:
+def measure_quality(source: SampleSource, array: KnownNoiseArray, errors: SensorErrors, intensity_T: float) -> Quality:
     """Return the figures of a recording in a uniform field that was corrected with given errors.
 
     Parameters
@@ -68,7 +68,7 @@ def measure_quality(source: SampleSource, array: Array, errors: SensorErrors, in
 
 
 def measure_chi_square(
-    source: SampleSource, array: Array, errors: SensorErrors, intensity_T: float
+    source: SampleSource, array: KnownNoiseArray, errors: SensorErrors, intensity_T: float
 ) -> dict[str, float]:
     """Return the reduced chi-square alone, as ``measure_quality`` does."""
     energy = EnergySums(errors, array, intensity_T)
@@ -90,9 +90,8 @@ class EnergySums:
         Stands in where there is no scalar channel.
     """
 
-    def __init__(self, errors: SensorErrors, array: Array, intensity_T: float) -> None:
-        assert array.vector_noise_T is not None
-        self._intensity_T, self._scalar_variance = intensity_T, (array.scalar_noise_T or 0.0) ** 2
+    def __init__(self, errors: SensorErrors, array: KnownNoiseArray, intensity_T: float) -> None:
+        self._intensity_T, self._scalar_variance = intensity_T, array.scalar_noise_T**2
         self._sensors = errors.sensor_count
         self._elimination = Elimination.of_sensors(errors, array.vector_noise_T)
         self._map = np.concatenate([self._elimination.unmixing, self._elimination.directions.T])
@@ -186,7 +185,7 @@ def make_calibration(method: str, source: SampleSource, array: Array, estimate: 
     raw = measure_quality(source, noisy, errors, estimate.intensity_T)
     uniform = raw if seen is source else measure_quality(seen, noisy, errors, estimate.intensity_T)
     chi_square = uniform.reduced_chi_square
-    if array.vector_noise_T is None and noisy.vector_noise_T is not None and chi_square:
+    if array.vector_noise_T is None and chi_square:
         factor = float(np.sqrt(chi_square.get("differential", chi_square.get("common_mode", 1.0))))
         noisy = replace(noisy, vector_noise_T=factor * noisy.vector_noise_T)
         covariance = factor**2 * covariance if estimate.covariance_from_noise else covariance
@@ -203,7 +202,7 @@ def make_calibration(method: str, source: SampleSource, array: Array, estimate: 
         intensity_T=estimate.intensity_T if uniform.mean_scalar_T is None else uniform.mean_scalar_T,
         before=raw.before,
         in_sample=uniform.after,
-        floor=noise_floor(errors, noisy, noisy.scalar_noise_T or 0.0),
+        floor=noise_floor(errors, noisy, noisy.scalar_noise_T),
         samples=source.sample_count,
         time_span_s=source.time_span_s,
         coverage=raw.coverage,

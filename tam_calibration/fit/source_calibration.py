@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -121,7 +121,7 @@ class SourceCalibration:
         errors: FloatArray = np.sqrt(np.diag(self.covariance))
         return errors
 
-    def array_of(self, stated: Array) -> Array:
+    def array_of(self, stated: KnownNoiseArray) -> KnownNoiseArray:
         """Return the array with its true baselines, and the places of its axes."""
         return replace(stated, positions_m=self.baseline_scale * stated.positions_m, axis_offsets_m=self.axis_offsets_m)
 

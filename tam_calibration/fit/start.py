@@ -11,7 +11,7 @@ from tam_calibration.fit.coverage import field_of
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.information import Information, InformationModel
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -61,7 +61,7 @@ def start_from_nothing(array: Array, intensity_T: float) -> PlanStart:
     if array.vector_noise_T is None:
         raise InputError("a plan without a recording needs the vector noise in the array file: add vector_noise_nT")
     model = InformationModel(
-        SensorErrors.none(array.sensor_count), array, array.scalar_noise_T is not None, intensity_T
+        SensorErrors.none(array.sensor_count), array.with_stated_noise(), array.scalar_noise_T is not None, intensity_T
     )
     return PlanStart(model, Information(np.zeros((9, 9)), np.zeros((4, 4))), None)
 
@@ -132,7 +132,7 @@ def _model_of(calibration: Calibration) -> InformationModel:
     return InformationModel(calibration.errors, calibration.array, has_scalar, calibration.intensity_T)
 
 
-def _start_from_raw(recording: Recording, array: Array, note: str) -> PlanStart:
+def _start_from_raw(recording: Recording, array: KnownNoiseArray, note: str) -> PlanStart:
     scalar, field = recording.scalar_T, recording.readings_T.mean(axis=1)
     length = norm(field, axis=1, keepdims=True)
     intensity_T = float(np.nanmedian(length if scalar is None else scalar))

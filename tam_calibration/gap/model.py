@@ -25,7 +25,7 @@ from tam_calibration.gap.regression import Base
 from tam_calibration.gap.selection import columns_of
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import World
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect, Shape
 from tam_calibration.model.recording import Recording
@@ -122,7 +122,7 @@ class Model:
     """
 
     recording: Recording
-    array: Array
+    array: KnownNoiseArray
     errors: SensorErrors
     intensity_T: float
     world: World | None = None
@@ -164,7 +164,9 @@ class Model:
         return cls._of_part(recording, array, stride, plain)
 
     @classmethod
-    def _beside(cls, recording: Recording, array: Array, stride: int, plain: "Model | None") -> "Model | None":
+    def _beside(
+        cls, recording: Recording, array: KnownNoiseArray, stride: int, plain: "Model | None"
+    ) -> "Model | None":
         """Return the fit beside a jump, or beside the channels where more samples agree with that, to what they leave.
 
         None where there is no jump, and no more samples agree than with the plain fit.
@@ -198,7 +200,7 @@ class Model:
         return plain
 
     @classmethod
-    def _within_bounds(cls, recording: Recording, array: Array, stride: int) -> "Model | None":
+    def _within_bounds(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Model | None":
         """Return the first fit, from the starts there are, that settles where sensors and the Earth's field can be."""
         for begin in starts(recording, array):
             model = cls(recording, array, begin.errors, begin.intensity_T, stride=stride)
@@ -214,7 +216,7 @@ class Model:
         return None
 
     @classmethod
-    def _of_most(cls, recording: Recording, array: Array, stride: int) -> "Model | None":
+    def _of_most(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Model | None":
         """Return a fit to the half of the samples that it fits best, by least trimmed squares.
 
         Each step fits the half with the least energy under the fit before (Rousseeuw and Van Driessen 1999).
@@ -235,7 +237,7 @@ class Model:
         return None
 
     @classmethod
-    def _of_steady(cls, recording: Recording, array: Array, stride: int) -> "Model | None":
+    def _of_steady(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Model | None":
         """Return the fit to the samples that agree with that part of the run with which most of the others agree."""
         fits = []
         for part in steady_parts(recording):
@@ -265,7 +267,6 @@ class Model:
         """Return the model with the noise that the recording shows, where none is stated or it is contradicted."""
         floor = floor_of(self.channels(), stated)
         noise_T = self.array.vector_noise_T
-        assert noise_T is not None
         before_T = noise_T
         if stated.vector_noise_T is not None:
             noise_T = stated.vector_noise_T * floor.factor_common_to_all(int(self.is_counted.sum()))
@@ -349,7 +350,6 @@ class Model:
     @property
     def row_noise_T(self) -> FloatArray:
         """(3K,) standard deviation of the white noise of each row: the array's, and what the attitude adds."""
-        assert self.array.vector_noise_T is not None
         variance = np.repeat(self.array.vector_noise_T**2, 3)
         noise: FloatArray = np.sqrt(variance if self.world is None else variance + self.world.variance_T2)
         return noise

@@ -161,7 +161,6 @@ def _tensor_excess(model: Model, variance: float) -> float:
     """Return the root of the summed squares of the tensor's components beyond noise, T/m."""
     if not model.array.has_gradient:
         return float("nan")
-    assert model.array.vector_noise_T is not None
     counted = model.is_counted
     readings = model.recording.readings_T
     if model.parts:

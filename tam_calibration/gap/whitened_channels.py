@@ -21,7 +21,7 @@ from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.term import Term, WhitenedResiduals, thinned
 from tam_calibration.gap.regressors import Regressors, calibration_regressors
 from tam_calibration.gap.world import World, world_design
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.fitted_effect import SCALAR, Shape
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -78,7 +78,7 @@ class WhitenedChannels:
     def at(
         cls,
         recording: Recording,
-        array: Array,
+        array: KnownNoiseArray,
         errors: SensorErrors,
         intensity_T: float,
         added_T: FloatArray | None = None,
@@ -114,7 +114,7 @@ class WhitenedChannels:
             return cls._in_world(recording, array, errors, world, added_T, is_counted, row_variance, stride)
         elimination = Elimination.of(errors.matrix.reshape(-1, 3), _row_weight(array, row_variance))
         beyond = 0.0 if row_variance is None else float(row_variance[-1])
-        scalar_variance = (array.scalar_noise_T or 0.0) ** 2 + beyond
+        scalar_variance = array.scalar_noise_T**2 + beyond
         added = np.zeros(3 * recording.sensor_count + 1) if added_T is None else added_T
         rows = recording.readings_T.reshape(recording.sample_count, -1) - errors.bias_T.ravel() - added[..., :-1]
         field = rows @ elimination.unmixing.T
@@ -175,7 +175,7 @@ class WhitenedChannels:
     def _in_world(
         cls,
         recording: Recording,
-        array: Array,
+        array: KnownNoiseArray,
         errors: SensorErrors,
         world: World,
         added_T: FloatArray | None,
@@ -463,9 +463,8 @@ class WhitenedChannels:
             yield slice(first, min(first + _PIECE * step, stop), step)
 
 
-def _row_weight(array: Array, row_variance: FloatArray | None) -> FloatArray:
+def _row_weight(array: KnownNoiseArray, row_variance: FloatArray | None) -> FloatArray:
     """Return the inverse standard deviation (3K,) of the rows of the sensors, 1/T."""
-    assert array.vector_noise_T is not None
     variance = np.repeat(array.vector_noise_T**2, 3)
     weight: FloatArray = 1 / np.sqrt(variance if row_variance is None else variance + row_variance[:-1])
     return weight

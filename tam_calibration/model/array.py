@@ -1,6 +1,6 @@
 """The sensor array: where its sensors sit, their noise, and what that makes of K readings."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
@@ -162,8 +162,41 @@ class Array:
             operator[:3] = np.tile(np.eye(3), self.sensor_count) / self.sensor_count
         return operator
 
+    def with_noise(self, vector_noise_T: FloatArray, scalar_noise_T: float) -> "KnownNoiseArray":
+        """Return the array with noise of each sensor's axes (K,) and of the scalar magnetometer, tesla."""
+        own = {each.name: getattr(self, each.name) for each in fields(self)}
+        return KnownNoiseArray(**own | {"vector_noise_T": vector_noise_T, "scalar_noise_T": scalar_noise_T})
+
+    def with_stated_noise(self) -> "KnownNoiseArray":
+        """Return the array with its noise as stated; that of a scalar magnetometer is zero where there is none.
+
+        Raises
+        ------
+        InputError
+            When the vector noise is not stated.
+        """
+        if self.vector_noise_T is None:
+            raise InputError("the array's vector noise is not stated: add vector_noise_nT to the array file")
+        return self.with_noise(self.vector_noise_T, self.scalar_noise_T or 0.0)
+
     def has_geometry_of(self, other: "Array") -> bool:
         """Whether the other array has its sensors at the same places, to a micrometre."""
         return self.positions_m.shape == other.positions_m.shape and bool(
             np.allclose(self.element_positions_m, other.element_positions_m, rtol=0, atol=1e-6)
         )
+
+
+@dataclass(frozen=True, eq=False)
+class KnownNoiseArray(Array):
+    """An array every noise of which is known, be it stated or estimated: what fits, bounds and corrections need.
+
+    Parameters
+    ----------
+    vector_noise_T : (K,) array
+        As in ``Array``.
+    scalar_noise_T : float
+        As in ``Array``; 0 where there is no scalar magnetometer.
+    """
+
+    vector_noise_T: FloatArray = field()
+    scalar_noise_T: float = field()

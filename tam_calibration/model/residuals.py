@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.linalg import inv, norm
 
-from tam_calibration.model.array import TENSOR_OUTPUTS, Array
+from tam_calibration.model.array import TENSOR_OUTPUTS, Array, KnownNoiseArray
 from tam_calibration.model.recording import Block, Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -127,12 +127,11 @@ def block_diagonal(matrices: FloatArray) -> FloatArray:
     return blocks
 
 
-def noise_floor(errors: SensorErrors, array: Array, scalar_noise_T: float) -> Residuals:
+def noise_floor(errors: SensorErrors, array: KnownNoiseArray, scalar_noise_T: float) -> Residuals:
     """Return the residuals that sensor noise alone leaves, whatever the calibration.
 
     The noise of an intensity is the mean over all directions of the noise along the field.
     """
-    assert array.vector_noise_T is not None
     unmix = inv(errors.matrix)
     sensor_variance = array.vector_noise_T**2 * (unmix**2).sum(axis=(1, 2)) / 3
     operator = np.einsum("rki,kij->rkj", array.operator.reshape(9, -1, 3), unmix).reshape(9, -1)

@@ -259,11 +259,10 @@ def _chi_square(calibration: Calibration) -> str:
 
 def _noise(calibration: Calibration) -> str:
     array = calibration.array
-    assert array.vector_noise_T is not None
     noises = [number(to_nanotesla(float(value))) for value in array.vector_noise_T]
     vector = f"{noises[0]} nT for every sensor" if len(set(noises)) == 1 else f"{join(noises)} nT, sensor by sensor"
     scalar = ""
-    if calibration.has_scalar_reference and array.scalar_noise_T is not None:
+    if calibration.has_scalar_reference:
         scalar = f"; of the scalar magnetometer: {number(to_nanotesla(array.scalar_noise_T))} nT"
     origin = "estimated from this recording where it was not" if calibration.noise_is_estimated else "as"
     return f"Noise per axis: {vector}{scalar}; {origin} stated for the array."

@@ -112,7 +112,6 @@ def _doubt_coverage(coverage: Coverage) -> Doubt | None:
 
 def _doubt_standard_errors(calibration: Calibration) -> Doubt | None:
     """Compare the standard error of corrected samples, all directions alike, with what sensor noise alone makes."""
-    assert calibration.array.vector_noise_T is not None
     noise = np.sqrt(calibration.correction_matrix**2 @ np.repeat(calibration.array.vector_noise_T**2, 3))
     growth = float(np.nanmax(calibration.output_standard_errors / noise))
     if growth <= ACCEPTED_GROWTH:

@@ -68,8 +68,7 @@ def _noise(calibration: Calibration) -> tuple[FloatArray, float]:
     Where effects are not taken off the residuals, these are no measure of the noise.
     """
     array, left = calibration.array, calibration.reduced_chi_square
-    assert array.vector_noise_T is not None
     if removable(calibration.effects) != calibration.effects:
         left = {}
     vector, scalar = (min(np.sqrt(left.get(name, 1.0)), _LARGEST_EXCESS) for name in ("differential", "common_mode"))
-    return vector * array.vector_noise_T, float(scalar * (array.scalar_noise_T or 0.0))
+    return vector * array.vector_noise_T, float(scalar * array.scalar_noise_T)

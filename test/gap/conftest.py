@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import World
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 
@@ -23,7 +23,7 @@ class Run:
     """A recording, the array as its data sheet has it, the true errors and the true intensity."""
 
     recording: Recording
-    array: Array
+    array: KnownNoiseArray
     errors: SensorErrors
     intensity_T: float
 
@@ -65,7 +65,7 @@ def make_run(samples=600, sensors=4, has_scalar=True, seed=1, sheet=1.0, noise_T
     bias = generator.uniform(-4e-8, 4e-8, (sensors, 3))
     errors = SensorErrors(1 + generator.uniform(-0.02, 0.02, (sensors, 3)), turned[0], bias, turned[1])
     positions = Array.cross(0.5).positions_m if sensors == 4 else generator.uniform(-0.3, 0.3, (sensors, 3))
-    array = Array(positions, np.full(sensors, noise_T / sheet), SCALAR_NOISE_T / sheet if has_scalar else None)
+    array = KnownNoiseArray(positions, np.full(sensors, noise_T / sheet), SCALAR_NOISE_T / sheet if has_scalar else 0.0)
     intensity = float(norm(FIELD_T))
     recording = Recording(
         time,
@@ -150,7 +150,7 @@ class Lone:
     """A recording of one sensor with attitude and without scalar, its array, the true errors, world and field."""
 
     recording: Recording
-    array: Array
+    array: KnownNoiseArray
     errors: SensorErrors
     world: World
     field_T: np.ndarray
@@ -183,7 +183,11 @@ def make_lone(samples=900, noise_T=NOISE_T, attitude_noise=0.0, seed=1):
     recorded = (of_sensor * mount * wrong).as_quat()
     recording = Recording(time, readings, attitude=recorded)
     return Lone(
-        recording, Array(np.zeros((1, 3)), np.array([noise_T])), errors, World(FIELD_T, mount.as_matrix()), field
+        recording,
+        KnownNoiseArray(np.zeros((1, 3)), np.array([noise_T]), 0.0),
+        errors,
+        World(FIELD_T, mount.as_matrix()),
+        field,
     )
 
 

@@ -34,7 +34,7 @@ def test_the_field_is_the_sensor_s_and_not_what_it_reads(lone):
 def test_the_calibration_is_linearised(lone):
     """A small step of errors and world leaves the energy that the design says, at readings without noise."""
     made = lone(300, noise_T=1e-17)
-    array = type(made.array)(made.array.positions_m, np.array([1e-9]))
+    array = made.array.with_noise(np.array([1e-9]), 0.0)
     channels = WhitenedChannels.at(made.recording, array, made.errors, made.world.intensity_T, world=made.world)
     design = channels.calibration
     assert design.width == 15

@@ -1,5 +1,7 @@
 """The sensor array."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS, Array
+from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS, Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 
 GRADIENT_ELEMENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -137,3 +139,26 @@ def test_axes_that_are_not_in_one_place_are_allowed_for():
     assert not array.has_geometry_of(Array.cross(0.5))
     with pytest.raises(InputError, match="three rows"):
         Array(np.eye(3), axis_offsets_m=np.zeros(3))
+
+
+def test_an_array_of_known_noise_holds_all_that_the_array_does():
+    """Positions, offsets and bounds stay; copies with other values stay arrays of known noise."""
+    stated = replace(Array.cross(0.5), scalar_position_m=np.array([0.1, 0, 0]))
+    known = stated.with_noise(np.full(4, 2e-9), 1e-10)
+    assert isinstance(known, KnownNoiseArray) and isinstance(replace(known, scalar_noise_T=0.0), KnownNoiseArray)
+    assert_allclose(known.vector_noise_T, 2e-9)
+    assert known.scalar_noise_T == 1e-10 and known.has_geometry_of(stated)
+    assert_allclose(known.scalar_position_m, stated.scalar_position_m)
+
+
+def test_noise_that_is_not_stated_is_asked_for():
+    """In a sentence; where it is stated, a scalar magnetometer that is not there has none."""
+    with pytest.raises(InputError, match="vector noise is not stated: add vector_noise_nT"):
+        Array.cross(0.5).with_stated_noise()
+    assert Array.cross(0.5, 1e-9).with_stated_noise().scalar_noise_T == 0
+
+
+def test_an_array_of_known_noise_needs_its_noise():
+    """It has no default, so that none can be forgotten."""
+    with pytest.raises(TypeError, match="vector_noise_T"):
+        KnownNoiseArray(np.zeros((1, 3)))

@@ -28,19 +28,19 @@ def view_of(gap, rows_T):
 
 def test_without_checks_there_is_no_section(gap):
     """As without a verdict."""
-    assert checks_section(GapView(gap)) == []
+    assert checks_section(GapView(gap)) is None
 
 
 def test_what_looks_like_the_twin_is_said_to(gap):
     """A sentence, and the figure."""
     noise = np.random.default_rng(1).normal(size=gap.residue.before.shape) * gap.residue.floor_T
-    (section,) = checks_section(view_of(gap, noise))
+    section = checks_section(view_of(gap, noise))
     assert "and so it does" in section.blocks[0].text and len(section.blocks) == 3
 
 
 def test_what_departs_is_in_the_table(gap):
     """The rows of sensor 2, which drifts, with marks where they are above the range of noise."""
-    (section,) = checks_section(view_of(gap, gap.residue.before))
+    section = checks_section(view_of(gap, gap.residue.before))
     table = section.blocks[2]
     assert [row[0] for row in table.rows] == ["noise alone", "sensor 2 x", "sensor 2 y", "sensor 2 z"]
     assert all(row[1].endswith("▲") and row[2].endswith("▲") for row in table.rows[1:])

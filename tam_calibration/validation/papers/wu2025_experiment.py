@@ -115,7 +115,7 @@ def _after_rows(run: Simulation) -> list[PrintedNumber]:
 def _parameter_rows(run: Simulation) -> list[PrintedNumber]:
     # Noise that leaves the printed residuals, after the nine parameters of an ellipsoid have taken their part.
     noise = np.array(AFTER_NT) / to_nanotesla(1.0) / np.sqrt(1 - _ELLIPSOID / ORIENTATIONS)
-    array = replace(run.scenario.array, vector_noise_T=noise)
+    array = run.scenario.array.with_noise(noise, run.scenario.array.scalar_noise_T or 0.0)
     variance = np.diag(bound(run.center_field_T, run.errors, array, has_scalar=True))
     deviation = np.sqrt(variance).reshape(len(SENSORS), 12)
     table = []

@@ -81,7 +81,7 @@ def score(scenario: Scenario, number: int) -> Figures:
     seen, unseen = (simulate(replace(scenario, seed=2 * number + half)) for half in (0, 1))
     truth = _parameters(seen.errors)
     scale = np.abs(truth - np.repeat([1.0, 0.0], [12, 33]))
-    smallest = bound(seen.center_field_T, seen.errors, scenario.array, has_scalar=True)
+    smallest = bound(seen.center_field_T, seen.errors, scenario.array.with_stated_noise(), has_scalar=True)
     deviation = np.sqrt(_determined(np.diag(smallest).reshape(-1, 12)))
     # The mean of |x| of a Gaussian x is √(2/π) standard deviations.
     figures = {(BOUND, RELATIVE_ERROR): np.sqrt(2 / np.pi) * deviation / scale}
