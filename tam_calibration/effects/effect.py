@@ -137,6 +137,17 @@ class Effect(ABC):
         Whether it explains whatever exceeds the noise, so that its evidence is worth less than that of a law.
     is_of_lone_samples : bool
         Whether it strikes samples here and there, of which there must be few, however often it happens.
+    is_of_extremes : bool
+        Whether it shows in extreme readings, so that a few flagged samples may as well be another such effect.
+    is_any_course : bool
+        Whether it may be any function of time while its channel is not recorded.
+    may_be : tuple of str
+        Names of the effects that look like it where a recording lacks what they need, beside those that hold it.
+    looks_like : mapping
+        Functions without physics that explain it, each with its rank among the effects that the function may be in
+        truth: the most plausible has the smallest.
+    output_stage : int
+        When it acts on the rows of a simulation: an effect of a higher stage comes after all of lower ones.
     """
 
     name: ClassVar[str]
@@ -148,6 +159,11 @@ class Effect(ABC):
     may_repeat: ClassVar[bool] = False
     explains_any_excess: ClassVar[bool] = False
     is_of_lone_samples: ClassVar[bool] = False
+    is_of_extremes: ClassVar[bool] = False
+    is_any_course: ClassVar[bool] = False
+    may_be: ClassVar[tuple[str, ...]] = ()
+    looks_like: ClassVar[Mapping[str, int]] = {}
+    output_stage: ClassVar[int] = 0
 
     def oversize(self, covariates: Covariates, fitted: FittedEffect) -> str | None:
         """Return which value of a fitted effect is larger than any in nature, in one clause; None where none is."""
@@ -226,6 +242,10 @@ class LinearEffect(Effect):
             intensity_T = float(np.sqrt(np.mean(covariates.intensity_T**2)))
             return [*sizes, Sized("part of the field", size / intensity_T, self.largest_signal)]
         return [*sizes, Sized("size", size, self.largest_signal)]
+
+    def is_within(self, other: Effect) -> bool:
+        """Whether it is a special case of another effect."""
+        return other.name in self.within
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the shapes to try; by default the one without parameters."""

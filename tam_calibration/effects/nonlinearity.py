@@ -27,6 +27,7 @@ class Nonlinearity(LinearEffect):
         "the field over its full scale."
     )
     excitation: ClassVar[str] = "turn each axis along and against the field"
+    looks_like: ClassVar[dict[str, int]] = {"function_of_direction": 5}
     within: ClassVar[tuple[str, ...]] = ("hysteresis",)
     shape_units: ClassVar[dict[str, str]] = {"full_scale_T": "T"}
     largest_signal: ClassVar[Limit | None] = Limit(

@@ -293,7 +293,7 @@ def _gain_there(base: Base, cause: Evidence, other: Evidence) -> float:
 def _is_nested(one: Evidence, other: Evidence) -> bool:
     """Whether one of two is a special case of the other."""
     effects = [form.effect for form in (one.form, other.form) if isinstance(form, Hypothesis)]
-    return len(effects) == 2 and bool({one.effect, other.effect} & {name for own in effects for name in own.within})
+    return len(effects) == 2 and (effects[0].is_within(effects[1]) or effects[1].is_within(effects[0]))
 
 
 def _struck(causes: Sequence[Evidence]) -> float:
