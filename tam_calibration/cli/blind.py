@@ -14,25 +14,10 @@ from tam_calibration.cli.terminal import PATH, Number, showing_progress, stdout,
 from tam_calibration.files import read_array, read_recording
 from tam_calibration.files.csv_files import write_csv_recording
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.validation.blind import KINDS
+from tam_calibration.validation.blind import EFFECTS, KINDS
 
 if TYPE_CHECKING:
     from tam_calibration.validation.blind.plan import CasePlan
-
-EFFECTS = (
-    "temperature_drift",
-    "current_interference",
-    "bias_jump",
-    "time_skew",
-    "periodic_interference",
-    "outliers",
-    "noise_excess",
-    "hysteresis",
-    "nonlinearity",
-    "quantization",
-    "saturation",
-    "stale_samples",
-)
 
 
 @click.command()

@@ -108,6 +108,7 @@ class AmbientGradient(LinearEffect):
     channels: ClassVar[tuple[str, ...]] = ("attitude",)
     surrogates: ClassVar[SurrogateKind] = "of_attitude"
     excitation: ClassVar[str] = "turn the array about all axes without moving its centre"
+    looks_like: ClassVar[dict[str, int]] = {"function_of_direction": 1, "function_of_tilt": 2}
     is_of_site: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, Limit]] = {
         f"degree {degree}": Limit(

@@ -137,6 +137,7 @@ class BiasJump(LinearEffect):
         "sum of the residuals turns (Page, Continuous inspection schemes, Biometrika 41, 1954, p. 100)."
     )
     excitation: ClassVar[str] = "turn through the same attitudes before and after the jump"
+    may_be: ClassVar[tuple[str, ...]] = ("temperature_drift",)
     is_free_in_time: ClassVar[bool] = True
     is_step: ClassVar[bool] = True
     may_repeat: ClassVar[bool] = True

@@ -31,6 +31,8 @@ class CurrentInterference(LinearEffect):
     )
     channels: ClassVar[tuple[str, ...]] = ("current_A",)
     excitation: ClassVar[str] = "switch or vary the current several times while the array turns"
+    looks_like: ClassVar[dict[str, int]] = {"function_of_time": 2, "function_of_neighbours": 1}
+    is_any_course: ClassVar[bool] = True
     surrogates: ClassVar[SurrogateKind] = "of_channel"
     shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s", "reference_A": "A"}
     limits: ClassVar[Mapping[str, Limit]] = {

@@ -46,6 +46,7 @@ class EddyCurrent(LinearEffect):
         "field sources of magnetic airborne detector equipped aircraft, IRE Trans. ANE-8, 1961, p. 95)."
     )
     excitation: ClassVar[str] = "turn the array fast and continuously at different rates, not from pose to pose"
+    looks_like: ClassVar[dict[str, int]] = {"function_of_neighbours": 4, "function_of_rate": 2}
     is_causal: ClassVar[bool] = False
     shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s"}
     limits: ClassVar[Mapping[str, Limit]] = {"first mode": _LIMIT, "slower mode": _LIMIT}

@@ -137,6 +137,17 @@ class Effect(ABC):
         Whether it explains whatever exceeds the noise, so that its evidence is worth less than that of a law.
     is_of_lone_samples : bool
         Whether it strikes samples here and there, of which there must be few, however often it happens.
+    is_of_extremes : bool
+        Whether it shows in extreme readings, so that a few flagged samples may as well be another such effect.
+    is_any_course : bool
+        Whether it may be any function of time while its channel is not recorded.
+    may_be : tuple of str
+        Names of the effects that look like it where a recording lacks what they need, beside those that hold it.
+    looks_like : mapping
+        Functions without physics that explain it, each with its rank among the effects that the function may be in
+        truth: the most plausible has the smallest.
+    output_stage : int
+        When it acts on the rows of a simulation: an effect of a higher stage comes after all of lower ones.
     """
 
     name: ClassVar[str]
@@ -148,6 +159,11 @@ class Effect(ABC):
     may_repeat: ClassVar[bool] = False
     explains_any_excess: ClassVar[bool] = False
     is_of_lone_samples: ClassVar[bool] = False
+    is_of_extremes: ClassVar[bool] = False
+    is_any_course: ClassVar[bool] = False
+    may_be: ClassVar[tuple[str, ...]] = ()
+    looks_like: ClassVar[Mapping[str, int]] = {}
+    output_stage: ClassVar[int] = 0
 
     def oversize(self, covariates: Covariates, fitted: FittedEffect) -> str | None:
         """Return which value of a fitted effect is larger than any in nature, in one clause; None where none is."""
@@ -194,8 +210,12 @@ class LinearEffect(Effect):
         Whether it changes at the times of its shape, and is constant between them.
     has_exact_shapes : bool
         Whether the shapes that it returns are the best ones, and not points of a grid between which to look further.
-    within : tuple of str
-        Names of the effects of which it is a special case: beside one of them, in the same sensor, it says nothing new.
+    limit_of : tuple of str
+        Names of the effects that become this one for some of their numbers: data can show that they are more than it,
+        never that they are not.
+    nearly_within : tuple of str
+        Names of further effects that explain nearly all that it does: beside one of either, in the same sensor, it
+        says nothing new.
     shape_units : dict
         SI unit of each parameter of the shape.
     surrogates : str
@@ -212,7 +232,8 @@ class LinearEffect(Effect):
     is_of_each_sensor: ClassVar[bool] = False
     is_step: ClassVar[bool] = False
     has_exact_shapes: ClassVar[bool] = False
-    within: ClassVar[tuple[str, ...]] = ()
+    limit_of: ClassVar[tuple[str, ...]] = ()
+    nearly_within: ClassVar[tuple[str, ...]] = ()
     shape_units: ClassVar[Mapping[str, str]] = {}
     largest_signal: ClassVar[Limit | None] = None
 
@@ -226,6 +247,10 @@ class LinearEffect(Effect):
             intensity_T = float(np.sqrt(np.mean(covariates.intensity_T**2)))
             return [*sizes, Sized("part of the field", size / intensity_T, self.largest_signal)]
         return [*sizes, Sized("size", size, self.largest_signal)]
+
+    def is_within(self, other: str) -> bool:
+        """Whether the effect of another name explains all, or nearly all, that this one does."""
+        return other in self.limit_of or other in self.nearly_within
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the shapes to try; by default the one without parameters."""

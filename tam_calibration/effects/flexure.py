@@ -23,6 +23,7 @@ class Flexure(LinearEffect):
     channels: ClassVar[tuple[str, ...]] = ("attitude",)
     surrogates: ClassVar[SurrogateKind] = "of_attitude"
     excitation: ClassVar[str] = "tilt the array to all sides, upside down too"
+    looks_like: ClassVar[dict[str, int]] = {"function_of_direction": 2, "function_of_tilt": 1}
     limits: ClassVar[Mapping[str, Limit]] = {
         "turn": Limit(0.1, "elastic beams bend by small slopes; Timoshenko 1955, chapter 5", "rad")
     }

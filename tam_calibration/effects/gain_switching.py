@@ -36,7 +36,7 @@ class GainSwitching(LinearEffect):
     is_free_in_time: ClassVar[bool] = True
     is_of_one_sensor: ClassVar[bool] = True
     has_exact_shapes: ClassVar[bool] = True
-    within: ClassVar[tuple[str, ...]] = ("crosstalk",)
+    nearly_within: ClassVar[tuple[str, ...]] = ("crosstalk",)
     surrogates: ClassVar[SurrogateKind] = "elsewhere"
     shape_units: ClassVar[dict[str, str]] = {
         "upper_T": "T",

@@ -40,6 +40,8 @@ class GeomagneticDrift(LinearEffect):
         "a reference elsewhere, or an intensity taken as constant, does not follow."
     )
     excitation: ClassVar[str] = "come back to the same attitudes several times during the recording"
+    looks_like: ClassVar[dict[str, int]] = {"function_of_time": 3}
+    may_be: ClassVar[tuple[str, ...]] = ("temperature_drift",)
     is_free_in_time: ClassVar[bool] = True
     is_of_site: ClassVar[bool] = True
     surrogates: ClassVar[SurrogateKind] = "elsewhere"

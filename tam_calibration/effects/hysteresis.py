@@ -52,6 +52,7 @@ class Hysteresis(LinearEffect):
         "of complex hysteretic nonlinearities, Eur. J. Control 9, 2003, p. 407), with a curve for what saturates."
     )
     excitation: ClassVar[str] = "turn each axis along and against the field and back, in large and in small swings"
+    looks_like: ClassVar[dict[str, int]] = {"function_of_rate": 3, "function_of_direction": 4}
     shape_units: ClassVar[dict[str, str]] = {"full_scale_T": "T", "azimuth_rad": "rad", "elevation_rad": "rad"}
     largest_signal: ClassVar[Limit | None] = Limit(
         0.1,

@@ -27,7 +27,8 @@ class Nonlinearity(LinearEffect):
         "the field over its full scale."
     )
     excitation: ClassVar[str] = "turn each axis along and against the field"
-    within: ClassVar[tuple[str, ...]] = ("hysteresis",)
+    looks_like: ClassVar[dict[str, int]] = {"function_of_direction": 5}
+    limit_of: ClassVar[tuple[str, ...]] = ("hysteresis",)
     shape_units: ClassVar[dict[str, str]] = {"full_scale_T": "T"}
     largest_signal: ClassVar[Limit | None] = Limit(
         0.1,

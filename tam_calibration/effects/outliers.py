@@ -38,6 +38,7 @@ class Outliers(FoundEffect):
         "(Cook and Weisberg 1982, mean-shift model)."
     )
     excitation = "a record of at least some dozens of samples"
+    is_of_extremes = True
     may_repeat = True
     is_of_lone_samples = True
     units: ClassVar[Mapping[str, str]] = {"rate": "1", "size": "T", "burst": "1"}

@@ -57,6 +57,7 @@ class Quantization(FoundEffect):
         "(Bennett 1948)."
     )
     excitation = "a field that moves through many steps"
+    output_stage = 2
     units: ClassVar[Mapping[str, str]] = {"step": "T", "offset": "T"}
     limits: ClassVar[Mapping[str, Limit]] = {
         "step": Limit(

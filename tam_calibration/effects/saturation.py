@@ -49,6 +49,8 @@ class Saturation(FoundEffect):
         "(IEEE Std 1241-2010)."
     )
     excitation = "turns that bring the axis to the end of its range, for several readings"
+    is_of_extremes = True
+    output_stage = 1
     units: ClassVar[Mapping[str, str]] = {
         "upper limit": "T",
         "lower limit": "T",

@@ -58,6 +58,7 @@ class ScalarHeadingError(LinearEffect):
     )
     channels: ClassVar[tuple[str, ...]] = ("scalar_T",)
     excitation: ClassVar[str] = "turn the array so that the field comes from all directions of the sphere"
+    looks_like: ClassVar[dict[str, int]] = {"function_of_direction": 3}
     shape_units: ClassVar[dict[str, str]] = {"azimuth_rad": "rad", "elevation_rad": "rad"}
     largest_signal: ClassVar[Limit | None] = Limit(
         1e-6,

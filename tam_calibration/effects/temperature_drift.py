@@ -41,6 +41,8 @@ class TemperatureDrift(LinearEffect):
     channels: ClassVar[tuple[str, ...]] = ("temperature_C",)
     is_of_each_sensor: ClassVar[bool] = True
     excitation: ClassVar[str] = "let the temperature change by some kelvin, up and down, while the array turns"
+    looks_like: ClassVar[dict[str, int]] = {"function_of_time": 1, "function_of_neighbours": 2}
+    is_any_course: ClassVar[bool] = True
     surrogates: ClassVar[SurrogateKind] = "of_channel"
     shape_units: ClassVar[dict[str, str]] = {
         "time_constant_s": "s",

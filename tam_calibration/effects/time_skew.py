@@ -25,8 +25,10 @@ class TimeSkew(LinearEffect):
         "(Furgale, Rehder and Siegwart, Unified temporal and spatial calibration, IROS 2013)."
     )
     excitation: ClassVar[str] = "turn the array fast and continuously, not from pose to pose"
+    looks_like: ClassVar[dict[str, int]] = {"function_of_neighbours": 3, "function_of_rate": 1}
     is_causal: ClassVar[bool] = False
-    within: ClassVar[tuple[str, ...]] = ("eddy_current", "ringing", "crosstalk")
+    limit_of: ClassVar[tuple[str, ...]] = ("eddy_current",)
+    nearly_within: ClassVar[tuple[str, ...]] = ("ringing", "crosstalk")
     limits: ClassVar[Mapping[str, Limit]] = {
         "delay": Limit(
             1.0,

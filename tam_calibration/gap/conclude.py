@@ -7,7 +7,7 @@ import numpy as np
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.excess_variance import LARGEST_NOISE, ChannelMoments, Excess, best_excess
 from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEARLY_ALL, NOTABLE
-from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.effects.situation import Covariates
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import sandwich, unseen
@@ -88,13 +88,6 @@ def _named(where: Where) -> str:
     if "scalar" in where.sensors:
         parts.append("the scalar magnetometer")
     return " and ".join(parts) or "all sensors"
-
-
-_FREE_WITHOUT = ("temperature_drift", "current_interference")
-"""Effects that, while their channel is missing, may be any function of time."""
-
-_OF_FEW = ("saturation", "outliers")
-"""Effects that are alike in the fewest samples: a spike or three may as well be the end of a range."""
 
 
 def conclude(found: Search) -> Gap:
@@ -191,11 +184,13 @@ def _alike(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
     ]
     if isinstance(cause.form, Hypothesis) and cause.form.effect.is_free_in_time:
         names += [
-            one.effect for one in found.considered if one.status == "channel_missing" and one.effect in _FREE_WITHOUT
+            one.effect
+            for one in found.considered
+            if one.status == "channel_missing" and effect_named(one.effect).is_any_course
         ]
     is_few = isinstance(cause.form, Finding) and cause.form.flagged is not None and cause.form.flagged.sum() < FEWEST
-    if is_few and effect.effect in _OF_FEW:
-        names += [name for name in _OF_FEW if name != effect.effect]
+    if is_few and effect_named(effect.effect).is_of_extremes:
+        names += [one.name for one in installed_effects().values() if one.is_of_extremes and one.name != effect.effect]
     return tuple(dict.fromkeys(names))
 
 

@@ -4,8 +4,8 @@ from collections.abc import Collection, Iterable, Sequence
 
 from numpy.linalg import LinAlgError
 
-from tam_calibration.effects.effect import LinearEffect
-from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.effect import Effect, LinearEffect
+from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.gap.candidates import Setting, candidates, visible_part
 from tam_calibration.gap.evidence import CHANNEL_NAMES, Evidence
 from tam_calibration.gap.hypothesis import places_of
@@ -24,18 +24,6 @@ from tam_calibration.gap.separation import (
 )
 from tam_calibration.gap.support import LEAST_EVIDENCE
 from tam_calibration.model.exceptions import InputError, Refused
-
-_MAY_BE = {"nonlinearity": "hysteresis", "bias_jump": "temperature_drift", "geomagnetic_drift": "temperature_drift"}
-"""What a cause may be in truth, where the recording cannot show it."""
-
-_LOOKS = {
-    "function_of_time": ("temperature_drift", "current_interference", "geomagnetic_drift"),
-    "function_of_neighbours": ("current_interference", "temperature_drift", "time_skew", "eddy_current"),
-    "function_of_rate": ("time_skew", "eddy_current", "hysteresis"),
-    "function_of_direction": ("ambient_gradient", "flexure", "scalar_heading_error", "hysteresis", "nonlinearity"),
-    "function_of_tilt": ("flexure", "ambient_gradient"),
-}
-"""What a gap that a function without physics explains may be, the most plausible first."""
 
 _TWICE = (
     "make the same motion twice with a pause between: what comes again belongs to the motion, the rest to the time; "
@@ -100,7 +88,7 @@ def _of_gap(found: Search, verdict: Verdict, causes: Sequence[Cause], variance: 
     unknown = _strongest(found.rivals if verdict == "unexplained" else found.remaining)
     if unknown is None:
         return "Repeat this recording: what comes again belongs to the array or the site, the rest to this run."
-    plausible = [name for name in _LOOKS[unknown.effect] if name in missing]
+    plausible = [name for name in _plausible(unknown.effect) if name in missing]
     return _shown(setting, unknown, plausible) or f"To see what the rest follows, {_OTHERWISE[unknown.effect]}."
 
 
@@ -120,7 +108,7 @@ def _told_apart(setting: Setting, ambiguity: Ambiguity) -> str:
 
 
 def _strongest(unknown: Iterable[Evidence]) -> Evidence | None:
-    strong = [one for one in unknown if one.delta_bic > LEAST_EVIDENCE and one.effect in _LOOKS]
+    strong = [one for one in unknown if one.delta_bic > LEAST_EVIDENCE and one.effect in _OTHERWISE]
     return max(strong, key=lambda one: one.delta_bic, default=None)
 
 
@@ -129,11 +117,23 @@ def _hidden(found: Search, causes: Sequence[Cause], missing: Collection[str]) ->
     drift = next((one.gain for one in found.rivals if one.effect == "function_of_time"), 0.0)
     named = {cause.fitted.effect for cause in causes}
     for accepted in (step.accepted for step in found.steps if step.accepted.effect in named):
-        other = _MAY_BE.get(accepted.effect, "")
-        if other not in missing or (accepted.effect == "bias_jump" and drift < accepted.gain - LEAST_EVIDENCE):
-            continue
-        return accepted, [other]
+        effect = effect_named(accepted.effect)
+        others = [name for name in (*_exceeding(effect), *effect.may_be) if name in missing]
+        is_sharp = isinstance(effect, LinearEffect) and effect.is_step and drift < accepted.gain - LEAST_EVIDENCE
+        if others and not is_sharp:
+            return accepted, others
     return None
+
+
+def _exceeding(effect: Effect) -> tuple[str, ...]:
+    """Return the names of the effects of which one is a limit."""
+    return effect.limit_of if isinstance(effect, LinearEffect) else ()
+
+
+def _plausible(function: str) -> list[str]:
+    """Return what a gap that a function without physics explains may be, the most plausible first."""
+    alike = [effect for effect in installed_effects().values() if function in effect.looks_like]
+    return [effect.name for effect in sorted(alike, key=lambda effect: effect.looks_like[function])]
 
 
 def _shown(setting: Setting, unknown: Evidence, plausible: Sequence[str]) -> str | None:

@@ -18,9 +18,6 @@ from tam_calibration.model.fitted_effect import ALL
 _LONGEST_MIN = 60.0
 """Minutes for which people may be asked to record."""
 
-_NESTED = {("time_skew", "eddy_current"), ("nonlinearity", "hysteresis")}
-"""Pairs of which the second holds the first: data can show that it is more than that, never that it is not."""
-
 
 @dataclass(frozen=True, eq=False)
 class Separation:
@@ -107,13 +104,16 @@ def _is_close(accepted: Evidence, other: Evidence) -> bool:
 
 def separate(setting: Setting, ambiguity: Ambiguity) -> Separation | None:
     """Return the recording that tells two hypotheses apart; None where one of them is not found by regression."""
-    pair = [ambiguity.first, ambiguity.second]
-    if (pair[0].effect, pair[1].effect) in _NESTED:
-        pair.reverse()
-    is_nested = (pair[1].effect, pair[0].effect) in _NESTED
+    pair = (ambiguity.first, ambiguity.second)
     forms = [one.form for one in pair if isinstance(one.form, Hypothesis)]
     if len(forms) < 2:
         return None
+    # Noise alone gives each as much as it has directions.
+    beyond = [one.gain - form.selection.rank for one, form in zip(pair, forms, strict=True)]
+    now = abs(beyond[0] - beyond[1])
+    if forms[1].effect.name in forms[0].effect.limit_of:
+        forms.reverse()
+    is_nested = forms[0].effect.name in forms[1].effect.limit_of
     base = ambiguity.beside.base()
     first, second = (_fitted(base, form) for form in forms)
     needed = channels_of([first.effect, second.effect])
@@ -121,9 +121,6 @@ def separate(setting: Setting, ambiguity: Ambiguity) -> Separation | None:
         (expected_evidence(setting, first, second, offer, is_nested), offer)
         for offer in candidates(setting.covariates, needed)
     ]
-    # Noise alone gives each as much as it has directions.
-    beyond = [one.gain - one.form.selection.rank for one in pair if isinstance(one.form, Hypothesis)]
-    now = abs(beyond[0] - beyond[1])
     offers.append((now, Candidate("make the same motion for as long again", "onwards", 0.0, setting.minutes)))
     gained, best = max(offers, key=lambda offer: offer[0] / offer[1].minutes)
     minutes = long_enough(gained, best.minutes)

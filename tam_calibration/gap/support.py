@@ -100,7 +100,7 @@ def special(best: Evidence, others: Sequence[Evidence]) -> Evidence:
         one
         for one in others
         if isinstance(one.form, Hypothesis)
-        and best.effect in one.form.effect.within
+        and one.form.effect.is_within(best.effect)
         and one.gain > NEARLY_ALL * best.gain
     ]
     return max(nearly, key=lambda one: one.delta_bic, default=best)
@@ -293,7 +293,7 @@ def _gain_there(base: Base, cause: Evidence, other: Evidence) -> float:
 def _is_nested(one: Evidence, other: Evidence) -> bool:
     """Whether one of two is a special case of the other."""
     effects = [form.effect for form in (one.form, other.form) if isinstance(form, Hypothesis)]
-    return len(effects) == 2 and bool({one.effect, other.effect} & {name for own in effects for name in own.within})
+    return len(effects) == 2 and (effects[0].is_within(effects[1].name) or effects[1].is_within(effects[0].name))
 
 
 def _struck(causes: Sequence[Evidence]) -> float:

@@ -18,9 +18,6 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation.scenario import Scenario
 
-LAST = ("saturation", "quantization")
-"""What ends the way of a reading, in this order."""
-
 _CHANNELS = {"temperature_C": "temperature", "current_A": "current"}
 
 
@@ -51,7 +48,7 @@ def add_effects(
     InputError
         When an effect is not known, needs a channel that the scenario has not, or has no such sensor, term or value.
     """
-    for index in sorted(range(len(effects)), key=lambda index: _place(effects[index].effect)):
+    for index in sorted(range(len(effects)), key=lambda index: effect_named(effects[index].effect).output_stage):
         fitted, generator = effects[index], generators[index]
         effect = effect_named(fitted.effect)
         if isinstance(effect, LinearEffect) != (stage == "field"):
@@ -62,10 +59,6 @@ def add_effects(
         except KeyError as missing:
             raise InputError(f"the effect {fitted.effect} needs the value {missing}") from None
     return rows_T
-
-
-def _place(name: str) -> int:
-    return LAST.index(name) if name in LAST else -1
 
 
 def _check(effect: Effect, fitted: FittedEffect, covariates: Covariates) -> None:

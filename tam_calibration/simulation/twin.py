@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.effects.excess_variance import LARGEST_NOISE
 from tam_calibration.effects.removal import agreed_field, filled, removable
 from tam_calibration.effects.situation import Covariates
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation.observe import add_effects
-
-_LARGEST_EXCESS = 1.2
-"""More noise than so many times that stated is a gap of another kind."""
 
 
 def twin(calibration: Calibration, recording: Recording, seed: int) -> Recording:
@@ -70,5 +68,5 @@ def _noise(calibration: Calibration) -> tuple[FloatArray, float]:
     array, left = calibration.array, calibration.reduced_chi_square
     if removable(calibration.effects) != calibration.effects:
         left = {}
-    vector, scalar = (min(np.sqrt(left.get(name, 1.0)), _LARGEST_EXCESS) for name in ("differential", "common_mode"))
+    vector, scalar = (min(np.sqrt(left.get(name, 1.0)), LARGEST_NOISE) for name in ("differential", "common_mode"))
     return vector * array.vector_noise_T, float(scalar * array.scalar_noise_T)

@@ -19,7 +19,10 @@ PARTNERS = (
     frozenset({"crosstalk", "eddy_current"}),
 )
 """Effects of which one holds the other within it, on any data: what leaks late is, in the first order, what leaks in
-time, a misalignment, and a multiple of the field's change."""
+time, a misalignment, and a multiple of the field's change.
+
+Stated here and not read from the effects' classes: a judge who asks the judged what is alike would pass its mistakes.
+"""
 
 FEW_CLIPPED = 3
 """So few clipped samples are outliers to anyone who does not know."""

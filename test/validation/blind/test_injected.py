@@ -3,8 +3,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
-from tam_calibration.cli.blind import EFFECTS
 from tam_calibration.model.exceptions import Refused
+from tam_calibration.validation.blind import EFFECTS
 from tam_calibration.validation.blind.injected import INJECTED, inject
 from tam_calibration.validation.blind.motion import about
 

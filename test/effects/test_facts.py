@@ -1,0 +1,125 @@
+"""What the engine needs to know of an effect stands in the effect's class, and nowhere else."""
+
+import ast
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.library import installed_effects
+from tam_calibration.gap import next_recording, separation
+from tam_calibration.gap.evidence import Evidence
+from tam_calibration.gap.hypothesis import Hypothesis
+from tam_calibration.gap.support import _is_nested
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "tam_calibration"
+NAMES = frozenset(re.findall(r'f"(\w+) = \{NAME\}\.effects\.', (ROOT / "setup.py").read_text()))
+
+
+def named(path):
+    """Return the names of effects that a module holds as strings; a docstring is more than a name."""
+    return {
+        node.value
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value in NAMES
+    }
+
+
+def test_no_module_names_an_effect_of_the_library():
+    """But the effects themselves and the validation, which makes and judges what it names."""
+    assert len(NAMES) > 20
+    modules = [path for path in PACKAGE.rglob("*.py") if path.relative_to(PACKAGE).parts[0] != "validation"]
+    holding = {str(path.relative_to(PACKAGE)): named(path) for path in modules if path.parent.name != "effects"}
+    assert {path: names for path, names in holding.items() if names} == {}
+
+
+@dataclass(frozen=True)
+class MadeUp(LinearEffect):
+    """An effect of which only what its class says is known."""
+
+    name: str
+    limit_of: tuple[str, ...] = ()
+    nearly_within: tuple[str, ...] = ()
+    may_be: tuple[str, ...] = ()
+    looks_like: Mapping[str, int] = field(default_factory=dict)
+
+    def terms(self, covariates, shape):
+        """Return nothing."""
+        return ()
+
+
+@pytest.fixture
+def special():
+    """Return an effect that is a special case of another."""
+    return MadeUp("special", limit_of=("whole",))
+
+
+@pytest.fixture
+def whole():
+    """Return an effect that holds another."""
+    return MadeUp("whole")
+
+
+def evidence(effect, delta_bic=100.0):
+    """Return evidence for an effect at sensor 1."""
+    term = SimpleNamespace(sensor=0, axis=None, key=(0, None, "made up"), name="made up", coefficients=())
+    return Evidence(effect.name, Hypothesis(effect, {}, (term,), SimpleNamespace(rank=1)), delta_bic, delta_bic)
+
+
+@pytest.mark.parametrize("is_special_first", [True, False])
+def test_separation_puts_the_holding_effect_first(monkeypatch, special, whole, is_special_first):
+    """And asks for evidence that there is more than the special case, never that there is not."""
+    asked = []
+    monkeypatch.setattr(separation, "_fitted", lambda base, form: form)
+    monkeypatch.setattr(separation, "candidates", lambda covariates, needed: ["offer"])
+    monkeypatch.setattr(separation, "expected_evidence", lambda *given: asked.append(given) or 50.0)
+    monkeypatch.setattr(separation, "Candidate", lambda *given: SimpleNamespace(minutes=1.0))
+    monkeypatch.setattr(separation, "max", lambda offers, key: (50.0, SimpleNamespace(minutes=1.0)), raising=False)
+    monkeypatch.setattr(separation, "long_enough", lambda gained, minutes: minutes)
+    pair = (special, whole) if is_special_first else (whole, special)
+    ambiguity = separation.Ambiguity(*map(evidence, pair), SimpleNamespace(base=lambda: None))
+    found = separation.separate(SimpleNamespace(covariates=None, minutes=1.0), ambiguity)
+    assert (found.first.effect, found.second.effect) == (whole, special)
+    assert asked[0][-1]
+
+
+@pytest.mark.parametrize("fact", ["limit_of", "nearly_within"])
+def test_support_treats_them_as_nested(whole, fact):
+    """In either order; an effect is not within itself."""
+    special = MadeUp("special", **{fact: ("whole",)})
+    assert _is_nested(evidence(special), evidence(whole))
+    assert _is_nested(evidence(whole), evidence(special))
+    assert not _is_nested(evidence(whole), evidence(whole))
+
+
+@pytest.mark.parametrize("fact", ["limit_of", "may_be"])
+def test_a_cause_may_be_what_its_class_says(monkeypatch, fact):
+    """Where the recording cannot show it."""
+    effect = MadeUp("special", **{fact: ("whole",)})
+    monkeypatch.setattr(next_recording, "effect_named", {"special": effect}.get)
+    found = SimpleNamespace(rivals=(), steps=(SimpleNamespace(accepted=evidence(effect)),))
+    causes = (SimpleNamespace(fitted=SimpleNamespace(effect="special")),)
+    assert next_recording._hidden(found, causes, {"whole"})[1] == ["whole"]
+    assert next_recording._hidden(found, causes, set()) is None
+
+
+def test_what_a_function_may_be_is_ranked_by_the_classes(monkeypatch):
+    """The most plausible first."""
+    effects = {name: MadeUp(name, looks_like={"function_of_rate": rank}) for name, rank in (("a", 2), ("b", 1))}
+    monkeypatch.setattr(next_recording, "installed_effects", lambda: effects)
+    assert next_recording._plausible("function_of_rate") == ["b", "a"]
+    assert next_recording._plausible("function_of_time") == []
+
+
+def test_every_name_that_a_class_states_is_an_effect():
+    """And every function without physics is one that the diagnosis knows what to record for."""
+    effects = installed_effects()
+    for effect in effects.values():
+        named = [getattr(effect, fact, ()) for fact in ("may_be", "limit_of", "nearly_within")]
+        assert set(chain.from_iterable(named)) <= effects.keys()
+        assert effect.looks_like.keys() <= next_recording._OTHERWISE.keys()
