@@ -20,9 +20,9 @@ from rich.progress import track
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.lossless import estimate

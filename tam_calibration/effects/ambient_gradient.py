@@ -11,8 +11,8 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.harmonics import derivatives, fields
+from tam_calibration.effects.covariates import LEAST_TURN, Covariates, to_world, turn_spread
 from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
-from tam_calibration.effects.situation import LEAST_TURN, Covariates, to_world, turn_spread
 from tam_calibration.effects.term import Coefficient, Term
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError

@@ -9,10 +9,10 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.effects.change_points import Path, without
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
 from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR, NEGLIGIBLE
 from tam_calibration.effects.saturation import inside_range
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.spikes import without_spikes_of_motion
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect, Shape

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Limit, LinearEffect
 from tam_calibration.effects.grades import LEAST_SAMPLES
 from tam_calibration.effects.motion import jumps
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.fitted_effect import Shape

@@ -12,7 +12,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.term import Coefficient, Key, Term, WhitenedResiduals
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect, Shape

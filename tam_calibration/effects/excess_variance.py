@@ -18,8 +18,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.grades import MINOR
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.term import Place, WhitenedResiduals, places, row_scores
 from tam_calibration.model.fitted_effect import SCALAR
 from tam_calibration.model.units import FloatArray

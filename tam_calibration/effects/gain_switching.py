@@ -7,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
 from tam_calibration.effects.grades import LEAST_SAMPLES
 from tam_calibration.effects.recursions import Memory
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.switching import WINDOW_UNITS, Level, Switching, in_windows, settled_strongest
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.fitted_effect import Shape

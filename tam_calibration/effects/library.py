@@ -5,8 +5,8 @@ from importlib.metadata import entry_points
 
 import numpy as np
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Effect, LinearEffect
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import FittedEffect

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.grades import NOTABLE
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.model.recording import BLOCK
 from tam_calibration.model.units import FloatArray
 

@@ -10,13 +10,13 @@ from typing import ClassVar
 
 import numpy as np
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, FoundEffect, Limit
 from tam_calibration.effects.excess_variance import LARGEST_NOISE, ChannelMoments, Excess, best_excess
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.effects.regularity import alike, objection_to
 from tam_calibration.effects.saturation import inside_range
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.spikes import without_spikes
 from tam_calibration.effects.term import WhitenedResiduals, row_deviations, rows_of
 from tam_calibration.model.fitted_effect import ALL, Contribution, FittedEffect

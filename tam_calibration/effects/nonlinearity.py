@@ -6,9 +6,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Limit, LinearEffect
 from tam_calibration.effects.grades import MINOR
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.fitted_effect import Shape
 

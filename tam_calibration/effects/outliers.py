@@ -11,9 +11,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, FoundEffect, Limit
 from tam_calibration.effects.saturation import WIDEST_RANGE
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.spikes import Spikes, come_with_motion, find_spikes
 from tam_calibration.effects.term import (
     Place,

@@ -18,9 +18,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, FoundEffect, Limit
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, MINOR, MOST, NEGLIGIBLE, NOTABLE
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.term import WhitenedResiduals, row_deviations, rows_of
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.elimination import Elimination
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.recursions import Memory
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import SCALAR, FittedEffect

@@ -6,10 +6,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Limit, LinearEffect
 from tam_calibration.effects.motion import jumps, rates
 from tam_calibration.effects.recursions import mode
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.clipped_core import ClippedCore, find_clipped_cores
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, FoundEffect, Limit
 from tam_calibration.effects.grades import CERTAIN, FEWEST, MOST, NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.other_sensors import AgainstOthers
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.term import WhitenedResiduals, rows_of
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from tam_calibration.core.harmonics import harmonics
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Limit, LinearEffect
 from tam_calibration.effects.grades import SLIGHT
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from tam_calibration.effects.change_points import Change, Path, without
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Limit, LinearEffect, SurrogateKind
 from tam_calibration.effects.grades import LEAST_SAMPLES
 from tam_calibration.effects.saturation import inside_range
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.spikes import without_spikes_of_motion
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.fitted_effect import Shape

@@ -11,11 +11,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.displaced import NOWHERE_T, Displaced, Explained, finding_of
 from tam_calibration.effects.effect import Finding, FoundEffect
 from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.outliers import position_nats
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.term import WhitenedResiduals, rows_of
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray

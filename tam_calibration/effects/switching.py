@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.motion import sum_around
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.term import WhitenedResiduals
 from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.normal_equations import ridged
-from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray

@@ -17,13 +17,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, FoundEffect, Limit
 from tam_calibration.effects.excess_variance import ChannelMoments, best_excess, most_likely, relative_error
 from tam_calibration.effects.grades import CERTAIN, NOTABLE
 from tam_calibration.effects.motion import Statistic, is_chance, jumps, rates
 from tam_calibration.effects.other_sensors import AgainstOthers
 from tam_calibration.effects.regularity import alike
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.term import WhitenedResiduals
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray

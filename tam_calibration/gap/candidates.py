@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
+from tam_calibration.effects.covariates import Covariates, to_world
 from tam_calibration.effects.effect import LinearEffect
-from tam_calibration.effects.situation import Covariates, to_world
 from tam_calibration.effects.term import Term
 from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.regression import Base

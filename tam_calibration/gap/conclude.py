@@ -4,11 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.excess_variance import LARGEST_NOISE, ChannelMoments, Excess, best_excess
 from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEARLY_ALL, NOTABLE
 from tam_calibration.effects.library import effect_named, installed_effects
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.coloured import sandwich, unseen
 from tam_calibration.gap.evidence import Evidence

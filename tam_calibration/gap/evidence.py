@@ -7,9 +7,9 @@ from math import log
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect
 from tam_calibration.effects.grades import NEARLY_ALL
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.gap.hypothesis import Hypothesis, best_form, refined
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.result import Considered

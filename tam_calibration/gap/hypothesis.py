@@ -6,8 +6,8 @@ from heapq import nlargest
 
 import numpy as np
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, LinearEffect
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.term import Key, Term, chosen
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.selection import Choice, Selection, columns_of, evidence

@@ -9,8 +9,8 @@ from numpy.linalg import LinAlgError, norm
 from numpy.typing import NDArray
 
 from tam_calibration.effects.bias_jump import BiasJump
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.grades import MOST, NEGLIGIBLE
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.scale import sphere_of_most
 from tam_calibration.gap.regressors import update

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.term import Term
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.harmonics import harmonics
+from tam_calibration.effects.covariates import Covariates, upwards
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.geomagnetic_drift import ORDERS
 from tam_calibration.effects.grades import LONGEST_BURST, SLIGHT
 from tam_calibration.effects.motion import sum_around
-from tam_calibration.effects.situation import Covariates, upwards
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals, chosen
 from tam_calibration.gap.hypothesis import Hypothesis
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio

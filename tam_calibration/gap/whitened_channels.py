@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.elimination import Elimination
 from tam_calibration.core.normal_equations import Normal
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import LinearEffect
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.term import Term, WhitenedResiduals, thinned
 from tam_calibration.gap.regressors import Regressors, calibration_regressors
 from tam_calibration.gap.world import World, world_design

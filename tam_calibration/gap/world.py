@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.fit.scale import free_scale
 from tam_calibration.gap.regressors import Regressors, update
 from tam_calibration.model.exceptions import Refused

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.ambient_gradient import gradient_field, turned
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.excess_variance import LARGEST_NOISE
 from tam_calibration.effects.removal import agreed_field, filled, removable
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation.observe import add_effects

@@ -8,7 +8,7 @@ from numpy.linalg import inv, norm
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.effects.situation import Covariates
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.term import WhitenedResiduals
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.interpolated_samples import InterpolatedSamples, _digit, _exact
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.effects.stale_samples import StaleSamples
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import Contribution

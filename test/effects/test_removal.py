@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.effects.removal import EffectStream, added_to, agreed_field, filled, of_sensors, on_sensors
-from tam_calibration.effects.situation import Covariates
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
