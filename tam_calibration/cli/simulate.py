@@ -11,6 +11,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.cli.terminal import PATH
+from tam_calibration.files.bag_storages import DEFAULT, STORAGES, storage_alone
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, to_nanotesla
@@ -36,8 +37,8 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 @click.option("--seed", type=click.IntRange(min=0), help="Of the random numbers, instead of the scenario's.")
 @click.option(
     "--storage",
-    type=click.Choice(["sqlite3", "mcap"]),
-    default="sqlite3",
+    type=click.Choice(list(STORAGES)),
+    default=DEFAULT,
     show_default=True,
     help="Of a bag's folder.",
 )
@@ -124,7 +125,7 @@ def beside(output: Path, ending: str) -> Path:
     """
     if not output.name:
         raise InputError(f"{output} names no recording to write: give a .csv, a .mcap, or a bag's folder")
-    stem = output.stem if output.suffix in (".csv", ".mcap") else output.name
+    stem = output.stem if output.suffix == ".csv" or storage_alone(output) else output.name
     return output.with_name(f"{stem}.{ending}")
 
 

@@ -4,13 +4,15 @@ import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.reader import DirectoryReader
 
 from tam_calibration.files.bag_blocks import read_blocks
-from tam_calibration.files.bag_sqlite3 import QuickReader
+from tam_calibration.files.bag_storages import STORAGES
 from tam_calibration.files.text_files import in_file
 from tam_calibration.messages.batch_stream import IntArray, StreamMessages
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
@@ -43,7 +45,7 @@ def open_bag(path: Path) -> Iterator[Reader]:
     """
     if path.is_dir() and not (path / "metadata.yaml").exists():
         raise InputError(f"{path} holds no metadata.yaml: is it a bag? `ros2 bag reindex` writes the file anew")
-    reader = QuickReader(path)
+    reader = _reader_of(path)
     with _damage_named(path):
         reader.open()
     try:
@@ -54,9 +56,18 @@ def open_bag(path: Path) -> Iterator[Reader]:
         reader.close()
 
 
-def storage_of(path: Path) -> str:
-    """Return in what a bag is stored: ``sqlite3`` or ``mcap``."""
-    return "mcap" if path.suffix == ".mcap" or any(path.glob("*.mcap*")) else "sqlite3"
+def _reader_of(path: Path) -> Reader:
+    """Return the reader of rosbags, which opens files by the readers that are registered."""
+    by_name = {storage.name: storage.load().READER for storage in STORAGES.values()}
+    by_suffix = {storage.suffix: by_name[storage.name] for storage in STORAGES.values()}
+
+    class Folder(DirectoryReader):
+        STORAGE_PLUGINS = by_name
+
+    class Bag(Reader):
+        STORAGE_PLUGINS = MappingProxyType({"dir": Folder, **by_suffix})
+
+    return Bag(path)
 
 
 def raw_messages(reader: Reader, connections: Sequence[Connection]) -> Iterator[tuple[Connection, int, bytes]]:

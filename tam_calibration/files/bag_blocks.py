@@ -8,17 +8,11 @@ import numpy as np
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
-from rosbags.rosbag2.storage_mcap import McapReader
-from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 from zstandard import BufferWithSegments, ZstdDecompressor
 
-from tam_calibration.files.bag_mcap import read_chunks
-from tam_calibration.files.bag_sqlite3 import has_index, read_rows
+from tam_calibration.files.bag_storages import STORAGES, RegisteredStorage, StoredFile
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.samples import Progress
-
-Storage = Any
-"""A file of a bag, as rosbags opens it."""
 
 COUNT, BYTES = 16_384, 8_000_000
 """How much is gathered where messages come one by one."""
@@ -40,49 +34,49 @@ def read_blocks(
     with_times : bool
         Whether the times of recording are wanted; without them some storages are read sooner.
     """
-    storages = _storages(reader)
-    total = sum(_bytes(storage) for storage in storages)
+    files = _files(reader)
+    total = sum(_bytes(file) for file in files)
     done = 0
-    for block, size in _blocks(reader, storages, connections, with_times):
+    for block, size in _blocks(reader, files, connections, with_times):
         done = min(done + size, total)
         progress(done, total)
         yield block
     progress(total, total)
 
 
-def _storages(reader: Reader) -> Sequence[Storage]:
-    storage = reader.storage
-    return storage.storages if isinstance(storage, DirectoryReader) else [storage]
+def _files(reader: Reader) -> Sequence[StoredFile]:
+    storage: Any = reader.storage
+    files: Sequence[StoredFile] = storage.storages if isinstance(reader.storage, DirectoryReader) else [storage]
+    return files
 
 
-def _bytes(storage: Storage) -> int:
-    return Path(str(storage.path)).stat().st_size
+def _bytes(file: StoredFile) -> int:
+    return Path(str(file.path)).stat().st_size
 
 
 def _blocks(
-    reader: Reader, storages: Sequence[Storage], connections: Sequence[Connection], with_times: bool
+    reader: Reader, files: Sequence[StoredFile], connections: Sequence[Connection], with_times: bool
 ) -> Iterator[tuple[RawMessages, int]]:
     is_compressed = reader.compression_mode == "message"
-    for storage in storages:
-        for block, size in _stored_blocks(storage, connections, with_times):
+    for file in files:
+        for block, size in _stored_blocks(file, connections, with_times):
             yield _decompressed(block) if is_compressed else block, size
 
 
 def _stored_blocks(
-    storage: Storage, connections: Sequence[Connection], with_times: bool
+    file: StoredFile, connections: Sequence[Connection], with_times: bool
 ) -> Iterator[tuple[RawMessages, int]]:
     """Yield the messages of one file as they are stored."""
-    wanted = [(own, one) for own in storage.connections for one in connections if _is_same(own, one)]
+    wanted = [(own, one) for own in file.connections for one in connections if _is_same(own, one)]
     position = {own.id: connections.index(one) for own, one in wanted}
     if not position:
         return
-    if isinstance(storage, McapReader) and any(chunk.message_index_offsets for chunk in storage.chunks):
-        yield from read_chunks(storage, position)
-    elif isinstance(storage, Sqlite3Reader) and has_index(storage):
-        yield from read_rows(storage, position, with_times)
-    else:
+    storage = next(each for each in map(RegisteredStorage.load, STORAGES.values()) if type(file) is each.READER)
+    blocks = storage.read_blocks(file, position, with_times)
+    if blocks is None:
         own = [connection for connection, _ in wanted]
-        yield from _gather(storage.messages(own), position, _bytes(storage) / storage.metadata.message_count)
+        blocks = _gather(file.messages(own), position, _bytes(file) / file.metadata.message_count)
+    yield from blocks
 
 
 def _is_same(own: Connection, one: Connection) -> bool:

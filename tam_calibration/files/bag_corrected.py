@@ -9,9 +9,9 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 
 from tam_calibration.correction.calibration import Corrected
-from tam_calibration.files.bag import open_bag, raw_blocks, storage_of
-from tam_calibration.files.bag_block_writing import BlockWriter
-from tam_calibration.files.bag_writing import TYPESTORE, header, write_bag
+from tam_calibration.files.bag import open_bag, raw_blocks
+from tam_calibration.files.bag_storages import DEFAULT, storage_of
+from tam_calibration.files.bag_writing import TYPESTORE, BlockWriter, header, write_bag
 from tam_calibration.messages.cdr import IntArray, RawMessages, fill, interleave, read_stamped_doubles
 from tam_calibration.messages.point_cloud import (
     FIELD_GRADIENT_COLUMNS,
@@ -60,7 +60,7 @@ def write_bag_corrected(
         When the source cannot be read or the bag cannot be written.
     """
     results = _Results(iter(pieces))
-    with write_bag(path, "sqlite3" if source is None else storage_of(source)) as writer:
+    with write_bag(path, DEFAULT if source is None else storage_of(source)) as writer:
         if source is None:
             topics = _Topics(writer, "/", results.first)
             for stamps_ns, outputs in results.rest():

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from tam_calibration.files.bag_block_writing import BlockWriter
+from tam_calibration.files.bag_storages import DEFAULT, STORAGES, storage_alone
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.messages.cdr import ByteArray, RawMessages, fill, interleave
 from tam_calibration.messages.point_cloud import FRAME_ID
@@ -21,15 +21,39 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
-STORAGES = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
-
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
 _TYPES = TYPESTORE.types
 
 
+class BlockWriter(Writer):
+    """The writer of rosbags that takes many messages at once beside single ones."""
+
+    def __init__(self, path: Path, storage: str) -> None:
+        plugin: Any = STORAGES[storage]  # rosbags takes its name for metadata.yaml
+        super().__init__(path, version=9, storage_plugin=plugin)
+        self.STORAGE_PLUGINS = {plugin: plugin.load().WRITER}
+
+    def write_block(self, messages: RawMessages) -> None:
+        """Write messages, each of the connection of that id, in their order.
+
+        Parameters
+        ----------
+        messages : RawMessages
+            Their connections are ids of this writer's.
+        """
+        if not len(messages):
+            return
+        storage: Any = self.storage
+        storage.write_block(messages)
+        for number, count in zip(*np.unique(messages.connection, return_counts=True), strict=True):
+            self.counts[int(number)] += int(count)
+        self.min_timestamp = min(int(messages.recorded_ns.min()), self.min_timestamp)
+        self.max_timestamp = max(int(messages.recorded_ns.max()), self.max_timestamp)
+
+
 @contextmanager
 def write_bag(path: Path, storage: str) -> Iterator[BlockWriter]:
-    """Give a writer of a bag that appears whole: a folder, or a single file for the suffix .mcap.
+    """Give a writer of a bag that appears whole: a folder, or a single file where its storage stands alone.
 
     Raises
     ------
@@ -37,18 +61,18 @@ def write_bag(path: Path, storage: str) -> Iterator[BlockWriter]:
         When the bag cannot be written.
     """
     with write_whole(path) as beside:
-        is_single = path.suffix == ".mcap"
-        folder = beside.with_name("bag") if is_single else beside
+        alone = storage_alone(path)
+        folder = beside.with_name("bag") if alone else beside
         try:
-            with BlockWriter(folder, version=9, storage_plugin=STORAGES["mcap" if is_single else storage]) as writer:
+            with BlockWriter(folder, alone.name if alone else storage) as writer:
                 yield writer
         except sqlite3.Error as problem:
             raise InputError(f"{path} cannot be written: {problem}") from problem
-        if is_single:
-            next(folder.glob("*.mcap")).rename(beside)
+        if alone:
+            next(folder.glob(f"*{alone.suffix}")).rename(beside)
 
 
-def write_bag_recording(path: Path, recording: Recording, storage: str = "sqlite3") -> None:
+def write_bag_recording(path: Path, recording: Recording, storage: str = DEFAULT) -> None:
     """Write a recording as the topics that sensors publish, the scalar as a stamped field of that intensity.
 
     Raises

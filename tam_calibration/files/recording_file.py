@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.correction.calibration import Calibration, Corrected, Provenance
+from tam_calibration.files.bag_storages import DEFAULT, STORAGES
 from tam_calibration.files.csv_files import (
     read_csv_pieces,
     read_csv_recording,
@@ -47,8 +48,8 @@ def _data_files(path: Path) -> list[Path]:
     return [path / Path(name).name for name in metadata["rosbag2_bagfile_information"]["relative_file_paths"]]
 
 
-_BAG_BEGINNINGS = (b"\x89MCAP0\r\n", b"SQLite format 3\0")
-_BAG_SUFFIXES = (".mcap", ".db3")
+_BAG_BEGINNINGS = tuple(storage.beginning for storage in STORAGES.values())
+_BAG_SUFFIXES = tuple(storage.suffix for storage in STORAGES.values())
 
 _LARGE_BYTES = 1 << 26
 
@@ -167,7 +168,7 @@ def read_stream(
     return RecordingStream(samples.recording for samples in read_pieces(path, sensor_count, tolerance_s, progress))
 
 
-def write_recording(path: Path, recording: Recording, storage: str = "sqlite3") -> None:
+def write_recording(path: Path, recording: Recording, storage: str = DEFAULT) -> None:
     """Write a recording: CSV for the suffix .csv, a single mcap file for .mcap, else a bag's folder.
 
     Parameters
@@ -177,7 +178,7 @@ def write_recording(path: Path, recording: Recording, storage: str = "sqlite3") 
     recording : Recording
         The samples.
     storage : str
-        What a bag's folder holds: ``sqlite3`` or ``mcap``.
+        What a bag's folder holds: a name in ``bag_storages.STORAGES``.
 
     Raises
     ------

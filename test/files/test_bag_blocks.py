@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import yaml
 from numpy.testing import assert_array_equal, assert_array_max_ulp
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader
 from rosbags.typesys import Stores, get_typestore
 from zstandard import ZstdCompressor
 
-from tam_calibration.files import bag, bag_block_writing, bag_blocks, bag_sqlite3, read_pieces, read_samples
+from tam_calibration.files import bag, bag_blocks, bag_mcap, bag_sqlite3, bag_storages, read_pieces, read_samples
 from tam_calibration.files.bag import PATIENCE_NS, open_bag, raw_blocks, raw_messages
-from tam_calibration.files.bag_block_writing import BlockWriter
+from tam_calibration.files.bag_writing import BlockWriter
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.synchroniser import Synchroniser
 from tam_calibration.messages.topics import find_topics
@@ -29,20 +29,20 @@ START_NS = 1_700_000_000_123_456_789
 PERIOD_NS = 10_000_000
 
 STORAGES = [
-    (StoragePlugin.SQLITE3, CompressionMode.NONE),
-    (StoragePlugin.SQLITE3, CompressionMode.FILE),
-    (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
-    (StoragePlugin.MCAP, CompressionMode.NONE),
-    (StoragePlugin.MCAP, CompressionMode.FILE),
-    (StoragePlugin.MCAP, CompressionMode.MESSAGE),
-    (StoragePlugin.MCAP, CompressionMode.STORAGE),
+    ("sqlite3", CompressionMode.NONE),
+    ("sqlite3", CompressionMode.FILE),
+    ("sqlite3", CompressionMode.MESSAGE),
+    ("mcap", CompressionMode.NONE),
+    ("mcap", CompressionMode.FILE),
+    ("mcap", CompressionMode.MESSAGE),
+    ("mcap", CompressionMode.STORAGE),
 ]
 
 
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch):
     """Cut blocks, chunks and batches so small that a bag of some hundred samples has many of each."""
-    monkeypatch.setattr(bag_block_writing, "CHUNK_BYTES", 4_000)
+    monkeypatch.setattr(bag_mcap, "CHUNK_BYTES", 4_000)
     monkeypatch.setattr(bag_sqlite3, "ROWS", 57)
     monkeypatch.setattr(bag_blocks, "COUNT", 57)
     monkeypatch.setattr(bag, "BATCH", 400)
@@ -105,9 +105,9 @@ def rough_messages(count=300, seed=3):
     return messages
 
 
-def write(path, messages, storage=StoragePlugin.SQLITE3, compression=CompressionMode.NONE, as_block=False):
+def write(path, messages, storage="sqlite3", compression=CompressionMode.NONE, as_block=False):
     """Write a bag, message by message or as one block."""
-    writer = BlockWriter(path, version=9, storage_plugin=storage)
+    writer = BlockWriter(path, storage)
     writer.set_compression(compression, CompressionFormat.ZSTD)
     with writer:
         kinds = dict.fromkeys((topic, msgtype) for topic, msgtype, _, _ in messages)
@@ -194,7 +194,7 @@ def check_equal(samples, plain):
     ("storage", "compression", "as_block"),
     [
         *((storage, compression, False) for storage, compression in STORAGES),
-        *((storage, CompressionMode.NONE, True) for storage in StoragePlugin),
+        *((storage, CompressionMode.NONE, True) for storage in bag_storages.STORAGES),
     ],
 )
 def test_a_bag_reads_as_message_by_message(tmp_path, caplog, storage, compression, as_block):
@@ -205,7 +205,7 @@ def test_a_bag_reads_as_message_by_message(tmp_path, caplog, storage, compressio
     assert plain[2] in caplog.text and "missing" in plain[2] and "out of order" in plain[2]
 
 
-@pytest.mark.parametrize("storage", StoragePlugin)
+@pytest.mark.parametrize("storage", bag_storages.STORAGES)
 def test_a_split_bag_reads_as_message_by_message(tmp_path, storage):
     """The files of a bag follow each other; samples go across."""
     path = split(tmp_path / "bag", sorted(rough_messages(), key=lambda one: one[2]), storage)
@@ -214,7 +214,7 @@ def test_a_split_bag_reads_as_message_by_message(tmp_path, storage):
     check_equal(read_samples(path), plain)
 
 
-@pytest.mark.parametrize("storage", StoragePlugin)
+@pytest.mark.parametrize("storage", bag_storages.STORAGES)
 @pytest.mark.parametrize("recorded", ["as it came", "all at once"])
 def test_blocks_hold_the_messages_in_the_order_of_the_bag(tmp_path, storage, recorded):
     """Also where chunks overlap in time, where a topic is left out, and where sizes differ from message to message."""
@@ -225,12 +225,12 @@ def test_blocks_hold_the_messages_in_the_order_of_the_bag(tmp_path, storage, rec
             (wanted.index(connection), time, bytes(data)) for connection, time, data in raw_messages(reader, wanted)
         ]
         blocks = list(raw_blocks(reader, wanted))
-    assert len(blocks) > (5 if recorded == "as it came" or storage == StoragePlugin.MCAP else 0)
+    assert len(blocks) > (5 if recorded == "as it came" or storage == "mcap" else 0)
     rows = [zip(b.connection.tolist(), b.recorded_ns.tolist(), b.messages(), strict=True) for b in blocks]
     assert list(chain.from_iterable(rows)) == single
 
 
-@pytest.mark.parametrize("storage", StoragePlugin)
+@pytest.mark.parametrize("storage", bag_storages.STORAGES)
 def test_pieces_make_up_the_whole(tmp_path, storage):
     """The pieces follow each other without a sample lost or doubled; a piece without a channel lacks it alone."""
     path = write(tmp_path / "bag", rough_messages(), storage, as_block=True)
@@ -242,7 +242,7 @@ def test_pieces_make_up_the_whole(tmp_path, storage):
         assert_array_equal(again, getattr(whole.recording, name))
 
 
-@pytest.mark.parametrize("storage", StoragePlugin)
+@pytest.mark.parametrize("storage", bag_storages.STORAGES)
 def test_a_block_is_written_as_single_messages_are(tmp_path, storage):
     """Contents, counts and times that readers of the bag see are the same."""
     messages = sorted(rough_messages(), key=lambda one: one[2])
@@ -259,7 +259,7 @@ def test_a_block_is_written_as_single_messages_are(tmp_path, storage):
 
 def test_an_index_that_does_not_fit_is_refused(tmp_path):
     """An index of messages that points elsewhere is damage, not data."""
-    path = write(tmp_path / "bag", rough_messages(), StoragePlugin.MCAP, as_block=True)
+    path = write(tmp_path / "bag", rough_messages(), "mcap", as_block=True)
     data = path / "bag.mcap"
     with Reader(path) as reader:
         chunk = reader.storage.storages[0].chunks[3]
@@ -273,9 +273,9 @@ def test_an_index_that_does_not_fit_is_refused(tmp_path):
 
 def test_an_mcap_file_without_index_reads_alike(tmp_path, monkeypatch):
     """Where chunks have no index the messages come one by one."""
-    path = write(tmp_path / "bag", sorted(rough_messages(), key=lambda one: one[2]), StoragePlugin.MCAP)
+    path = write(tmp_path / "bag", sorted(rough_messages(), key=lambda one: one[2]), "mcap")
     plain = read_plainly(path)
-    monkeypatch.setattr(bag_blocks, "read_chunks", None)
+    monkeypatch.setattr(bag_mcap, "_chunks", None)
     monkeypatch.setattr("rosbags.rosbag2.storage_mcap.McapReader.read_index", lambda reader: None)
     check_equal(read_samples(path), plain)
 
@@ -293,13 +293,13 @@ def test_compressed_messages_need_not_tell_their_size(tmp_path, monkeypatch):
     """A frame of zstd may leave out how long its content is."""
     compressor = ZstdCompressor(write_content_size=False)
     monkeypatch.setattr("rosbags.rosbag2.writer.zstd.compress", compressor.compress)
-    path = write(tmp_path / "bag", rough_messages(), StoragePlugin.SQLITE3, CompressionMode.MESSAGE)
+    path = write(tmp_path / "bag", rough_messages(), "sqlite3", CompressionMode.MESSAGE)
     check_equal(read_samples(path), read_plainly(path))
 
 
 def test_a_damaged_compressed_message_is_refused(tmp_path):
     """A message that cannot be unpacked is damage."""
-    path = write(tmp_path / "bag", rough_messages(), StoragePlugin.SQLITE3, CompressionMode.MESSAGE)
+    path = write(tmp_path / "bag", rough_messages(), "sqlite3", CompressionMode.MESSAGE)
     with closing(sqlite3.connect(path / "bag.db3")) as database, database:
         database.execute("UPDATE messages SET data = substr(data, 1, 40) WHERE id = 99")
     with pytest.raises(InputError, match="is damaged or truncated: "):
