@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
+from tam_calibration.core.least_squares import iterate, scaled
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.likelihood import UNIFORM, Linearization
 from tam_calibration.model.exceptions import InputError, Refused
@@ -52,33 +53,42 @@ def gauss_newton(
     """
     rows = 12 * len(point.matrix)
     free = np.append(free_rows(len(point.matrix)), np.ones(len(point.gradient), dtype=bool))
-    previous = np.inf
-    for _ in range(_MOST_STEPS):
-        here = linearize(point)
+
+    def step_from(state: _State) -> tuple[_State, bool]:
+        here, before = linearize(state.point), state.point
         step = np.zeros(free.size)
         step[free] = _solve(here.information[np.ix_(free, free)], here.gradient[free])
         # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.
         decrement = float(step @ here.gradient)
         update = step[:rows].reshape(-1, 3, 4)
-        point = Point(point.matrix + update[..., :3], point.bias + update[..., 3], point.gradient + step[rows:])
+        moved = Point(before.matrix + update[..., :3], before.bias + update[..., 3], before.gradient + step[rows:])
         # Newton's steps fall quadratically until rounding stops them, those with new weights by a constant factor.
-        is_rounding = not robust and decrement < 1e-2 and decrement > previous / 4
-        if is_rounding or decrement < (1e-5 if robust else 1e-6):
-            return point, here.information
-        previous = decrement
-    raise Refused(
-        f"the fit did not settle in {_MOST_STEPS} steps: the readings do not fit one calibration, "
-        "look for a change of field or sensor during the recording"
-    )
+        is_rounding = not robust and decrement < 1e-2 and decrement > state.decrement / 4
+        return _State(moved, here.information, decrement), is_rounding or decrement < (1e-5 if robust else 1e-6)
+
+    end, is_settled = iterate(step_from, _State(point, np.empty(0), np.inf), _MOST_STEPS)
+    if not is_settled:
+        raise Refused(
+            f"the fit did not settle in {_MOST_STEPS} steps: the readings do not fit one calibration, "
+            "look for a change of field or sensor during the recording"
+        )
+    return end.point, end.information
+
+
+class _State(NamedTuple):
+    """A point, the information a step before it, and the decrement of that step."""
+
+    point: Point
+    information: FloatArray
+    decrement: float
 
 
 def _solve(information: FloatArray, gradient: FloatArray) -> FloatArray:
-    diagonal = np.diag(information)
-    if not (diagonal > 0).all():
+    unit, scale = scaled(information)
+    if not (np.diag(information) > 0).all():
         raise InputError(ellipsoid.NO_ELLIPSOID)
-    scale = 1 / np.sqrt(diagonal)
     try:
-        step: FloatArray = scale * np.linalg.solve(information * np.outer(scale, scale), scale * gradient)
+        step: FloatArray = np.linalg.solve(unit, gradient / scale) / scale
     except LinAlgError:
         raise InputError(ellipsoid.NO_ELLIPSOID) from None
     return step

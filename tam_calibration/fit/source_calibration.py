@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.core.least_squares import iterate
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -171,14 +172,20 @@ def calibrate_by_source(
     readings, noise = _check(amplitudes_T, noise_T, poses, array)
     model, allowed = SourceReadings(source, poses, errors, array), _allowed(array)
     point = _Point(1.0, np.eye(3), np.zeros((array.sensor_count, 3, 3)))
-    for taken in range(_STEPS):
-        linear = _linearize(model, point, readings, noise, allowed)
+
+    def step_from(state: tuple[_Point, _Linearization | None]) -> tuple[tuple[_Point, _Linearization | None], bool]:
+        here, before = state
+        linear = _linearize(model, here, readings, noise, allowed)
         if not linear.is_determined:
-            raise Refused(_OTHER_SOURCE if taken else _UNDETERMINED)
-        point = point.moved(allowed @ linear.step)
-        if norm(linear.design @ linear.step) < _SMALLEST_STEP * norm(readings / noise):
-            return _result(point, linear, allowed)
-    raise Refused(_OTHER_SOURCE)
+            raise Refused(_UNDETERMINED if before is None else _OTHER_SOURCE)
+        is_last = norm(linear.design @ linear.step) < _SMALLEST_STEP * norm(readings / noise)
+        return (here.moved(allowed @ linear.step), linear), bool(is_last)
+
+    start: tuple[_Point, _Linearization | None] = (point, None)
+    (end, linear), is_settled = iterate(step_from, start, _STEPS)
+    if linear is None or not is_settled:
+        raise Refused(_OTHER_SOURCE)
+    return _result(end, linear, allowed)
 
 
 class _Point(NamedTuple):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 from numpy.typing import NDArray
 
+from tam_calibration.core.least_squares import iterate
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.effects.bias_jump import moved_sphere
 from tam_calibration.effects.effect import Finding, LinearEffect
@@ -373,17 +374,10 @@ class Model:
 
     def settled(self) -> "Model":
         """Return the model with calibration and effects fitted together, by Gauss-Newton steps that do not climb."""
-        model, base = self, self.base()
-        for _ in range(_MOST_STEPS):
-            if base.fall < _SETTLED * max(1.0, base.energy / base.channels.count):
-                break
-            moved = model._downhill(base)
-            if moved is None:
-                break
-            model, base = moved
+        (model, _), _ = iterate(_downhill, (self, self.base()), _MOST_STEPS)
         return model
 
-    def _downhill(self, base: Base) -> tuple["Model", Base] | None:
+    def _lower(self, base: Base) -> tuple["Model", Base] | None:
         """Return the model after a step, shortened until it does not climb, with its base; None where none helps."""
         for length in _STEP_LENGTHS:
             try:
@@ -462,3 +456,12 @@ def _mostly(jump: FittedEffect) -> FittedEffect:
     largest = max(abs(value) for one in jump.contributions for value in one.values.values())
     moved = (one for one in jump.contributions if max(map(abs, one.values.values())) > NEGLIGIBLE * largest)
     return replace(jump, contributions=tuple(moved))
+
+
+def _downhill(state: tuple[Model, Base]) -> tuple[tuple[Model, Base], bool]:
+    """Take a step from a model and its base, and say whether there is no further one."""
+    model, base = state
+    if base.fall < _SETTLED * max(1.0, base.energy / base.channels.count):
+        return state, True
+    moved = model._lower(base)
+    return (state, True) if moved is None else (moved, False)

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from tam_calibration.localization.euler import locate
-from tam_calibration.localization.least_squares import Problem, solve
+from tam_calibration.localization.problem import Problem, solve
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError

@@ -85,7 +85,7 @@ def test_settling_never_climbs(monkeypatch, drifting, fitted, start_T):
     """From coefficients far off, each step that is taken lowers the energy or keeps it."""
     far = replace(fitted, parts=(replace(fitted.parts[0], values=np.array([start_T])),))
     energies = [far.base().channels.energy]
-    downhill = Model._downhill
+    downhill = Model._lower
 
     def recorded(model, base):
         moved = downhill(model, base)
@@ -93,7 +93,7 @@ def test_settling_never_climbs(monkeypatch, drifting, fitted, start_T):
             energies.append(moved[1].channels.energy)
         return moved
 
-    monkeypatch.setattr(Model, "_downhill", recorded)
+    monkeypatch.setattr(Model, "_lower", recorded)
     far.settled()
     assert (np.diff(energies) <= 0).all() and len(energies) > 1
 

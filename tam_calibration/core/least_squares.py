@@ -1,0 +1,155 @@
+"""Nonlinear least squares: the iteration that all fits share, and damped steps for many small problems side by side."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from tam_calibration.model.units import FloatArray
+
+State = TypeVar("State")
+
+_MOST_STEPS = 60
+_FIRST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e12
+_EASED, _RAISED = 0.03, 10.0
+"""By what the damping is multiplied after a step that lowers χ², and after one that does not."""
+
+_ROUNDING = 1e-13
+"""Part of the squares of the data by which rounding may raise χ²."""
+
+_LARGEST_CONDITION = 1e12
+"""Of scaled normal equations that determine every unknown."""
+
+
+def iterate(step: Callable[[State], tuple[State, bool]], state: State, most_steps: int) -> tuple[State, bool]:
+    """Take steps until one is the last.
+
+    Parameters
+    ----------
+    step : callable
+        From a state to the next one, and whether that is settled.
+    state : State
+        Where to begin.
+    most_steps : int
+        After so many it is given up.
+
+    Returns
+    -------
+    State, bool
+        Where the iteration ended, and whether it settled there.
+    """
+    for _ in range(most_steps):
+        state, is_settled = step(state)
+        if is_settled:
+            return state, True
+    return state, False
+
+
+def scaled(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return normal matrices (..., P, P) with a diagonal of ones, and the roots (..., P) of what it was.
+
+    Where the diagonal is not positive it stays as it is.
+    """
+    diagonal = np.diagonal(normal, axis1=-2, axis2=-1)
+    scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    return normal / scale[..., :, None] / scale[..., None, :], scale
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The least-squares solutions of M problems.
+
+    Parameters
+    ----------
+    unknowns : (M, P) array
+        What is sought.
+    covariance : (M, P, P) array
+        For data of unit noise.
+    chi_square : (M,) array
+        Sum of the squared residuals.
+    is_found : (M,) array of bool
+        Whether the steps converged and the data determine every unknown.
+    """
+
+    unknowns: FloatArray
+    covariance: FloatArray
+    chi_square: FloatArray
+    is_found: np.ndarray
+
+
+def solve_damped(
+    predict: Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]],
+    data: FloatArray,
+    start: FloatArray,
+    is_small: Callable[[FloatArray, FloatArray], np.ndarray],
+) -> Solution:
+    """Return the solutions of M problems by steps of Levenberg and Marquardt; none depends on its neighbours.
+
+    Parameters
+    ----------
+    predict : callable
+        From unknowns (m, P) of the problems at an index (m,) to their data (m, D) and these' derivatives (m, D, P).
+    data : (M, D) array
+        Whitened.
+    start : (M, P) array
+        Where to begin.
+    is_small : callable
+        From unknowns (m, P) and the steps (m, P) to them to which (m,) of these are the last.
+    """
+    unknowns = np.array(start, dtype=float)
+    damping = np.full(len(data), _FIRST_DAMPING)
+    is_open, is_found = np.full(len(data), True), np.full(len(data), False)
+    chi_square, normal, slope = _linearize(predict, data, unknowns, np.arange(len(data)))
+    rounding = _ROUNDING * np.sum(data**2, axis=1)
+
+    def step(is_open: np.ndarray) -> tuple[np.ndarray, bool]:
+        at = np.flatnonzero(is_open)
+        change = _damped_step(normal[at], slope[at], damping[at])
+        tried = unknowns[at] + change
+        new_chi_square, new_normal, new_slope = _linearize(predict, data[at], tried, at)
+        is_better = new_chi_square <= chi_square[at] + rounding[at]
+        better = at[is_better]
+        unknowns[better], chi_square[better] = tried[is_better], new_chi_square[is_better]
+        normal[better], slope[better] = new_normal[is_better], new_slope[is_better]
+        damping[at] *= np.where(is_better, _EASED, _RAISED)
+        is_last = is_small(unknowns[at], change)
+        is_found[at[is_last]] = True
+        is_open[at[is_last | (damping[at] > _LARGEST_DAMPING)]] = False
+        return is_open, not is_open.any()
+
+    if len(data):
+        iterate(step, is_open, _MOST_STEPS)
+    covariance, is_determined = _invert(normal)
+    return Solution(unknowns, covariance, chi_square, is_found & is_determined & np.isfinite(unknowns).all(axis=1))
+
+
+def _linearize(
+    predict: Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]],
+    data: FloatArray,
+    unknowns: FloatArray,
+    at: np.ndarray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return χ² (M,), infinite where it is not finite, normal matrix (M, P, P) and right-hand side (M, P)."""
+    predicted, derivative = predict(unknowns, at)
+    residual = data - predicted
+    turned = np.swapaxes(derivative, 1, 2)
+    chi_square = np.sum(residual**2, axis=1)
+    finite = np.where(np.isfinite(chi_square), chi_square, np.inf)
+    return finite, turned @ derivative, (turned @ residual[..., None])[..., 0]
+
+
+def _damped_step(normal: FloatArray, slope: FloatArray, damping: FloatArray) -> FloatArray:
+    unit, scale = scaled(normal)
+    damped = unit + damping[:, None, None] * np.eye(normal.shape[1])
+    step: FloatArray = np.linalg.solve(damped, (slope / scale)[..., None])[..., 0] / scale
+    return step
+
+
+def _invert(normal: FloatArray) -> tuple[FloatArray, np.ndarray]:
+    """Return the inverses (M, P, P) and whether each exists; NaN where it does not."""
+    unit, scale = scaled(np.where(np.isfinite(normal), normal, 0.0))
+    values, vectors = np.linalg.eigh(unit)
+    exists = values[:, 0] > values[:, -1] / _LARGEST_CONDITION
+    inverse = vectors / np.where(exists[:, None], values, np.nan)[:, None, :] @ np.swapaxes(vectors, 1, 2)
+    return inverse / scale[:, :, None] / scale[:, None, :], exists

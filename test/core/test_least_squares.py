@@ -1,0 +1,87 @@
+"""One iteration for all fits, and damped steps whose solutions are those of scipy."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.optimize import least_squares
+
+from tam_calibration.core.least_squares import iterate, scaled, solve_damped
+
+TIMES = np.linspace(0, 2, 12)
+
+
+def decay(unknowns, _):
+    """Return amplitudes and rates (M, 2) as decays (M, 12), with derivatives."""
+    amplitude, rate = unknowns[:, :1], unknowns[:, 1:]
+    fall = np.exp(-rate * TIMES)
+    return amplitude * fall, np.stack([fall, -amplitude * TIMES * fall], axis=2)
+
+
+def is_small(unknowns, step):
+    """Return which steps change nothing that counts."""
+    return np.linalg.norm(step, axis=1) < 1e-11 * np.linalg.norm(unknowns, axis=1)
+
+
+def test_steps_are_taken_until_one_is_the_last():
+    """And the state after it is where the iteration ends."""
+    assert iterate(lambda state: (state // 2, state // 2 == 3), 100, 10) == (3, True)
+
+
+def test_what_does_not_settle_is_told():
+    """With the state after the last step that was allowed."""
+    assert iterate(lambda state: (state + 1, False), 0, 7) == (7, False)
+
+
+@given(st.integers(0, 10**6))
+def test_solutions_are_those_of_scipy(seed):
+    """Of many problems side by side, with χ² and covariance."""
+    rng = np.random.default_rng(seed)
+    truth = np.column_stack([rng.uniform(1, 5, 6), rng.uniform(0.2, 2, 6)])
+    data = decay(truth, None)[0] + 0.05 * rng.normal(size=(6, 12))
+    found = solve_damped(decay, data, truth * rng.uniform(0.7, 1.3, truth.shape), is_small)
+    assert found.is_found.all()
+    for values, own, start, unknowns, chi_square in zip(
+        data, found.covariance, truth, found.unknowns, found.chi_square, strict=True
+    ):
+        expected = least_squares(lambda x, y=values: decay(x[None], None)[0][0] - y, start, xtol=1e-12, ftol=1e-12)
+        assert_allclose(unknowns, expected.x, rtol=1e-5)
+        assert chi_square == pytest.approx(2 * expected.cost, rel=1e-8)
+        assert_allclose(own, np.linalg.inv(expected.jac.T @ expected.jac), rtol=1e-3)
+
+
+def test_a_problem_does_not_depend_on_its_neighbours():
+    """Alone it takes the same steps, to the last bit."""
+    rng = np.random.default_rng(4)
+    data = decay(np.array([[3.0, 1.0], [1.0, 0.3], [2.0, 2.0]]), None)[0] + 0.1 * rng.normal(size=(3, 12))
+    start = np.ones((3, 2))
+    together = solve_damped(decay, data, start, is_small)
+    for number in range(3):
+        alone = solve_damped(decay, data[[number]], start[[number]], is_small)
+        assert_allclose(alone.unknowns[0], together.unknowns[number], rtol=1e-13)
+
+
+def test_unknowns_that_the_data_do_not_tell_are_not_found():
+    """Two that act alike have no covariance."""
+
+    def alike(unknowns, _):
+        return unknowns.sum(axis=1, keepdims=True) * TIMES, np.repeat(TIMES[None, :, None], 2, axis=2)
+
+    found = solve_damped(alike, 3 * TIMES[None], np.ones((1, 2)), is_small)
+    assert not found.is_found[0] and np.isnan(found.covariance).all()
+
+
+def test_no_problem_has_no_solution():
+    """Nothing is asked, nothing is answered."""
+    found = solve_damped(decay, np.zeros((0, 12)), np.zeros((0, 2)), is_small)
+    assert found.unknowns.shape == (0, 2) and found.is_found.shape == (0,)
+
+
+def test_scaled_matrices_have_a_diagonal_of_ones():
+    """And the matrix comes back with the scales; a diagonal that is not positive is left."""
+    matrix = np.array([[4.0, 2.0], [2.0, 9.0]])
+    unit, scale = scaled(matrix)
+    assert_allclose(np.diag(unit), 1)
+    assert_allclose(unit * np.outer(scale, scale), matrix)
+    assert_allclose(scaled(np.array([[0.0, 0.0], [0.0, 4.0]]))[1], [1, 2])
