@@ -40,10 +40,10 @@ from tam_calibration.gap import diagnose
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.validation.blind.case import make_case
+from tam_calibration.validation.blind.case_plan import CasePlan
 from tam_calibration.validation.blind.figures import is_mixture_told
 from tam_calibration.validation.blind.folder import write_case
 from tam_calibration.validation.blind.outcome import Outcome
-from tam_calibration.validation.blind.plan import CasePlan
 
 RESULTS = Path(__file__).parent / "results" / "gap_constants.csv"
 PAGE = Path(__file__).parents[1] / "docs" / "gap_constants.md"

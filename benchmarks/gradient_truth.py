@@ -30,7 +30,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import METHODS
-from tam_calibration.fit.attitude import into_array_frame
+from tam_calibration.fit.recorded_attitude import into_array_frame
 from tam_calibration.model.array import OUTPUT_NAMES, Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording

@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.table import Table
 
 from tam_calibration.cli.terminal import PATH, showing_progress, stdout, tolerance_option
-from tam_calibration.fleet.parameters import all_drifts
-from tam_calibration.fleet.result import Result
+from tam_calibration.fleet.missions import all_drifts
 from tam_calibration.fleet.rows import COUNTS_HEADER, DRIFT_HEADER, count_rows, drift_row, largest, open_points
+from tam_calibration.fleet.task_result import Result
 from tam_calibration.model.exceptions import InputError
 
 

@@ -17,7 +17,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.validation.blind import EFFECTS, KINDS
 
 if TYPE_CHECKING:
-    from tam_calibration.validation.blind.plan import CasePlan
+    from tam_calibration.validation.blind.case_plan import CasePlan
 
 
 @click.command()
@@ -96,8 +96,8 @@ command.add_command(inject)
 @jobs_option
 def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], outside: str, jobs: int) -> None:
     """Make recordings in OUT, with their sealed keys in keys.json and what commits to those in commitments.json."""
+    from tam_calibration.validation.blind.case_plan import plan_cases
     from tam_calibration.validation.blind.folder import COMMITMENTS, KEYS, case_name, seal, write_json
-    from tam_calibration.validation.blind.plan import plan_cases
 
     if folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder} is not empty: name a new folder, so that no case is mixed with an older one")
@@ -194,7 +194,7 @@ def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: 
     from tam_calibration.files.text_files import to_json
     from tam_calibration.validation.blind.folder import TIMES, read_json, read_keys, read_outcomes
     from tam_calibration.validation.blind.score import Score
-    from tam_calibration.validation.blind.table import print_score, score_to_mapping
+    from tam_calibration.validation.blind.score_table import print_score, score_to_mapping
 
     keys = read_keys(folder, keys_path)
     result = Score(read_outcomes(folder, keys, "answer.json"), read_outcomes(folder, keys, "answer_without.json"))
@@ -205,7 +205,7 @@ def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: 
         if "json" in beside:
             beside["json"].write_text(to_json(score_to_mapping(result, times)) + "\n", encoding="utf-8")
         if "report" in beside:
-            from tam_calibration.validation.blind.page import write_score_page
+            from tam_calibration.validation.blind.score_page import write_score_page
 
             write_score_page(beside["report"], result, folder.name)
     if failures:

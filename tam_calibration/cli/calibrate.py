@@ -24,9 +24,9 @@ from tam_calibration.files import (
 from tam_calibration.files.recording_file import is_large, read_stream
 from tam_calibration.files.text_files import to_json
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
-from tam_calibration.fit.attitude import as_if_uniform
 from tam_calibration.fit.coverage import Coverage
 from tam_calibration.fit.identifiability import Weakness
+from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS, Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at

@@ -15,7 +15,7 @@ from tam_calibration.files import read_array, read_calibration, read_samples
 from tam_calibration.files.text_files import to_json
 from tam_calibration.fit.coverage import ENOUGH_STANDARD_ERROR, describe
 from tam_calibration.fit.plan import Plan, Reach, make_plan, reach_of_turntable, reach_of_vehicle
-from tam_calibration.fit.start import PlanStart, start_from_calibration, start_from_nothing, start_from_recording
+from tam_calibration.fit.plan_start import PlanStart, start_from_calibration, start_from_nothing, start_from_recording
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at

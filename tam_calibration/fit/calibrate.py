@@ -8,13 +8,13 @@ import numpy as np
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.artificial_vector import artificial_vector
-from tam_calibration.fit.attitude import as_if_uniform
 from tam_calibration.fit.consistency import find_warnings, require_one_calibration, require_one_sphere
 from tam_calibration.fit.fast_rotation import fast_rotation
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_accurate, require_determined
 from tam_calibration.fit.integrated import integrated
 from tam_calibration.fit.lossless import lossless
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.simplified_linear import simplified_linear
 from tam_calibration.fit.two_step_linear import two_step_linear
 from tam_calibration.model.array import Array

@@ -6,8 +6,8 @@ from numpy.linalg import inv
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.alignment import field_products, procrustes
+from tam_calibration.fit.estimate import Estimate, make_calibration
 from tam_calibration.fit.moments import Moments, finish, gather
-from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.sandwich import sandwich
 from tam_calibration.fit.scale import free_scale
 from tam_calibration.model.array import Array

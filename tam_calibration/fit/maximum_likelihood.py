@@ -8,13 +8,18 @@ import numpy as np
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.ambient_gradient import require_attitude
-from tam_calibration.fit.attitude import gradient_of, marginal_information, require_gradient_determined, turning_of
 from tam_calibration.fit.closed_form import closed_form
+from tam_calibration.fit.estimate import Estimate, make_calibration
 from tam_calibration.fit.gauss_newton import Point, free_rows, gauss_newton
 from tam_calibration.fit.information import parameter_covariance
 from tam_calibration.fit.likelihood import Likelihood, Linearization, UniformLikelihood
+from tam_calibration.fit.recorded_attitude import (
+    gradient_of,
+    marginal_information,
+    require_gradient_determined,
+    turning_of,
+)
 from tam_calibration.fit.reference import LARGEST_SHARE, interpolate, is_worth_interpolating
-from tam_calibration.fit.result import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import Recording, SampleSource

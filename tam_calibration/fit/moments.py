@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tam_calibration.core.normal_equations import gram
 from tam_calibration.correction.calibration import FRAME_STATEMENT, Calibration
 from tam_calibration.fit import ellipsoid
-from tam_calibration.fit.result import Estimate, make_calibration
+from tam_calibration.fit.estimate import Estimate, make_calibration
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError

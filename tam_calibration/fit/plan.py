@@ -8,7 +8,7 @@ import numpy as np
 
 from tam_calibration.fit.identifiability import refuse_open
 from tam_calibration.fit.information import Information, InformationModel, SensitivityRows
-from tam_calibration.fit.start import PlanStart
+from tam_calibration.fit.plan_start import PlanStart
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray, from_degrees
 

@@ -8,9 +8,9 @@ from glob import glob, has_magic
 from pathlib import Path
 
 from tam_calibration.files.bag_storages import STORAGES
-from tam_calibration.fleet.result import Result, read_result
 from tam_calibration.fleet.summary import write_summaries
 from tam_calibration.fleet.task import Options, Task
+from tam_calibration.fleet.task_result import Result, read_result
 from tam_calibration.model.exceptions import InputError, Refused
 
 _SUFFIXES = (".csv", ".zstd", *(storage.suffix for storage in STORAGES.values()))

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tam_calibration.files.text_files import to_json, write_whole
-from tam_calibration.fleet.parameters import (
+from tam_calibration.fleet.missions import (
     GROUPS,
     Group,
     Missions,
@@ -22,7 +22,6 @@ from tam_calibration.fleet.parameters import (
     by_platform,
     missions_of,
 )
-from tam_calibration.fleet.result import Result
 from tam_calibration.fleet.rows import (
     COUNTS_HEADER,
     DRIFT_HEADER,
@@ -32,6 +31,7 @@ from tam_calibration.fleet.rows import (
     drift_row,
     open_points,
 )
+from tam_calibration.fleet.task_result import Result
 from tam_calibration.report.formatting import count, number
 from tam_calibration.report.page import Block, Gallery, Points, Section, Table, Text, embed, write_page
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, QUIET_COLOR, STYLE, WIDTH_INCH

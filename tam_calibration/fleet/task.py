@@ -27,7 +27,7 @@ from tam_calibration.files.recording_file import correct_file, is_bag, is_large,
 from tam_calibration.files.results_json import gap_to_mapping, write_gap
 from tam_calibration.files.text_files import to_json
 from tam_calibration.fit import calibrate
-from tam_calibration.fleet.result import Result, Seal, Status, read_result, state_of, write_result
+from tam_calibration.fleet.task_result import Result, Seal, Status, read_result, state_of, write_result
 from tam_calibration.gap import diagnose
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused

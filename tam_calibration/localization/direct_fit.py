@@ -8,7 +8,7 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Solution
 from tam_calibration.localization.euler import locate
-from tam_calibration.localization.problem import Kernel, Problem, solve
+from tam_calibration.localization.source_problem import Kernel, Problem, solve
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray

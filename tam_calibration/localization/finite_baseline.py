@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 
 from tam_calibration.localization.euler import locate
-from tam_calibration.localization.problem import Problem, solve
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
+from tam_calibration.localization.source_problem import Problem, solve
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray

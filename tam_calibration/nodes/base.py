@@ -19,7 +19,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.nodes.parameters import Rule
+from tam_calibration.nodes.node_parameters import Rule
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For what a late joiner must still get."""

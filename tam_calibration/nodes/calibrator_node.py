@@ -26,7 +26,7 @@ from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.calibration_figures import describe, figures
 from tam_calibration.nodes.cloud import CloudReader
-from tam_calibration.nodes.parameters import ARRAY_FILE, Rule, array_of
+from tam_calibration.nodes.node_parameters import ARRAY_FILE, Rule, array_of
 
 
 class SampleStore:

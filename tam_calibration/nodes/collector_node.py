@@ -22,7 +22,7 @@ from tam_calibration.messages.topics import CHANNEL_TOPICS, sensor_topic
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.base import ERROR, OK, RELIABLE_STREAM, STALE, STREAM, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import cloud_writer, make_cloud, to_stamp
-from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
+from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 
 SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
 SCALAR_TYPES = {"sensor_msgs/MagneticField": MagneticField, "std_msgs/Float64": Float64}

@@ -25,7 +25,7 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.calibration_figures import figures
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, Rows, cloud_writer, layout_of
-from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
+from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 
 RULES = (
     ARRAY_FILE,

@@ -25,7 +25,7 @@ from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.attitude_join import AttitudeJoin, Joined
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, cloud_writer, from_stamp, layout_of, to_stamp
-from tam_calibration.nodes.parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
+from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 
 FITTED, NONE = "fitted", "none"
 RULES = (

@@ -15,8 +15,8 @@ from click.testing import CliRunner
 from tam_calibration.cli.main import main
 from tam_calibration.files import write_array, write_calibration, write_recording
 from tam_calibration.fit import calibrate
-from tam_calibration.fleet.result import read_result
 from tam_calibration.fleet.task import process
+from tam_calibration.fleet.task_result import read_result
 
 KILLS = 10
 PATIENCE_S = 120

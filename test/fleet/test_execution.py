@@ -11,8 +11,8 @@ from dataclasses import replace
 import pytest
 
 from tam_calibration.fleet.execution import run_here, run_on_cluster
-from tam_calibration.fleet.result import read_result
 from tam_calibration.fleet.task import Task, process
+from tam_calibration.fleet.task_result import read_result
 from tam_calibration.model.exceptions import InputError
 
 NO_DASK = "Dask is not installed: pip install 'tam_calibration[fleet]'"

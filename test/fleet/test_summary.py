@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tam_calibration.fleet.parameters import GROUPS, Missions
+from tam_calibration.fleet.missions import GROUPS, Missions
 from tam_calibration.fleet.summary import plot_missions
 from tam_calibration.report.page import embed
 

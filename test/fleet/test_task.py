@@ -9,8 +9,8 @@ from click.testing import CliRunner
 from tam_calibration.cli.main import main
 from tam_calibration.files import read_calibration, read_recording, write_array, write_calibration, write_recording
 from tam_calibration.fit import calibrate
-from tam_calibration.fleet.result import read_result
 from tam_calibration.fleet.task import Task, process, read_options
+from tam_calibration.fleet.task_result import read_result
 from tam_calibration.model.exceptions import InputError, Refused
 
 

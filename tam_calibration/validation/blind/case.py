@@ -9,10 +9,10 @@ from numpy.random import Generator
 
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
+from tam_calibration.validation.blind.case_plan import CasePlan
 from tam_calibration.validation.blind.catalogue import CATALOGUE, CAUSES, CHANNELS
+from tam_calibration.validation.blind.continuous_motion import MOTIONS
 from tam_calibration.validation.blind.disturbance import ALL, Signal
-from tam_calibration.validation.blind.motion import MOTIONS
-from tam_calibration.validation.blind.plan import CasePlan
 from tam_calibration.validation.blind.scene import Scene, Wish, draw_scene
 from tam_calibration.validation.blind.visible import NominalModel, Scaled, scale_to
 

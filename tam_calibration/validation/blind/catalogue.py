@@ -2,7 +2,7 @@
 
 from tam_calibration.validation.blind.disorder import bias_jump, noise_excess, outliers, periodic_interference
 from tam_calibration.validation.blind.disturbance import MOVING, SEVERAL, Entry
-from tam_calibration.validation.blind.instruments import (
+from tam_calibration.validation.blind.instrument_faults import (
     crosstalk,
     gain_switching,
     interpolated_samples,

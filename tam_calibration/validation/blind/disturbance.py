@@ -8,7 +8,7 @@ import numpy as np
 from numpy.random import Generator
 
 from tam_calibration.model.units import FloatArray
-from tam_calibration.validation.blind.motion import MOTIONS
+from tam_calibration.validation.blind.continuous_motion import MOTIONS
 from tam_calibration.validation.blind.scene import Scene
 
 Signal = tuple[FloatArray, FloatArray]

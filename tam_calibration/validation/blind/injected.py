@@ -22,7 +22,7 @@ from tam_calibration.validation.blind.disturbance import (
     of_sensors,
     proportional,
 )
-from tam_calibration.validation.blind.instruments import nonlinearity, quantization, saturation, stale_samples
+from tam_calibration.validation.blind.instrument_faults import nonlinearity, quantization, saturation, stale_samples
 from tam_calibration.validation.blind.material import hysteresis
 from tam_calibration.validation.blind.recorded import RecordedScene, model_of, own_residual, scene_of
 from tam_calibration.validation.blind.scene import Scene

@@ -6,6 +6,7 @@ from numpy.random import Generator
 from scipy.signal import lfilter
 
 from tam_calibration.model.units import FloatArray
+from tam_calibration.validation.blind.continuous_motion import about
 from tam_calibration.validation.blind.disturbance import (
     ALL,
     Disturbance,
@@ -17,7 +18,6 @@ from tam_calibration.validation.blind.disturbance import (
     of_sensors,
     proportional,
 )
-from tam_calibration.validation.blind.motion import about
 from tam_calibration.validation.blind.scene import Scene
 
 FINE = 8000

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.random import Generator
 
 from tam_calibration.model.units import FloatArray
+from tam_calibration.validation.blind.continuous_motion import about
 from tam_calibration.validation.blind.disturbance import (
     MOVING,
     SWUNG,
@@ -18,7 +19,6 @@ from tam_calibration.validation.blind.disturbance import (
     numbers,
     outside,
 )
-from tam_calibration.validation.blind.motion import about
 from tam_calibration.validation.blind.outside_courses import (
     ageing_bias,
     burst_noise,

@@ -6,6 +6,7 @@ from numpy.random import Generator
 from scipy.signal import lfilter
 
 from tam_calibration.model.units import FloatArray
+from tam_calibration.validation.blind.continuous_motion import about
 from tam_calibration.validation.blind.disturbance import (
     SCALAR,
     Disturbance,
@@ -16,7 +17,6 @@ from tam_calibration.validation.blind.disturbance import (
     of_scalar,
     proportional,
 )
-from tam_calibration.validation.blind.motion import about
 from tam_calibration.validation.blind.scene import Scene
 
 _WHOLE = np.ones(3)

@@ -6,6 +6,7 @@ from numpy.random import Generator
 from scipy.signal import lfilter
 
 from tam_calibration.model.units import FloatArray, from_degrees
+from tam_calibration.validation.blind.continuous_motion import about
 from tam_calibration.validation.blind.disturbance import (
     Disturbance,
     draw_axes,
@@ -14,7 +15,6 @@ from tam_calibration.validation.blind.disturbance import (
     in_one_sensor,
     numbers,
 )
-from tam_calibration.validation.blind.motion import about
 from tam_calibration.validation.blind.processes import draw_wander
 from tam_calibration.validation.blind.scene import Scene
 

@@ -16,8 +16,8 @@ from scipy.stats import chi2
 
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
+from tam_calibration.validation.blind.continuous_motion import ContinuousMotion
 from tam_calibration.validation.blind.disturbance import Signal
-from tam_calibration.validation.blind.motion import ContinuousMotion
 from tam_calibration.validation.blind.processes import draw_load, draw_weather
 from tam_calibration.validation.blind.recorded_fit import Fit, fit_attitude, fit_ellipsoids
 from tam_calibration.validation.blind.scene import Scene

@@ -9,7 +9,7 @@ from numpy.linalg import norm
 from numpy.random import Generator
 
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
-from tam_calibration.validation.blind.motion import ContinuousMotion, about, draw_motion
+from tam_calibration.validation.blind.continuous_motion import ContinuousMotion, about, draw_motion
 from tam_calibration.validation.blind.processes import draw_load, draw_wander, draw_weather
 
 TimeFunction = Callable[[FloatArray], FloatArray]

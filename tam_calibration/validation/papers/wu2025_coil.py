@@ -13,7 +13,7 @@ from numpy.linalg import inv, norm
 
 from tam_calibration.fit.lossless import lossless
 from tam_calibration.localization.euler import locate
-from tam_calibration.localization.problem import Kernel
+from tam_calibration.localization.source_problem import Kernel
 from tam_calibration.model.array import Array
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tam_calibration.validation.blind.catalogue import CAUSES
-from tam_calibration.validation.blind.motion import MOTIONS
+from tam_calibration.validation.blind.continuous_motion import MOTIONS
 from tam_calibration.validation.blind.scene import Wish, draw_scene
 
 

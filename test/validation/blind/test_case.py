@@ -3,8 +3,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from tam_calibration.validation.blind.case import make_case
+from tam_calibration.validation.blind.case_plan import GAPS, CasePlan
 from tam_calibration.validation.blind.catalogue import CATALOGUE
-from tam_calibration.validation.blind.plan import GAPS, CasePlan
 
 
 def test_cases_follow_from_their_seed():

@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import solve_banded
 
-from tam_calibration.validation.blind import instruments, surroundings
+from tam_calibration.validation.blind import instrument_faults, surroundings
 from tam_calibration.validation.blind.catalogue import CATALOGUE
 from tam_calibration.validation.blind.material import _bouc_wen, _diffused, _low_pass, _preisach
 from tam_calibration.validation.blind.outside import OUTSIDE
@@ -38,7 +38,7 @@ def test_a_cause_disturbs_what_its_key_says(draw, name):
 def test_time_skew_is_the_waveform_of_another_time(draw):
     """A late sensor reads what was there before; the others what is there."""
     scene = draw(2)
-    cause = instruments.time_skew(np.random.default_rng(3), scene)
+    cause = instrument_faults.time_skew(np.random.default_rng(3), scene)
     vectors, _ = cause.change(0.4, (scene.readings_T, scene.intensity_T))
     sensor = cause.sensors[0] - 1
     then = scene.readings_at(scene.time_s - (0.4 if cause.parameters["late"] else -0.4))[:, sensor]
@@ -50,7 +50,7 @@ def test_time_skew_is_the_waveform_of_another_time(draw):
 def test_quantization_leaves_a_lattice(draw):
     """Readings of a coarse converter differ by whole steps."""
     scene = draw(2)
-    cause = instruments.quantization(np.random.default_rng(1), scene)
+    cause = instrument_faults.quantization(np.random.default_rng(1), scene)
     vectors, _ = cause.change(5e-8, (scene.readings_T, scene.intensity_T))
     sensor, axis = np.argwhere(np.ptp(vectors, axis=0) > 0)[0]
     steps = np.diff((scene.readings_T + vectors)[:, sensor, axis]) / 5e-8

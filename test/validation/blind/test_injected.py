@@ -5,8 +5,8 @@ from scipy.optimize import least_squares
 
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.validation.blind import EFFECTS
+from tam_calibration.validation.blind.continuous_motion import about
 from tam_calibration.validation.blind.injected import INJECTED, inject
-from tam_calibration.validation.blind.motion import about
 
 NOISE_T = 100e-9
 

@@ -7,12 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.validation.blind.case import make_case
+from tam_calibration.validation.blind.case_plan import CasePlan
+from tam_calibration.validation.blind.continuous_motion import ContinuousMotion
 from tam_calibration.validation.blind.disturbance import MOVING
-from tam_calibration.validation.blind.motion import ContinuousMotion
 from tam_calibration.validation.blind.outside import OUTSIDE
 from tam_calibration.validation.blind.outside_courses import _swung
 from tam_calibration.validation.blind.outside_platform import _behind
-from tam_calibration.validation.blind.plan import CasePlan
 
 
 @pytest.mark.parametrize("name", OUTSIDE)

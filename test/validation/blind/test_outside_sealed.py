@@ -5,13 +5,13 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.validation.blind.case import make_case
+from tam_calibration.validation.blind.case_plan import CasePlan
 from tam_calibration.validation.blind.catalogue import CATALOGUE
 from tam_calibration.validation.blind.disturbance import MOVING, SWUNG
 from tam_calibration.validation.blind.outside import OUTSIDE
 from tam_calibration.validation.blind.outside_sealed import SEALED
 from tam_calibration.validation.blind.outside_sealed_causes import _beaten, _detuned, _quanta
 from tam_calibration.validation.blind.outside_sealed_whole import _between_stops, _induced, _sea, _snapped, dipole
-from tam_calibration.validation.blind.plan import CasePlan
 
 NUMBERED = pytest.mark.parametrize("name", SEALED, ids=range(len(SEALED)))
 """Not by their names, which a report of the tests would tell."""

@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.coverage import field_of, measure_coverage
+from tam_calibration.fit.estimate import measure_chi_square, measure_quality
 from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
 from tam_calibration.fit.maximum_likelihood import estimate
-from tam_calibration.fit.result import measure_chi_square, measure_quality
 from tam_calibration.fit.scale import normalize
 from tam_calibration.model.residuals import residual_series
 

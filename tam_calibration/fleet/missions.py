@@ -7,7 +7,7 @@ from itertools import groupby
 
 import numpy as np
 
-from tam_calibration.fleet.result import Result
+from tam_calibration.fleet.task_result import Result
 from tam_calibration.model.units import FloatArray
 
 SECONDS_PER_DAY = 86_400.0

@@ -8,8 +8,8 @@ from numpy.linalg import inv
 from tam_calibration.core.elimination import Elimination
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradientEstimate, Calibration
-from tam_calibration.fit.attitude import as_if_uniform
 from tam_calibration.fit.coverage import CELLS, cell_of
+from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import Block, SampleSource
 from tam_calibration.model.residuals import Residuals, ResidualSums, noise_floor

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from tam_calibration.files import provenance
-from tam_calibration.fleet.result import RESULT, Result, Seal, read_result, state_of, write_result
+from tam_calibration.fleet.task_result import RESULT, Result, Seal, read_result, state_of, write_result
 
 FULL = Result(
     "dive",

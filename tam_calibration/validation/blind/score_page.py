@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from tam_calibration.report.page import Points, Section, Table, Text, embed, write_page
 from tam_calibration.validation.blind.score import Score
-from tam_calibration.validation.blind.table import HEADER, cells, effects, reliability, remarks, shares
+from tam_calibration.validation.blind.score_table import HEADER, cells, effects, reliability, remarks, shares
 
 
 def write_score_page(path: Path, score: Score, name: str) -> None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.validation.blind import instruments
+from tam_calibration.validation.blind import instrument_faults
 
 
 def states(scene, cause, sensor):
@@ -20,7 +20,7 @@ def first_axis(change):
 def test_a_switched_gain_has_two_states(draw, seed):
     """The reading with its bias is multiplied by one of two factors, and changes between them many times."""
     scene = draw(seed, samples=1500)
-    cause = instruments.gain_switching(np.random.default_rng(seed), scene)
+    cause = instrument_faults.gain_switching(np.random.default_rng(seed), scene)
     part = states(scene, cause, cause.sensors[0] - 1)
     gain = part[:, first_axis(part)]
     high = gain > gain.max() / 2
@@ -33,7 +33,7 @@ def test_a_switched_gain_has_two_states(draw, seed):
 def test_a_scale_factor_steps_once_or_twice(draw, seed):
     """The reading with its bias is multiplied by a constant before the step and by another one after it."""
     scene = draw(seed)
-    cause = instruments.scale_step(np.random.default_rng(seed), scene)
+    cause = instrument_faults.scale_step(np.random.default_rng(seed), scene)
     part = states(scene, cause, cause.sensors[0] - 1)
     gain = part[:, first_axis(part)]
     steps = np.flatnonzero(np.abs(np.diff(gain)) > 1e-6 * np.abs(gain).max())
@@ -45,7 +45,7 @@ def test_what_leaks_is_a_reading_of_another_sensor(draw):
     """A late leak is the source's waveform at an earlier time."""
     for seed in range(40):
         scene = draw(seed)
-        cause = instruments.crosstalk(np.random.default_rng(seed), scene)
+        cause = instrument_faults.crosstalk(np.random.default_rng(seed), scene)
         if not cause.parameters["hurried"]:
             break
     vectors, _ = cause.change(1.0, ())
@@ -64,7 +64,7 @@ def test_a_filter_rings_at_its_frequency_and_dies(draw):
     step[10:] = 1.0
     scene.__dict__["readings_T"] = np.repeat(step[:, None], 4, axis=1) * scene.intensity_T.mean()
     scene.bias_T[:] = 0
-    cause = instruments.ringing(np.random.default_rng(3), scene)
+    cause = instrument_faults.ringing(np.random.default_rng(3), scene)
     vectors, _ = cause.change(1.0, ())
     rung = vectors[:, cause.sensors[0] - 1]
     rung = rung[:, first_axis(rung)]
@@ -88,7 +88,7 @@ def seen(scene):
 def test_a_stale_sample_is_an_earlier_reading_noise_and_all(draw, seed):
     """Every changed sample is exactly one of the readings before it; about the share asked for is changed."""
     scene = draw(seed, samples=2000)
-    cause = instruments.stale_samples(np.random.default_rng(seed), scene)
+    cause = instrument_faults.stale_samples(np.random.default_rng(seed), scene)
     readings, scalar = seen(scene)
     change, _ = cause.change(0.1, (readings, scalar))
     sensor = cause.sensors[0] - 1
@@ -104,7 +104,7 @@ def test_a_stale_sample_is_an_earlier_reading_noise_and_all(draw, seed):
 def test_jitter_is_the_waveform_at_other_times(draw):
     """The change is the rate of the reading by the time that the sample was early or late, of the size asked for."""
     scene = draw(4, samples=3000)
-    cause = instruments.timing_jitter(np.random.default_rng(4), scene)
+    cause = instrument_faults.timing_jitter(np.random.default_rng(4), scene)
     sensor = cause.sensors[0] - 1
     change, _ = cause.change(1e-4, ())
     rate = np.gradient(scene.readings_T[:, sensor], scene.time_s, axis=0)
@@ -115,7 +115,7 @@ def test_jitter_is_the_waveform_at_other_times(draw):
 def test_what_was_lost_lies_on_lines(draw):
     """Within a filled stretch the readings have no second difference; elsewhere they are as they were."""
     scene = draw(5, samples=1500)
-    cause = instruments.interpolated_samples(np.random.default_rng(5), scene)
+    cause = instrument_faults.interpolated_samples(np.random.default_rng(5), scene)
     readings, scalar = seen(scene)
     change, _ = cause.change(8.0, (readings, scalar))
     sensor = cause.sensors[0] - 1

@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.attitude import aligned, into_array_frame
 from tam_calibration.fit.integrated import integrated
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.fit.recorded_attitude import aligned, into_array_frame
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import from_degrees

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from tam_calibration.fleet.parameters import SECONDS_PER_DAY, fit_drift
+from tam_calibration.fleet.missions import SECONDS_PER_DAY, fit_drift
 
 
 @given(st.integers(4, 30), st.integers(0, 2**32 - 1))

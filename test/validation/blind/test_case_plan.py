@@ -3,8 +3,8 @@ from collections import Counter
 import pytest
 
 from tam_calibration.validation.blind import KINDS
+from tam_calibration.validation.blind.case_plan import OF_SCALAR, plan_cases
 from tam_calibration.validation.blind.catalogue import CATALOGUE, CAUSES
-from tam_calibration.validation.blind.plan import OF_SCALAR, plan_cases
 
 
 def test_a_set_holds_every_kind_and_effect():
