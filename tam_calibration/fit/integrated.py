@@ -8,10 +8,9 @@ import numpy as np
 from numpy.linalg import LinAlgError, inv
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit import ellipsoid
+from tam_calibration.fit import ellipsoid, recorded_attitude
 from tam_calibration.fit.alignment import field_products, procrustes
 from tam_calibration.fit.moments import Moments, finish, gather
-from tam_calibration.fit.recorded_attitude import FRAME_STATEMENT, find_turn
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SampleSource
@@ -62,7 +61,7 @@ def integrated(recording: SampleSource, array: Array) -> Calibration:
     if recording.attitude is None:
         return finish("integrated", recording, array, moments.data, matrix, center, FRAME_STATEMENT)
     matrix = matrix @ np.swapaxes(_turns(moments, matrix, center), 1, 2)[:, None]
-    return finish("integrated", recording, array, moments.data, matrix, center, FRAME_STATEMENT)
+    return finish("integrated", recording, array, moments.data, matrix, center, recorded_attitude.FRAME_STATEMENT)
 
 
 def _turns(moments: Moments, matrix: FloatArray, center: FloatArray) -> FloatArray:
@@ -78,7 +77,7 @@ def _turns(moments: Moments, matrix: FloatArray, center: FloatArray) -> FloatArr
     turns = []
     for unmix, bias, samples in zip(inv(matrix[:, 0]), center[:, 0], chosen, strict=True):
         field = (points[samples] - bias) @ unmix.T
-        turns.append(find_turn(field, to_world[samples]))
+        turns.append(recorded_attitude.find_turn(field, to_world[samples]))
     return np.array(turns)
 
 

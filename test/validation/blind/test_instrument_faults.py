@@ -26,7 +26,7 @@ def test_a_switched_gain_has_two_states(draw, seed):
     high = gain > gain.max() / 2
     assert_allclose(gain[high], gain.max(), rtol=1e-9)
     assert_allclose(gain[~high], 0, atol=1e-20)
-    assert np.count_nonzero(np.diff(high)) >= instruments.LEAST_FLIPS - 1
+    assert np.count_nonzero(np.diff(high)) >= instrument_faults.LEAST_FLIPS - 1
 
 
 @pytest.mark.parametrize("seed", range(6))
