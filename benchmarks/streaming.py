@@ -30,7 +30,7 @@ from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
 from tam_calibration.nodes import ros_session
-from tam_calibration.nodes.children import Children
+from tam_calibration.nodes.children import START, Children
 from tam_calibration.simulation import simulate
 
 RELAY = Path(__file__).parent / "streaming_relay.py"
@@ -59,8 +59,8 @@ class Nodes:
         given = {"array_file": self.folder / "array.yaml", **parameters}
         settings = [f"{key.replace('__', ':')}:={value}" for key, value in given.items()]
         return [
-            "-m",
-            f"tam_calibration.nodes.{name}",
+            *START,
+            name,
             "--ros-args",
             *(part for each in settings for part in ("-p", each)),
         ]
