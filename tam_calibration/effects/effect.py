@@ -199,7 +199,7 @@ class LinearEffect(Effect):
         Whether it is a free function of time, so that whole blocks of time cannot be predicted from the others.
     is_causal : bool
         Whether what it adds to a sample depends on no later one, so that it can be taken off while samples arrive; its
-        recursions then use the memory of the situation.
+        recursions then use the memory of the covariates.
     is_of_site : bool
         Whether it belongs to where the recording was made: it does not go with the array to another place.
     is_of_one_sensor : bool

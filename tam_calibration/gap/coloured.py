@@ -34,7 +34,7 @@ def sandwich(base: Base, effects: Sequence[Regressors]) -> FloatArray:
     ----------
     base : Base
         Of the calibration and other nuisance parameters, at channels from which the signal of the effects is removed.
-    effects : sequence of Design
+    effects : sequence of Regressors
         P columns in all.
 
     Returns
@@ -66,9 +66,9 @@ def unseen(base: Base, effects: Sequence[Regressors], left_out: Regressors) -> F
     ----------
     base : Base
         As of ``sandwich``.
-    effects : sequence of Design
+    effects : sequence of Regressors
         P columns in all.
-    left_out : Design
+    left_out : Regressors
     """
     both = base.project(Regressors.joined([*effects, left_out]))
     width = sum(design.width for design in effects)

@@ -89,7 +89,7 @@ def floor_of(channels: WhitenedChannels, stated: Array) -> Floor:
 
     Parameters
     ----------
-    channels : Channels
+    channels : WhitenedChannels
         Whitened residuals of the model.
     stated : Array
         As the user gives it, with or without noise.

@@ -147,9 +147,9 @@ class Base:
 
     Parameters
     ----------
-    channels : Channels
+    channels : WhitenedChannels
         Whitened channels.
-    designs : sequence of Design
+    designs : sequence of Regressors
         Of the calibration, then of the accepted effects.
 
     Attributes
@@ -206,9 +206,9 @@ class Base:
 
         Parameters
         ----------
-        designs : sequence of D Design
+        designs : sequence of D Regressors
             Alike but for their features.
-        joined : Design
+        joined : Regressors
             The same side by side.
         """
         count = len(designs)
@@ -226,7 +226,7 @@ class Base:
         return crossed, crossed.T @ self.inverse
 
     def of_residual(self, differential: FloatArray, common: FloatArray) -> "Base":
-        """Return the base of another residual of the same samples, see ``Channels.with_residual``."""
+        """Return the base of another residual of the same samples, see ``WhitenedChannels.with_residual``."""
         other = copy(self)
         other.channels = self.channels.with_residual(differential, common)
         other._score = np.concatenate([other.channels.score(design) for design in self.designs])

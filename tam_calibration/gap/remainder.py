@@ -21,7 +21,7 @@ def residue_of(nominal: Model, model: Model, before: WhitenedChannels, variance:
     ----------
     nominal, model : Model
         Before the causes, and with them.
-    before : Channels
+    before : WhitenedChannels
         Of the nominal model, all samples.
     variance : float
         Of the channels' white noise, over that of the array.

@@ -44,9 +44,9 @@ def held_out_energy(
 
     Parameters
     ----------
-    channels : Channels
+    channels : WhitenedChannels
         Whitened channels.
-    designs : sequence of Design
+    designs : sequence of Regressors
         Of the calibration, then of effects.
     widths : sequence of int
         How many of the designs each of M models has.

@@ -49,8 +49,8 @@ class GapView:
         known = np.isfinite(rows_T) & (rows_T != 0)
         squares = np.sum(np.where(known, rows_T, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)
         floor = self.gap.residue.floor_T
-        is_told = known.any(axis=0) & np.isfinite(floor) & (floor > 0)
-        ratio: FloatArray = np.divide(np.sqrt(squares), floor, out=np.full(len(floor), np.nan), where=is_told)
+        is_known = known.any(axis=0) & np.isfinite(floor) & (floor > 0)
+        ratio: FloatArray = np.divide(np.sqrt(squares), floor, out=np.full(len(floor), np.nan), where=is_known)
         return ratio
 
     @cached_property
