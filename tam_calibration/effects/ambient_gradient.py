@@ -92,7 +92,7 @@ _DEGREES = {2: "T/m", 3: "T/m²", 4: "T/m³"}
 """Units of the derivatives of a potential, by its degree."""
 
 _NEARER = 10.0
-"""Times that a derivative of the field grows per metre of distance to sources at some tenths of a metre."""
+"""Ratio of the limits of successive derivatives of the field, 1/m: that of sources at some tenths of a metre."""
 
 
 class AmbientGradient(LinearEffect):
@@ -147,13 +147,13 @@ class AmbientGradient(LinearEffect):
             stop = 0
             for position, matrix in places:
                 start, stop = stop, stop + len(matrix) * len(names)
-                features[start:stop] = _seen(degree, position, matrix, rotation)
+                features[start:stop] = _signal_at(degree, position, matrix, rotation)
             parts = tuple(Coefficient(f"gradient {name}", unit) for name in names)
             yield Term(ALL, None, f"degree {degree}", parts, features.T, rows, columns)
 
 
-def _seen(degree: int, position_m: FloatArray, matrix: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Return what fields of P harmonic potentials of the world add to R rows at a place, (R P, N).
+def _signal_at(degree: int, position_m: FloatArray, matrix: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Return the signal of P harmonic potentials of the world in R rows at a position, (R P, N).
 
     The rows read by a matrix (R, 3, N or 1) in the array frame, which rotations (3, 3, N) turn to the world.
     """

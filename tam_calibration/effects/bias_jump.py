@@ -1,4 +1,4 @@
-"""A bias that jumps, once or on and off, also so far that the sphere on which readings lie moves."""
+"""A bias that jumps, once or on and off, also so far that the sphere of the readings visibly moves."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -20,20 +20,20 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
 _MOST_READINGS = 500_000
-"""Readings of which sums are kept, 200 bytes each; of a longer recording some samples serve."""
+"""Readings of which cumulative sums are kept, 200 bytes each; a longer recording is thinned."""
 
 _BLOCKS = 300
-"""Between which a jump is sought first: all pairs of them are 45 000."""
+"""Blocks of time between which a jump is searched first: 45 000 pairs."""
 
 _ROUNDS = 2
-"""Searches for either end of a jump, sample by sample, beside the other as it was found last."""
+"""Rounds of refining either end of a jump to the sample, the other end held."""
 
 LEAST_FALL = 4.0
-"""How many times smaller the squares must be with a gross jump than without; noise does not make twos of one."""
+"""Ratio of the residual energies without and with a gross jump that it must reach: far above that of noise."""
 
 
 def moved_sphere(recording: Recording) -> FittedEffect | None:
-    """Return the bias jump, once or on and off, that explains most of gross errors; None where there are none.
+    """Return the bias jump, once or on and off, that explains most of a gross residual; None where none does.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def moved_sphere(recording: Recording) -> FittedEffect | None:
         return None
     first, last = (index.ravel() for index in np.meshgrid(bounds[1:-1], bounds[1:], indexing="ij"))
     pairs = np.column_stack([first, last])[first < last]
-    best = pairs[np.argmin(sums.left(pairs))]
+    best = pairs[np.argmin(sums.residual_energy(pairs))]
     reach = int(bounds[1])
     for _ in range(_ROUNDS):
         for end in (0, 1):
@@ -59,8 +59,8 @@ def moved_sphere(recording: Recording) -> FittedEffect | None:
             moved = best[end] + np.arange(-reach, reach + 1)
             tried = np.where(np.arange(2) == end, moved[:, None], best)
             inside = (tried[:, 0] > 0) & (tried[:, 0] < tried[:, 1]) & (tried[:, 1] <= count)
-            best = tried[inside][np.argmin(sums.left(tried[inside]))]
-    one, two = sums.left(np.array([[0, count], best]))
+            best = tried[inside][np.argmin(sums.residual_energy(tried[inside]))]
+    one, two = sums.residual_energy(np.array([[0, count], best]))
     jump = sums.jump(best)
     if one < LEAST_FALL * two or norm(jump, axis=1).max() < MINOR:
         return None
@@ -75,10 +75,10 @@ def moved_sphere(recording: Recording) -> FittedEffect | None:
 
 
 _ROUNDING = 1e-12
-"""Part of the sums over all samples that rounding leaves of the differences of two."""
+"""Rounding error of differences of the cumulative sums, as a part of the sums over all samples."""
 
 _FARTHEST = 1e3
-"""Readings of so many times the field are no sphere, and sums with their fourth powers hold nothing else."""
+"""Limit of readings, in units of the field: the fourth powers of larger ones would swamp the sums."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,19 +101,19 @@ class _Sums:
         np.cumsum(own[..., :, None] * own[..., None, :], axis=0, out=total[1:])
         return cls(total, unit)
 
-    def left(self, cuts: NDArray[np.intp]) -> FloatArray:
-        """Return the sums of squares (C,) left by two spheres, one between each pair of cuts (C, 2), one outside."""
+    def residual_energy(self, cuts: NDArray[np.intp]) -> FloatArray:
+        """Return the residual energies (C,) of two spheres, one between each pair of cuts (C, 2), one outside."""
         inside = self.total[cuts[:, 1]] - self.total[cuts[:, 0]]
         squares: FloatArray = np.sum(self._fit(inside)[1] + self._fit(self.total[-1] - inside)[1], axis=1)
         return squares
 
     def jump(self, cuts: NDArray[np.intp]) -> FloatArray:
-        """Return how far the sphere between two cuts lies from the other, (K, 3)."""
+        """Return the offset of the sphere between two cuts from the other, (K, 3), in units of the field."""
         inside = self.total[cuts[1]] - self.total[cuts[0]]
         return (self._fit(inside)[0] - self._fit(self.total[-1] - inside)[0])[:, :3] / 2
 
     def _fit(self, sums: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return coefficients (..., 4) and sum of squares left (...) of spheres through samples of sums (..., 5, 5)."""
+        """Return coefficients (..., 4) and residual energy (...) of spheres fitted to samples with sums (..., 5, 5)."""
         # As large as the rounding of differences of all sums.
         ridge = _ROUNDING * (1 + np.trace(self.total[-1, ..., :4, :4], axis1=-2, axis2=-1))
         information = sums[..., :4, :4] + ridge[:, None, None] * np.eye(4)
@@ -123,7 +123,7 @@ class _Sums:
 
 
 _MOST_OF_ROWS = 3
-"""Rows, those in which a jump explains most, whose times are tried for all."""
+"""Rows whose best times are tried for all rows: those in which a jump explains most."""
 
 
 class BiasJump(LinearEffect):
@@ -162,7 +162,7 @@ class BiasJump(LinearEffect):
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the times, and pairs of times, at which jumps of one row or of all explain most, of all samples.
 
-        What an axis reads at the end of its range is no jump, nor are spikes that come with the motion.
+        Samples at the end of an axis' range, and spikes that occur with the motion, do not count.
         """
         if covariates.sample_count < LEAST_SAMPLES:
             return []
@@ -179,7 +179,7 @@ class BiasJump(LinearEffect):
         return shapes if gross is None else [gross.shape, *shapes]
 
     def always(self, shape: Shape) -> Shape | None:
-        """Return a jump that was there before the first sample."""
+        """Return the shape of a jump before the first sample."""
         return {"time_s": -np.inf}
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:

@@ -13,15 +13,15 @@ from tam_calibration.effects.grades import LONGEST_BURST
 from tam_calibration.model.units import FloatArray
 
 _ROUNDS = 3
-"""Turns in which two times of a pair are sought, each beside the other."""
+"""Rounds of searching the two times of a pair in turn, the other held."""
 
 _PRECISE = 1e-6
-"""Part of the information that rounding may leave of it."""
+"""Rounding error of an information, as a part of it."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """A change behind one sample, or between two, and the energy that it explains."""
+    """A change after one sample, or between two, and the energy that it explains."""
 
     gain: float
     cuts: tuple[int, ...]
@@ -29,16 +29,16 @@ class Change:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Sums over the samples up to each.
+    """Cumulative sums over the samples, of which every change point is tried.
 
     Parameters
     ----------
     score : (N - 1, P, C) array
-        Of P functions that change in C channels, the part that the nuisance explains taken off.
+        Of P functions that change in C channels, the nuisance functions projected out.
     information : (N - 1, P, P) array
         Of the functions, the same in every channel.
     nuisance : (N - 1, Q, P) array
-        Products of the functions with orthonormal ones that are fitted anyway.
+        Products of the functions with orthonormal nuisance functions.
     """
 
     score: FloatArray
@@ -49,7 +49,7 @@ class Path:
     def of(cls, left: FloatArray, basis: FloatArray, functions: FloatArray) -> "Path":
         """Return the path of functions (N, P) that change in residuals (N, C), all zero in samples that do not count.
 
-        An orthonormal basis (N, Q) of what is fitted anyway, and the residuals without it, are as from ``without``.
+        The residuals and the orthonormal basis (N, Q) of the nuisance functions are those of ``without``.
         """
         return cls(_summed(functions, left), _summed(functions, functions), _summed(basis, functions))
 
@@ -59,14 +59,14 @@ class Path:
         return int(np.prod(self.score.shape[1:]))
 
     def beside(self, other: "Path") -> "Path":
-        """Return the path of the same change that this and another channel show."""
+        """Return the path of a change that is common to the channels of this path and another."""
         nuisance = np.concatenate([self.nuisance, other.nuisance], axis=1)
         return Path(self.score + other.score, self.information + other.information, nuisance)
 
     def best(self, stride: int = 1) -> tuple[Change, Change]:
         """Return the best single change and the best pair of changes on and off.
 
-        They are sought at every so many samples first, and then at all around the best.
+        They are searched at every stride-th sample first, then at all samples around the best.
         """
         coarse = np.arange(stride - 1, len(self.score), stride)
         single = self._moved(Change(0.0, (int(coarse[np.argmax(self._gain(coarse))]),)), stride)
@@ -77,7 +77,7 @@ class Path:
         return single, self._moved(pair, stride)
 
     def _gain(self, cuts: NDArray[np.intp], given: int | None = None) -> FloatArray:
-        """Return the gain of a change behind each of some samples, or of one between it and a given one."""
+        """Return the gain of a change after each of some samples, or between it and a given one."""
         score, information, nuisance = self.score[cuts], self.information[cuts], self.nuisance[cuts]
         enough = (cuts >= LONGEST_BURST) & (cuts < len(self.score) - LONGEST_BURST)
         if given is not None:
@@ -91,7 +91,7 @@ class Path:
         return gain
 
     def _pair(self, start: int, cuts: NDArray[np.intp]) -> Change:
-        """Return a pair of changes of which neither can be moved alone, to one of some samples, to gain more."""
+        """Return a pair of changes at some samples, a local optimum in each of the two times."""
         first, best = start, Change(0.0, (start, start))
         for _ in range(_ROUNDS):
             gain = self._gain(cuts, first)
@@ -103,7 +103,7 @@ class Path:
         return best
 
     def _moved(self, change: Change, reach: int) -> Change:
-        """Return a change with each of its samples in turn moved by less than so many to where it gains most."""
+        """Return a change with each of its times in turn moved to the best within less than reach samples."""
         cuts, most = list(change.cuts), 0.0
         for place, cut in enumerate(cuts):
             given = cuts[1 - place] if len(cuts) == 2 else None
@@ -114,7 +114,7 @@ class Path:
 
 
 def without(residual: FloatArray, nuisance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return residuals (N, C) without functions (N, Q), and an orthonormal basis of these."""
+    """Return residuals (N, C) with functions (N, Q) projected out, and an orthonormal basis of these."""
     value, vector = np.linalg.eigh(nuisance.T @ nuisance)
     kept = value > _PRECISE**2 * value[-1]
     basis = nuisance @ (vector[:, kept] / np.sqrt(value[kept]))

@@ -1,12 +1,12 @@
-"""A core or amplifier that is cut off in front of a factory correction, so that no reading repeats.
+"""A core or amplifier that saturates before a factory correction, so that no reading repeats.
 
-The correction mixes the axes and noise comes behind it: nothing stays at one value. What is left is a hinge in the
-field that the sensor should see: beyond a limit L of a direction u near an axis k it falls short along one direction
-w, by as much as the field goes on:
+The correction mixes the axes and noise is added after it, so that no reading stays at one value. The residual is a
+hinge function of the field: beyond a limit L along a direction u near an axis k the reading falls short along a
+direction w, in proportion to the excess:
 
-    residual = -w (u·b - L) where u·b > L,   with u_k w_k = 1, since behind the limit nothing moves at all.
+    residual = -w (u·b - L) where u·b > L,   with u_k w_k = 1, since beyond the limit the axis does not respond at all.
 
-That the slope is one, and what is left no more than noise, tells it from every bent transfer function.
+The unit slope, and a residual of no more than noise, distinguish it from any smooth nonlinearity.
 """
 
 from dataclasses import dataclass
@@ -23,10 +23,10 @@ from tam_calibration.effects.term import WhitenedResiduals
 from tam_calibration.model.units import FloatArray
 
 _ROUNDS = 5
-"""Fits of the hinge to the samples beyond it, which settle in two or three."""
+"""Fits of the hinge to the samples beyond it; they converge in two or three."""
 
-_DEEP = 3.0
-"""Times the largest shortfall: the part of an axis' range, from its end, in which its limit is looked for."""
+_SEARCH_DEPTH = 3.0
+"""Depth from the end of an axis' range in which its limit is searched, over the largest shortfall."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class ClippedCore:
     sensor, axis : int
         Where.
     limits_T : dict
-        What it reads at most, by "lower limit" and "upper limit", as far as they are reached.
+        Largest field that it can read, tesla, by "lower limit" and "upper limit", as far as they are reached.
     direction : (3,) array
         u, with 1 for the axis.
     fall : (3,) array
@@ -46,7 +46,7 @@ class ClippedCore:
     samples : (F,) array of int
         Those beyond a limit.
     left_T : (N, 3) array
-        What the sensor reads beyond what it should, the shortfall made good.
+        Residual of the sensor's readings with the shortfall corrected, tesla.
     """
 
     sensor: int
@@ -59,7 +59,7 @@ class ClippedCore:
 
 
 def find_clipped_cores(residuals: WhitenedResiduals) -> list[ClippedCore]:
-    """Return the cores that are cut off, which one sensor alone does not tell."""
+    """Return the cores that saturate; none for a single sensor, which has no reference."""
     count, found = residuals.covariates.sensor_count, []
     for sensor in range(count if count > 1 else 0):
         against = AgainstOthers.of(residuals, sensor).recalibrated()
@@ -79,7 +79,7 @@ class _Hinge:
     axis: int
 
     def saved_where(self, dealt: NDArray[np.intp]) -> float:
-        """Return the energy that a hinge saves where each sample has the residual of another."""
+        """Return the energy that a hinge explains of permuted residuals, for a permutation test."""
         core = self.fitted(dealt)
         if core is None:
             return 0.0
@@ -87,14 +87,14 @@ class _Hinge:
         return float(np.sum(self._energy[dealt[samples]] - self.against.energy(core.left_T[samples])))
 
     def fitted(self, dealt: NDArray[np.intp] | slice = slice(None)) -> ClippedCore | None:
-        """Return the core whose hinge the residuals show, dealt out anew or as they are, if they show one."""
+        """Return the core whose hinge explains the residuals, permuted or as they are; None where there is none."""
         beyond_T, energy = self.against.beyond_T[dealt], self._energy[dealt]
         short = -self._end * beyond_T[:, self.axis]
         is_far = self.against.usable & (energy > 2 * np.log(len(short)) * self._floor)
         is_far &= (short > 0) & (short**2 * self._information > energy / 2) & (self._height > self._height.max() / 2)
         if is_far.sum() <= self._functions.shape[1]:
             return None
-        is_near = self.against.usable & (self._height > self._height.max() - _DEEP * short[is_far].max())
+        is_near = self.against.usable & (self._height > self._height.max() - _SEARCH_DEPTH * short[is_far].max())
         beyond = is_far & is_near
         for _ in range(_ROUNDS):
             if beyond.sum() <= self._functions.shape[1]:
@@ -108,7 +108,7 @@ class _Hinge:
         return self._core(values, np.flatnonzero(beyond), beyond_T)
 
     def _plane(self, short: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
-        """Return the plane (5,) that tells best how far chosen samples fall short; NaN at an end that none reaches."""
+        """Return the plane (5,) fitted to the shortfall of chosen samples; NaN at an end that none reaches."""
         unit = np.append(np.full(3, self._height.max()), np.ones(2))
         values: FloatArray = np.linalg.lstsq(self._functions[chosen] / unit, short[chosen])[0] / unit
         is_reached = self._functions[chosen, 3:].any(axis=0)
@@ -116,13 +116,13 @@ class _Hinge:
         return values
 
     def _shortfall(self, values: FloatArray) -> FloatArray:
-        """Return by how much samples (N,) fall short in a plane; not at an end that none reaches."""
+        """Return the shortfall (N,) of the samples for a plane, tesla; -inf at an end that none reaches."""
         short = self._functions @ np.where(np.isfinite(values), values, 0.0)
         short[self._functions[:, 3:][:, ~np.isfinite(values[3:])].any(axis=1)] = -np.inf
         return short
 
     def _core(self, values: FloatArray, samples: NDArray[np.intp], beyond_T: FloatArray) -> ClippedCore | None:
-        """Return the core of a plane if what it leaves of its samples is no more than noise."""
+        """Return the core of a plane if its residual is no more than noise."""
         from scipy.special import chdtri
 
         shortfall = (self._end * (self._shortfall(values)))[samples]
@@ -145,13 +145,13 @@ class _Hinge:
 
     @cached_property
     def _height(self) -> FloatArray:
-        """(N,) how far out the axis should read."""
+        """(N,) magnitude of the reading that is expected of the axis, tesla."""
         height: FloatArray = np.abs(self.against.expected_T[:, self.axis])
         return height
 
     @cached_property
     def _functions(self) -> FloatArray:
-        """(N, 5) what the shortfall is linear in: the field outwards, and 1 at either end."""
+        """(N, 5) regressors of the shortfall: the field outwards, and 1 at either end."""
         outward = self._end[:, None] * self.against.expected_T
         return np.column_stack([outward, self._end > 0, self._end < 0])
 

@@ -1,4 +1,4 @@
-"""What happens to the array, as far as it is known, and how it stands in the world: what effects work on."""
+"""Covariates: field, channels and attitude at each sample, of which effects are functions."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,20 +14,20 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
-_HOLE = 3.0
-"""A step of time that is so many times the median is a hole in the record."""
+_LARGEST_STEP = 3.0
+"""Time step over the median from which it is a hole in the record."""
 
 
 @dataclass(frozen=True, eq=False)
 class Covariates:
-    """What happens to the array, as far as it is known.
+    """Field, channels and attitude at each sample, as far as they are known.
 
     Parameters
     ----------
     time_s : (N,) array
         Time stamps, strictly increasing.
     field_T : (N, 3) array
-        Field at the centre in the array frame: the truth in a simulation, what the sensors agree on in a diagnosis.
+        Field at the centre in the array frame: the truth in a simulation, the sensors' weighted mean in a diagnosis.
     errors : SensorErrors
         Of the sensors, in the same frame.
     array : Array
@@ -37,9 +37,9 @@ class Covariates:
     attitude : (N, 4) array, optional
         Quaternions x, y, z, w from the array frame to the world, finite.
     memory : Memory, optional
-        Of what was before, where these samples continue others.
+        State of the recursions, where these samples continue others.
     follows_attitude : bool
-        Whether the field is one of the world that the attitude turns, and not what the sensors read.
+        Whether the field is a constant one of the world, rotated by the attitude, and not made of readings.
     """
 
     time_s: FloatArray
@@ -69,7 +69,7 @@ class Covariates:
 
     @cached_property
     def sensed_T(self) -> FloatArray:
-        """(N, 3K) readings without bias: each axis' own share of the field."""
+        """(N, 3K) readings without bias, tesla."""
         sensed: FloatArray = self.field_T @ self.errors.matrix.reshape(-1, 3).T
         return sensed
 
@@ -87,12 +87,12 @@ class Covariates:
     @cached_property
     def stretches(self) -> tuple[slice, ...]:
         """The samples between holes of the record."""
-        cuts = np.flatnonzero(np.diff(self.time_s) > _HOLE * self.step_s) + 1
+        cuts = np.flatnonzero(np.diff(self.time_s) > _LARGEST_STEP * self.step_s) + 1
         bounds = [0, *cuts.tolist(), self.sample_count]
         return tuple(slice(start, stop) for start, stop in pairwise(bounds))
 
     def take(self, index: slice | NDArray[Any]) -> "Covariates":
-        """Return the situation at the samples that a slice, mask or index selects."""
+        """Return the covariates at the samples that a slice, mask or index selects."""
         channels = (self.temperature_C, self.current_A, self.attitude)
         temperature, current, attitude = (None if channel is None else channel[index] for channel in channels)
         field, time = self.field_T[index], self.time_s[index]
@@ -109,7 +109,7 @@ class Covariates:
 
 
 LEAST_TURN = 0.1
-"""Radians, root of the mean square, by which the array or the vertical in it must turn: noise of attitudes is less."""
+"""Least root mean square rotation of the array, or of the vertical in it, rad: noise of attitudes is smaller."""
 
 
 def to_world(covariates: Covariates) -> FloatArray:

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 _LATE = (1.0, 2.0, 4.0, 7.0, 10.0)
-"""Sampling steps by which what bleeds is late: from the channel before to a queue of usual length."""
+"""Delays of crosstalk, in sampling steps: from the previous channel to a queue of usual length."""
 
 _SHAPES = {"late_x_s": 0, "late_y_s": 1, "late_z_s": 2}
-"""Axis of the array along which the one channel reads that comes late, by the parameter that says how late."""
+"""Axis of the array along which the delayed channel reads, by the name of the delay parameter."""
 
 _BLOCK = 16
-"""Samples over which the response of a row is taken for one: shorter than a window, long enough to beat noise."""
+"""Samples over which the response of a row is averaged: shorter than a window, long enough against noise."""
 
 _BLEED = Coefficient("bleed", "1")
 
@@ -109,7 +109,7 @@ def _turned(course: "CubicSpline", time_s: FloatArray) -> FloatArray:
 
 
 def _windows(covariates: Covariates, residuals: WhitenedResiduals) -> Switching | None:
-    """Return the windows of the axis in which a part of the field that comes and goes explains most."""
+    """Return the windows of the axis in which an intermittent response to the field explains most."""
     levels = [
         Level.of_row(residuals, row, covariates.field_T @ _bleeding(covariates, residuals, row))
         for row in range(covariates.scalar_row)
@@ -119,10 +119,10 @@ def _windows(covariates: Covariates, residuals: WhitenedResiduals) -> Switching 
 
 
 def _bleeding(covariates: Covariates, residuals: WhitenedResiduals, row: int) -> FloatArray:
-    """Return the part of the field (3,) that comes and goes in a row.
+    """Return the intermittent response (3,) of a row to the field.
 
-    In blocks of time the row follows the field by a response that the calibration took the mean of; where that comes
-    and goes as a whole, the responses of all blocks lie along one direction.
+    The calibration absorbs the mean of the responses in blocks of time. Where one response is switched on and off, the
+    responses of all blocks lie along one direction.
     """
     count = covariates.sample_count // _BLOCK
     blocks = slice(count * _BLOCK)

@@ -1,7 +1,7 @@
-"""Readings of a sensor that are those of another place on the path: which samples, and how much that explains.
+"""Readings of a sensor that belong to another sample: which they are, and how much energy that explains.
 
-A sample is taken for displaced where the reading that belongs elsewhere lowers its energy by more than it costs to say
-which sample it is and how it is displaced, 2 ln (N k), and leaves no more than what noise makes once in N samples. The
+A sample counts as displaced where another sample's reading lowers its energy by more than the code length of the sample
+and the displacement, 2 ln (N k), and leaves no more than noise reaches once in N samples. The
 sensor is calibrated by the better half of the samples, so that the displaced ones do not tilt it.
 """
 
@@ -21,10 +21,10 @@ from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray
 
 NOWHERE_T = 1.0
-"""A displacement that no reading has, for samples that cannot be displaced."""
+"""An impossible displacement, for samples that cannot be displaced, tesla."""
 
 _MOST = 0.5
-"""Part of the samples; what happens to more is no exception but how the sensor always is."""
+"""Part of the samples that may be displaced: more would be the sensor's usual behaviour."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +36,9 @@ class Displaced:
     against : AgainstOthers
         The sensor, calibrated by the better half of the samples.
     beyond_T : (N, 3) array
-        By how much its readings are off, tesla: what is to be explained.
+        Residual of its readings, which is to be explained, tesla.
     displacement_T : (k, N, 3) array
-        By how much they would be off for each displacement; NaN where it cannot be.
+        Residual that each displacement would cause, tesla; NaN where it is impossible.
     """
 
     against: AgainstOthers
@@ -47,7 +47,7 @@ class Displaced:
 
     @cached_property
     def which(self) -> NDArray[np.intp]:
-        """(N,) by which displacement, -1 by none."""
+        """(N,) index of the displacement, -1 for none."""
         which = np.full(len(self.beyond_T), -1)
         samples, best, _ = self._claims(np.arange(len(which)))
         which[samples] = best
@@ -55,14 +55,14 @@ class Displaced:
 
     @property
     def is_found(self) -> bool:
-        """Whether some samples are displaced, and not in the same way with residuals dealt out anew."""
+        """Whether some samples are displaced, significantly by a permutation test."""
         if not 0 < np.sum(self.which >= 0) < _MOST * len(self.which):
             return False
         return not is_chance(lambda dealt: float(np.sum(self._claims(dealt)[2])), norm(self.against.rate, axis=1))
 
     @cached_property
     def _energy(self) -> FloatArray:
-        """(N,) of the readings as they are, in units of the noise of most of them."""
+        """(N,) energy of the readings as they are, in units of the noise of most of them."""
         energy = self.against.energy(self.beyond_T)
         return np.where(self.against.usable, energy / self._floor, 0.0)
 
@@ -71,7 +71,7 @@ class Displaced:
         return self.against.floor(self.against.energy(self.beyond_T))
 
     def _claims(self, dealt: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]:
-        """Return samples that are displaced, by which displacement, and the energy saved, of residuals dealt out."""
+        """Return the displaced samples of permuted residuals, their displacements, and the energies explained."""
         from scipy.special import chdtri
 
         price = 2 * np.log(self.displacement_T[..., 0].size)
@@ -87,7 +87,7 @@ class Displaced:
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """What displacement explains of one sensor: the samples (N,), what is left (N, 3) of all, and the numbers."""
+    """Displaced samples (N,) of one sensor, its remaining residual (N, 3), tesla, and the parameters."""
 
     samples: NDArray[np.bool_]
     left_T: FloatArray
@@ -97,7 +97,7 @@ class Explained:
 def finding_of(
     effect: str, residuals: WhitenedResiduals, found: Mapping[int, Explained], nats: float, is_certain: bool = False
 ) -> Finding:
-    """Return what displacements of some sensors explain together; the samples are given up.
+    """Return the finding of displacements of several sensors together; their samples are excluded.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def finding_of(
     found : mapping of int to Explained
         By sensor.
     nats : float
-        What it costs to say which samples they are, where nothing but the residual says so.
+        Code length of the positions of the samples, where only the residual shows them.
     is_certain : bool
         See ``Finding``.
     """

@@ -14,13 +14,13 @@ from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray
 
 _SHORTEST = 0.3
-"""Steps of time; currents that decay faster follow the field within a sample."""
+"""Shortest time constant, in time steps: faster currents follow the field within a sample."""
 
 _LONGEST_S = 10.0
-"""Seconds, µ0 σ d²/π² of aluminium that is a metre and a half thick: nothing near a sensor is slower."""
+"""Longest time constant, s: µ0 σ d²/π² of aluminium 1.5 m thick; nothing near a sensor is slower."""
 
 _COUNT = 7
-"""Time constants that are tried; their neighbours are near enough for a refinement."""
+"""Time constants that are tried, close enough for a refinement."""
 
 _SLOWER = 5.0
 """Ratio of the time constant of the slower mode to that of the first."""
@@ -30,7 +30,7 @@ _LIMIT = Limit(
     "currents in a passive conductor at most keep its field: that of a sphere of perfect conductance is at its pole as "
     "large as the change; Jackson, Classical Electrodynamics, 3rd edition, Wiley, 1999, section 5.11",
 )
-"""Of what a mode adds, as a part of the change of the field."""
+"""Limit of the signal of a mode, as a part of the change of the field."""
 
 _NAMES = tuple(f"{axis} of the field on {row}" for row in "xyz" for axis in "xyz")
 

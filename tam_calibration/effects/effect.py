@@ -39,12 +39,12 @@ __all__ = [
 
 
 SurrogateKind = Literal["moved", "of_channel", "of_attitude", "at_other_times", "elsewhere", "at_other_frequencies"]
-"""How surrogates of an effect are made, which have its form and nothing to do with the residual.
+"""How surrogates of an effect are made: they have its form, but are unrelated to the residual.
 
-``moved``: the residual is moved in time against all else. ``of_channel``: the recorded channel is, or is another of
-the same spectrum. ``of_attitude``: the recorded attitude is moved. ``at_other_times``: it is a step at another time,
-beside itself and the best smooth course of it. ``elsewhere``: it acts on other rows. ``at_other_frequencies``: its
-frequency is another.
+``moved``: the residual is shifted in time. ``of_channel``: the recorded channel is shifted in time, or replaced by
+another of the same spectrum. ``of_attitude``: the recorded attitude is shifted in time. ``at_other_times``: a step at
+another time, beside the effect and the best smooth course. ``elsewhere``: it acts on other rows.
+``at_other_frequencies``: it has another frequency.
 """
 
 
@@ -85,7 +85,7 @@ class Sized:
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """What an effect says of a residual without regression.
+    """An effect that is found in a residual otherwise than by regression.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Finding:
     gain : float
         Twice the logarithm of the likelihood ratio against white noise of one free variance, at its best.
     parameter_count : int
-        Free numbers that were spent on it, positions included.
+        Number of free parameters, positions included.
     flagged : (N,) array of bool, optional
         Samples that cannot be used once it is known.
     variance : (3K + 1,) array, optional
@@ -102,7 +102,7 @@ class Finding:
     spread_T : (N, 3K + 1) array, optional
         The standard deviation of what it adds to the rows of each sample along one direction of its own, tesla.
     is_certain : bool
-        Whether it is a fact of the readings that no chance makes, and so comes before what explains as much.
+        Whether the readings prove it beyond chance, so that it precedes effects that explain as much.
     """
 
     fitted: FittedEffect
@@ -199,7 +199,7 @@ class LinearEffect(Effect):
         Whether it is a free function of time, so that whole blocks of time cannot be predicted from the others.
     is_causal : bool
         Whether what it adds to a sample depends on no later one, so that it can be taken off while samples arrive; its
-        recursions then use the memory of the situation.
+        recursions then use the memory of the covariates.
     is_of_site : bool
         Whether it belongs to where the recording was made: it does not go with the array to another place.
     is_of_one_sensor : bool

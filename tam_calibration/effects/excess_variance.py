@@ -1,14 +1,14 @@
 """Rows that are noisier than the others, from the covariance of the whitened channels.
 
-Extra variance q of rows J makes the covariance of a sample's whitened channels s² I + A q Aᵀ, with A what shifts of
-the rows do to the channels. With s² at its best (a floor common to all, as a data sheet is never exact) and the
+Extra variance q of rows J makes the covariance of a sample's whitened channels s² I + A q Aᵀ, with A the derivatives
+of the channels by the rows. With s² at its maximum (a floor common to all, as a data sheet is never exact) and the
 determinant and inverse by Woodbury's identity,
 
     -2 ln L = n ln s² + Σ ln det(I + a G) + (S - Σ t (I + a G)⁻¹ a t) / s²,   a = q / s², G = AᵀA, t = Aᵀw,
 
 a maximum in one or a few variances. G depends on the direction of the field through the common mode, so the sums run
 over cells of directions, in which G is taken at its mean. Twice the logarithm of the likelihood against a = 0 is the
-gain: what it compares with is the same white noise of one free variance that regressions are compared with.
+gain: regressions are compared with the same null model, white noise of one free variance.
 """
 
 from collections.abc import Callable
@@ -25,30 +25,30 @@ from tam_calibration.model.fitted_effect import SCALAR
 from tam_calibration.model.units import FloatArray
 
 _CELLS = 48
-"""Cells of directions on half the sphere, twenty degrees wide, within which the mean of AᵀA serves.
+"""Cells of directions on half the sphere, twenty degrees wide, in each of which AᵀA is averaged.
 
-So many more as the residual has energy over that of noise: what the mean errs by is a part of it.
+Their number grows with χ²/n of the residual, as the error of the average does.
 """
 
 _MOST_CELLS = 4096
-"""Two degrees wide; for noise thirty times as large as the others' that is enough."""
+"""Cells at most, two degrees wide: enough for noise thirty times as large as the others'."""
 
 LARGEST_NOISE = 1.2
-"""White noise of so many times the data sheet's, of all sensors or of the scalar beside them, is no gap yet.
+"""White noise over that of the data sheet, of all sensors or of the scalar, up to which it is no gap.
 
-The sheet is merely wrong. What the sensors of one array differ by is a minor part of their variance.
+The sheet is merely inaccurate. Sensors of one array differ from each other by a smaller part of their variance.
 """
 
 _LOG_RANGE = (-8.0, 16.0)
-"""Logarithms of the part of the noise that is sought, from what is not seen to all there is."""
+"""Search range of the logarithm of excess variance over the floor, from negligible to dominant."""
 
 _STEP = 0.2
-"""Of that logarithm, for the curvature of a likelihood: well inside its parabola, and far above rounding."""
+"""Step of that logarithm for the curvature of the log-likelihood: within its parabola, far above rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class ChannelMoments:
-    """Second moments of the whitened channels, as far as excess noise of rows shows in them, by cells of directions.
+    """Second moments of the whitened channels that the likelihood of excess noise needs, by cells of directions.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class ChannelMoments:
 
 @dataclass(frozen=True, eq=False)
 class Excess:
-    """Excess noise of a place.
+    """Excess noise variance of a place.
 
     Parameters
     ----------
@@ -163,8 +163,8 @@ def best_excess(moments: ChannelMoments, covariates: Covariates) -> Excess | Non
     for place in places(covariates.sensor_count):
         rows = list(place.rows)
         if len(rows) * moments.sample_count >= moments.channel_count:
-            continue  # a floor could not be told from the excess
-        # Less is within what sensors of a kind differ by; the sheet of the scalar may err the other way than theirs.
+            continue  # the floor and the excess would not be separable
+        # A smaller excess is within the differences of sensors of a kind; the scalar's sheet may err the other way.
         least = (LARGEST_NOISE**4 - 1 if place.sensor == SCALAR else MINOR) * stated[rows]
         if (single[rows] <= least / 2).any():
             continue
@@ -182,7 +182,7 @@ def best_excess(moments: ChannelMoments, covariates: Covariates) -> Excess | Non
 
 
 def _scaled(moments: ChannelMoments, rows: tuple[int, ...], weight: FloatArray) -> FloatArray:
-    """Return the excess of rows over the floor that has the given proportions, at its best size."""
+    """Return the most likely excess of rows over the floor with the given proportions."""
     largest = float(moments.gram[:, rows, rows].max())
     if largest == 0:
         return np.zeros(len(rows))
@@ -190,7 +190,7 @@ def _scaled(moments: ChannelMoments, rows: tuple[int, ...], weight: FloatArray) 
 
 
 def most_likely(profile: Callable[[float], float]) -> float:
-    """Return the part of the noise at which minus twice a log likelihood is least, to a hundredth of itself."""
+    """Return the variance ratio that minimises minus twice a log-likelihood, to one per cent."""
     from scipy.optimize import minimize_scalar
 
     done = minimize_scalar(
@@ -200,7 +200,7 @@ def most_likely(profile: Callable[[float], float]) -> float:
 
 
 def relative_error(profile: Callable[[float], float]) -> float:
-    """Return the relative standard error of a number, from minus twice the log likelihood at factors of its best."""
+    """Return the relative standard error of a parameter, from minus twice the log-likelihood around its best value."""
     low, middle, high = (profile(float(np.exp(step))) for step in (-_STEP, 0.0, _STEP))
     return float(np.sqrt(2 * _STEP**2 / max(low - 2 * middle + high, np.finfo(float).tiny)))
 

@@ -1,4 +1,4 @@
-"""A gain that goes to and fro between two states."""
+"""A gain that switches between two states."""
 
 from collections.abc import Iterable, Mapping
 from itertools import product

@@ -1,35 +1,35 @@
-"""The grades by which the diagnosis decides how much is much, how sure is sure and how many are enough.
+"""Common thresholds of the diagnosis: parts of a whole, significance, and numbers of samples.
 
-Every question whether a part of a whole counts is answered by one of six grades, which are far apart: a threshold of
-its own for each question would be fitted to the recordings that were at hand when it was asked.
+Every comparison of a part with a whole uses one of six widely spaced thresholds: a threshold of its own for each
+comparison would be tuned to the recordings that were at hand.
 """
 
 NEGLIGIBLE = 0.01
-"""Part of a whole that models, stamps and references do not tell anyway."""
+"""Part of a whole below the accuracy of models, time stamps and references."""
 
 SLIGHT = 0.05
-"""Part that is there, but may be what something else leaves or makes by chance."""
+"""Part that may be a residual of something else, or chance."""
 
 MINOR = 0.1
-"""Part up to which a whole is still what the rest makes it."""
+"""Part up to which the rest still determines the whole."""
 
 NOTABLE = 0.25
-"""Part from which something has to be told beside the rest."""
+"""Part from which something counts beside the rest."""
 
 MOST = 0.5
-"""Part from which something makes the whole what it is."""
+"""Part from which something dominates the whole."""
 
 NEARLY_ALL = 0.97
-"""Part that for most purposes is the whole."""
+"""Part that is practically the whole."""
 
 CERTAIN = 3.5
-"""Standard deviations that are no chance: of white noise one value in two thousand is beyond them."""
+"""Significance, in standard deviations: one value of white noise in two thousand is beyond."""
 
 LEAST_SAMPLES = 24
-"""Of which a level or a variance is told, to some ten or twenty per cent."""
+"""Samples that determine a level or a variance to some ten or twenty per cent."""
 
 FEWEST = 4
-"""Samples in a row, or at one value, that are no coincidence."""
+"""Consecutive samples, or samples at one value, that are no coincidence."""
 
 LONGEST_BURST = 8
 """Samples of one event; what lasts longer is a course in time."""

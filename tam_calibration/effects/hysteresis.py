@@ -32,13 +32,13 @@ _LOOPS = {
 }
 
 _STILL = 0.01
-"""Part of the full scale below which a change is taken for noise, which must not wear off what is remembered."""
+"""Part of the full scale below which a change counts as noise, which must not erase the memory."""
 
 _DIRECTIONS = np.array(
     [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -1, 0), (1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1),
      (1, 1, 1), (1, 1, -1), (1, -1, 1), (1, -1, -1)]
 )  # fmt: skip
-"""Along which soft iron beside a sensor may be magnetised, for a start."""
+"""Directions along which soft iron beside a sensor may be magnetised, to start from."""
 
 
 class Hysteresis(LinearEffect):

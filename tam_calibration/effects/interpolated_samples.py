@@ -22,7 +22,7 @@ from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray
 
 _ROUNDING = 1e-13
-"""Of the largest reading: steps below are those of floating numbers, not of the last digit that is written."""
+"""Rounding error relative to the largest reading: smaller steps are not those of the last decimal written."""
 
 
 class InterpolatedSamples(FoundEffect):

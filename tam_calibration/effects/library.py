@@ -54,10 +54,10 @@ def effect_named(name: str) -> Effect:
 
 
 _SAMPLES = 8
-"""Samples of any situation; as many as every effect has neighbours for."""
+"""Samples of the covariates: enough for the neighbours that effects need."""
 
 _FIELD_T = 5e-5
-"""Tesla; a field of usual size, of which names and units do not depend."""
+"""A field of usual size, tesla, on which names and units do not depend."""
 
 
 def units_of(fitted: FittedEffect, errors: SensorErrors, array: Array) -> dict[str, str]:
@@ -84,7 +84,7 @@ def check_numbers(fitted: FittedEffect, errors: SensorErrors, array: Array) -> N
 
 
 def _some_covariates(errors: SensorErrors, array: Array) -> Covariates:
-    """Return any situation with all channels: the names and units of coefficients are the same in all."""
+    """Return arbitrary covariates with all channels: names and units of coefficients do not depend on them."""
     time_s = np.arange(float(_SAMPLES))
     field = _FIELD_T * np.column_stack([np.cos(time_s), np.sin(time_s), np.ones(_SAMPLES)])
     attitude = np.tile([0.0, 0.0, 0.0, 1.0], (_SAMPLES, 1))

@@ -1,4 +1,4 @@
-"""The motion of the field through the array: its rates of change, and what is chance among samples of like motion."""
+"""The motion of the field in the array frame: its rate of change, and a permutation test among similar rates."""
 
 from collections.abc import Callable
 from weakref import WeakKeyDictionary
@@ -13,11 +13,11 @@ from tam_calibration.model.recording import BLOCK
 from tam_calibration.model.units import FloatArray
 
 MOST_NEIGHBOURS = 20_000
-"""Samples among which neighbours on the sphere are sought; as many lie a degree from each other."""
+"""Samples at most among which neighbours on the sphere are searched: they lie about a degree apart."""
 
 
 def sum_around(values: FloatArray, span: int) -> FloatArray:
-    """Return the sums (N, ...) of values (N, ...) over so many samples on either side, the sample itself left out."""
+    """Return the sums (N, ...) of values (N, ...) over span samples on either side, without the sample itself."""
     padding = [(span + 1, span), *[(0, 0)] * (values.ndim - 1)]
     total = np.cumsum(np.pad(values, padding), axis=0)
     around: FloatArray = total[2 * span + 1 :] - total[: -2 * span - 1] - values
@@ -25,15 +25,15 @@ def sum_around(values: FloatArray, span: int) -> FloatArray:
 
 
 _NEIGHBOURS = 6
-"""Samples on both sides of one that a polynomial through them tells: of fifth degree, as turns are smooth."""
+"""Samples on both sides through which a polynomial (of fifth degree) predicts one, as turns are smooth."""
 
 _LARGEST_WEIGHT = 50.0
-"""Of a neighbour in a derivative, per step of time; more means samples that nearly coincide."""
+"""Largest weight of a neighbour in a derivative, per time step; a larger one means samples that nearly coincide."""
 
 _KNOWN: WeakKeyDictionary[Covariates, FloatArray] = WeakKeyDictionary()
 
 _BLOCKS = (1, 2, 4, 8, 16)
-"""Samples whose mean is foretold: in longer means there is less noise, which a slow motion needs."""
+"""Samples whose mean is predicted: longer means have less noise, which a slow motion needs."""
 
 
 def rates(covariates: Covariates) -> FloatArray:
@@ -76,7 +76,7 @@ def jumps(covariates: Covariates) -> str | None:
             weight, _ = _weights(time[nodes] - time[:, None])
             steps.append(norm(np.diff(field, axis=0), axis=1))
             misses.append(norm(field - _combined(weight, field, nodes), axis=1)[_NEIGHBOURS // 2 : -_NEIGHBOURS // 2])
-        # Of jumps the neighbours miss all, of turns hardly any.
+        # Neighbours predict nothing of jumps, and nearly all of turns.
         if steps and np.quantile(np.concatenate(misses), 0.75) < NOTABLE * np.quantile(np.concatenate(steps), 0.75):
             return None
     return "the field changes from sample to sample in jumps, not in continuous motion"
@@ -114,19 +114,19 @@ def _combined(weight: FloatArray, values: FloatArray, nodes: NDArray[np.intp]) -
 
 
 PERMUTATIONS = 200
-"""How often residuals are dealt out anew: what none of them reaches is chance once in 201 times."""
+"""Permutations of the residuals: a statistic that none of them reaches has p = 1/201."""
 
-_ALIKE = 200
-"""Samples, in the order of their rates, among which residuals are dealt out."""
+_PERMUTED = 200
+"""Samples of similar rate among which residuals are permuted."""
 
 Statistic = Callable[[NDArray[np.intp]], float]
-"""A number that is large where a law holds, from whose residual (N,) each sample has."""
+"""A test statistic as a function of the permutation (N,) of the residuals; large where a law holds."""
 
 
 def is_chance(statistic: Statistic, rate: FloatArray) -> bool:
-    """Return whether any permutation within samples of like rate (N,) reaches the statistic."""
+    """Return whether any permutation among samples of similar rate (N,) reaches the statistic."""
     generator, dealt = np.random.default_rng(0), np.arange(len(rate))
-    size = min(_ALIKE, len(rate))
+    size = min(_PERMUTED, len(rate))
     blocks = np.argsort(rate)[len(rate) % size :].reshape(-1, size)  # without a few of the slowest
     observed = statistic(dealt)
     for _ in range(PERMUTATIONS):

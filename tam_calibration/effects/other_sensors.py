@@ -1,4 +1,4 @@
-"""One sensor against the field that all the others tell: what it should read, and by how much it is off."""
+"""One sensor against the field that all others measure: its expected reading, and its residual."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,12 +13,12 @@ from tam_calibration.effects.term import WhitenedResiduals
 from tam_calibration.model.units import FloatArray
 
 _CONCENTRATIONS = 8
-"""Steps in which the calibration by the better half of the samples settles."""
+"""Concentration steps of the least-trimmed-squares calibration."""
 
 
 @dataclass(frozen=True, eq=False)
 class AgainstOthers:
-    """One sensor against the field that all the others tell.
+    """One sensor against the field that all others measure.
 
     Parameters
     ----------
@@ -27,9 +27,9 @@ class AgainstOthers:
     sensor : int
         Which one.
     beyond_T : (N, 3) array
-        What it reads beyond what it should, tesla.
+        Residual: reading minus expected reading, tesla.
     expected_T : (N, 3) array
-        What it should read, its bias left out, tesla.
+        Expected reading without bias, tesla.
     whitening : (3, 3) array
         ``beyond_T @ whitening`` has unit variance under the noise stated, that of the others included, 1/T.
     """
@@ -57,7 +57,7 @@ class AgainstOthers:
 
     @cached_property
     def rate(self) -> FloatArray:
-        """(N, 3) change by time of what it should read, T/s."""
+        """(N, 3) time derivative of the expected reading, T/s."""
         covariates, matrix = self.residuals.covariates, self.residuals.covariates.errors.matrix[self.sensor]
         field = np.linalg.solve(matrix, self.expected_T.T).T
         changing: FloatArray = rates(replace(covariates, field_T=field)) @ matrix.T
@@ -69,14 +69,14 @@ class AgainstOthers:
         return energy
 
     def floor(self, energy: FloatArray) -> float:
-        """Return the variance of most of the samples of some energy (N,) of its three axes, in that of the noise."""
+        """Return the robust variance of samples with energies (N,) of three axes, over that of the noise."""
         return noise_energy(energy[self.usable], 3)
 
     def recalibrated(self) -> "AgainstOthers":
         """Return the same at the bias and matrix that fit the better half of the samples best.
 
         By least trimmed squares (Rousseeuw, Least median of squares regression, J. Am. Stat. Assoc. 79, 1984), so that
-        what a minority of samples does tilts nothing.
+        a minority of samples has no influence.
         """
         functions = np.column_stack([np.ones(len(self.usable)), self.expected_T / np.abs(self.expected_T).max()])
         usable = np.flatnonzero(self.usable)

@@ -1,8 +1,8 @@
 """Outliers: single readings, or bursts of a few, that are far off while their neighbours are not.
 
 The gain is that of the mean-shift model (Cook and Weisberg 1982): each flagged sample has shifts of its own. They are
-paid as a code: k positions among N samples are ln C(N, k) nats and a shift of variance v costs ½ ln v, where BIC takes
-½ ln n for a parameter; that is about two parameters for a lone spike, fewer for each of many.
+penalised by their code length: k positions among N samples take ln C(N, k) nats and a shift of variance v ½ ln v,
+where BIC takes ½ ln n per parameter; that is about two parameters for a single spike, fewer for each of many.
 """
 
 from collections.abc import Mapping
@@ -97,7 +97,7 @@ def _best_place(residuals: WhitenedResiduals, spikes: Spikes, floor: float) -> t
     if count > 1:
         whole = everywhere(count)
         candidates.append((whole, residuals.energy[samples], int(np.median(residuals.channel_count[samples]))))
-        # Each spike in a row of its own, which has to be told.
+        # Each spike in a row of its own, whose index adds to the code length.
         single = row_deviations(residuals)[samples]
         candidates.append((whole, np.max(single**2, axis=1), 1))
     else:
@@ -116,7 +116,7 @@ def _best_place(residuals: WhitenedResiduals, spikes: Spikes, floor: float) -> t
 
 
 def position_nats(sample_count: int, chosen: int) -> float:
-    """Return ln C(N, k), the nats that tell which samples are struck."""
+    """Return ln C(N, k), the code length of the flagged samples, in nats."""
     from scipy.special import gammaln
 
     return float(gammaln(sample_count + 1) - gammaln(chosen + 1) - gammaln(sample_count - chosen + 1))

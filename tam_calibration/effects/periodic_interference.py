@@ -13,12 +13,12 @@ from tam_calibration.model.fitted_effect import FittedEffect, Shape
 from tam_calibration.model.units import FloatArray
 
 _LEAST_PERIODS = 10
-"""In the record; what varies more slowly is a drift, and a record of two samples a period is too short."""
+"""Periods in the record at least: slower variation is a drift."""
 
 _AT_WORK = Limit(
     1e-3, "the largest field of mains that people may work in; ICNIRP guidelines, Health Phys. 99, 2010, p. 818", "T"
 )
-"""Of an amplitude."""
+"""Limit of an amplitude."""
 
 _OVERTONES = "harmonics over the line"
 _DISTORTION = Limit(
@@ -26,13 +26,13 @@ _DISTORTION = Limit(
     "harmonics of mains are some per cent of the line (IEC 61000-2-2), those of rectified currents nearly as large; "
     "what is larger is another tone, or a drift that a harmonic above half the sampling rate imitates",
 )
-"""Root of the sum of squares over all rows."""
+"""Limit of the root of the sum of squares over all rows."""
 
 _LINES = 4
 """Strongest lines that are tried, of which harmonics may be several."""
 
 SAME_LINE = 4.0
-"""Widths of a spectral line, of one over the duration, within which two tones are one."""
+"""Distance within which two tones are one, in widths of a spectral line (1 / duration)."""
 
 _FINER = 4
 """Points of the periodogram per width of a line."""

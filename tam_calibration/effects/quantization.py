@@ -26,16 +26,16 @@ from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, Fitte
 from tam_calibration.model.units import FloatArray
 
 _FINEST = 0.5
-"""Steps, in standard deviations of a row's noise, that are sought: rounding is then 2 % of the variance."""
+"""Smallest step searched, in standard deviations of a row's noise: rounding is then 2 % of the variance."""
 
 _DISTANCE = 500.0
-"""Typical difference of the readings that are compared, in the same unit."""
+"""Typical difference of the readings compared, in the same unit."""
 
 _PER_FINEST = 8
 """Cells of the histogram of differences to the finest step."""
 
 _DIFFERENCES = 2000
-"""Differences of readings that are compared; more make their phases no more sure."""
+"""Differences of readings compared; more would not determine their phases better."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def _lattice(row: int, readings: FloatArray, noise_T: float) -> Lattice | None:
     phase = np.angle(np.mean(np.exp(2j * np.pi * ordered / step))) / (2 * np.pi)
     distance = ordered / step - phase
     distance = (distance - np.round(distance)) * step
-    # Readings that know of no lattice are off by a uniform error, or by their noise where values repeat.
+    # Readings off a lattice have a uniform error, or that of their noise where values repeat.
     if np.sqrt(np.mean(distance**2)) > MINOR * min(step / np.sqrt(12), 1.0):
         return None
     step_T = float(step * noise_T)

@@ -1,4 +1,4 @@
-"""Recursions over samples: first-order lags, x' = (drive - x) / τ, and what they hold from one batch to the next."""
+"""Recursions over samples: first-order lags, x' = (drive - x) / τ, and their state from batch to batch."""
 
 from typing import Any
 
@@ -9,10 +9,10 @@ from tam_calibration.model.units import FloatArray
 
 
 class Memory:
-    """The last values of the recursions that the terms of an effect go through.
+    """The states of the recursions of an effect's terms between batches of samples.
 
-    They go through the same recursions in the same order for every batch, so that these need no names: each recalls
-    what it kept at the end of the batch before, and keeps what it needs at the start of the next.
+    Each batch runs the same recursions in the same order, so that they need no names: each recalls its state at the end
+    of the previous batch, and keeps that for the next.
     """
 
     def __init__(self) -> None:
@@ -20,15 +20,15 @@ class Memory:
         self._turn = 0
 
     def rewind(self) -> None:
-        """Begin a batch: the first recursion has its turn."""
+        """Begin a batch, at the first recursion."""
         self._turn = 0
 
     def recall(self) -> Any:
-        """Return what the recursion whose turn it is kept of the batch before; None in the first batch."""
+        """Return the state of the current recursion after the previous batch; None in the first batch."""
         return self._kept[self._turn] if self._turn < len(self._kept) else None
 
     def keep(self, value: Any) -> None:
-        """Keep a value for the next batch, and give the turn to the next recursion."""
+        """Keep a state for the next batch, and go on to the next recursion."""
         self._kept[self._turn : self._turn + 1] = [value]
         self._turn += 1
 

@@ -1,4 +1,4 @@
-"""What an excess of variance follows, which speaks against noise as its cause."""
+"""Regularities of an excess of variance, which show that noise is not its cause."""
 
 import numpy as np
 
@@ -9,23 +9,23 @@ from tam_calibration.effects.term import WhitenedResiduals, row_deviations
 from tam_calibration.model.units import FloatArray
 
 _OTHER_TIMES = 16
-"""Parts of the record by which the excess is moved along the field, forwards and backwards."""
+"""Time shifts of the excess against the field, forwards and reversed, that serve as surrogates."""
 
 _NEIGHBOURS = 16
-"""Nearest directions among which one is sought that is far in time."""
+"""Nearest directions among which one is searched that is far in time."""
 
 HEAVY = 3.0
-"""Excess kurtosis, with the variance of the surroundings taken out, from which on it is spikes."""
+"""Excess kurtosis, within blocks of samples, from which the excess consists of spikes."""
 
 _BLOCK = 50
-"""Samples within which the variance is taken for constant."""
+"""Samples of a block, within which the variance is taken as constant."""
 
 _BANDS = 40
-"""Parts of the spectrum of which one may hold a line."""
+"""Bands of the spectrum, of which one may hold a line."""
 
 
 def objection_to(residuals: WhitenedResiduals, excess: Excess) -> str | None:
-    """Return what speaks against noise as the cause of an excess, in one clause."""
+    """Return in one clause which regularity excludes noise as the cause of an excess, or None."""
     counted = residuals.is_counted
     largest = int(np.argmax(excess.part))
     row = excess.place.rows[largest]
@@ -40,7 +40,7 @@ def objection_to(residuals: WhitenedResiduals, excess: Excess) -> str | None:
     direction = (residuals.covariates.field_T / residuals.covariates.intensity_T[:, None])[counted]
     if _directed(deviation, direction) > max(NOTABLE * surplus, chance):
         return "the excess follows the direction of the field"
-    # A row is known the better the less of it lies along the field, and so is its excess.
+    # The less of a row lies along the field, the more precise are its residual and its excess.
     expected = 1 + excess.part[largest] * residuals.row_information[counted, row]
     follows = _of_size(deviation / np.sqrt(expected), direction)
     if follows is not None:
@@ -56,18 +56,18 @@ def objection_to(residuals: WhitenedResiduals, excess: Excess) -> str | None:
 
 
 def _of_size(deviation: FloatArray, direction: FloatArray) -> str | None:
-    """Return what the size of an excess, whose variance is even if it follows nothing, does follow, in one clause."""
+    """Return in one clause what the size of an excess depends on, or None where it is constant."""
     size = deviation**2
     # The third square is what the other two leave of one.
     squares = np.column_stack([direction[:, :2] ** 2, direction * np.roll(direction, 1, axis=1)])
-    if _told_beyond(size, squares) > NEGLIGIBLE:
+    if _explained_beyond(size, squares) > NEGLIGIBLE:
         return "the size of the excess follows the direction of the field"
     changes = [
         np.gradient(direction, axis=0),
         np.diff(direction, 2, axis=0, prepend=direction[:1], append=direction[-1:]),
     ]
     rates = np.column_stack([np.sum(change**2, axis=1) for change in changes])
-    if _told_beyond(size, rates) > NEGLIGIBLE:
+    if _explained_beyond(size, rates) > NEGLIGIBLE:
         return "the size of the excess follows the rate of the field"
     return None
 
@@ -78,7 +78,7 @@ def alike(deviation: FloatArray) -> float:
 
 
 def _line_part(deviation: FloatArray, floor: float) -> float:
-    """Return the largest part of the excess within a fortieth of the band, its lowest tenth left out."""
+    """Return the largest part of the excess in one of 40 bands of the spectrum, the lowest tenth excluded."""
     power = np.abs(np.fft.rfft(deviation)[1:]) ** 2 / len(deviation) - floor
     if len(power) < 2 * _BANDS:
         return 0.0
@@ -87,7 +87,7 @@ def _line_part(deviation: FloatArray, floor: float) -> float:
 
 
 def _directed(deviation: FloatArray, direction: FloatArray) -> float:
-    """Return the covariance of samples with the one at the nearest direction that is far off in time."""
+    """Return the covariance of samples with those of the nearest direction at a distant time."""
     from scipy.spatial import cKDTree
 
     every = max(1, len(deviation) // MOST_NEIGHBOURS)
@@ -101,24 +101,26 @@ def _directed(deviation: FloatArray, direction: FloatArray) -> float:
     return float(np.mean(products)) if len(products) > LEAST_SAMPLES else 0.0
 
 
-def _told_beyond(values: FloatArray, functions: FloatArray) -> float:
-    """Return the part of the variance of values (N,) that functions (N, P) tell, beyond the most at other times."""
+def _explained_beyond(values: FloatArray, functions: FloatArray) -> float:
+    """Return the part of the variance of values (N,) that functions (N, P) explain beyond the best time shift."""
     basis = np.linalg.qr(functions - functions.mean(axis=0))[0]
     course = values - values.mean()
     shifts = np.linspace(0, len(values), _OTHER_TIMES, endpoint=False).astype(int).tolist()
-    told = [float(np.sum((basis.T @ np.roll(own, shift)) ** 2)) for own in (course, course[::-1]) for shift in shifts]
-    return (told[0] - max(told[1:])) / max(float(course @ course), np.finfo(float).tiny)
+    explained = [
+        float(np.sum((basis.T @ np.roll(own, shift)) ** 2)) for own in (course, course[::-1]) for shift in shifts
+    ]
+    return (explained[0] - max(explained[1:])) / max(float(course @ course), np.finfo(float).tiny)
 
 
 def _sidedness(deviation: FloatArray) -> float:
-    """Return the sum of the cubes, in standard deviations of what it is where bursts of samples have random signs."""
+    """Return the sum of the cubes in its standard deviations under random signs of bursts of samples."""
     count = len(deviation) // LONGEST_BURST * LONGEST_BURST
     bursts = np.sum(deviation[:count].reshape(-1, LONGEST_BURST) ** 3, axis=1)
     return float(bursts.sum() / np.sqrt(np.sum(bursts**2)))
 
 
 def _kurtosis(deviation: FloatArray) -> float:
-    """Return the excess kurtosis within blocks of samples, so that a noise that comes and goes has none."""
+    """Return the excess kurtosis within blocks of samples, so that intermittent noise has none."""
     blocks = max(1, len(deviation) // _BLOCK)
     square = deviation[: len(deviation) // blocks * blocks].reshape(blocks, -1) ** 2
     ratio = np.mean(square**2, axis=1) / np.maximum(np.mean(square, axis=1) ** 2, np.finfo(float).tiny)

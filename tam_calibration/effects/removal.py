@@ -1,4 +1,4 @@
-"""What known effects added to a recording, or to samples as they arrive, so that it can be taken off."""
+"""The signal of known effects in a recording, or in samples as they arrive, for its removal."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -19,17 +19,17 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 _PASSES = 2
-"""What an effect adds depends on the field, and the field on what it added; a pass leaves a square of that."""
+"""Iterations: the signal depends on the field, and the field on the signal; the error is squared in each."""
 
 
 @dataclass(frozen=True, eq=False)
 class Added:
-    """What effects added to N samples.
+    """The signal of effects in N samples.
 
     Parameters
     ----------
     rows_T : (N, 3K + 1) array
-        To the readings of all sensors and to the scalar, tesla; nothing where it is not known.
+        Signal in the readings of all sensors and in the scalar, tesla; 0 where it is not known.
     is_known : (N, E) array of bool
         Whether a sample has the channels that each effect needs.
     """
@@ -39,9 +39,9 @@ class Added:
 
 
 class EffectStream:
-    """Works out what effects add to samples that arrive in batches of any size: the same as of all at once.
+    """Computes the signal of effects in samples that arrive in batches of any size, as for all samples at once.
 
-    Where time does not go on, as when a recording is played again, all recursions begin anew.
+    Where time goes back, as when a recording is played again, all recursions restart.
 
     Parameters
     ----------
@@ -154,18 +154,18 @@ def attitude_known(recording: Recording) -> NDArray[np.bool_] | None:
 
 
 def removable(effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
-    """Return the effects that can be taken off: those that add to the readings what the channels tell."""
+    """Return the effects that can be removed: those whose signal follows from recorded channels."""
     return tuple(fitted for fitted in effects if isinstance(effect_named(fitted.effect), LinearEffect))
 
 
 def of_sensors(effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
-    """Return the removable effects that go with the array, as far as they act on its sensors."""
+    """Return the removable effects that belong to the array, as far as they act on its sensors."""
     kept = (on_sensors(fitted) for fitted in effects)
     return tuple(fitted for fitted in kept if fitted is not None)
 
 
 def on_sensors(fitted: FittedEffect) -> FittedEffect | None:
-    """Return what an effect adds to the sensors; None where nothing can be taken off, or it is of the site."""
+    """Return the part of an effect on the sensors; None where it cannot be removed, or belongs to the site."""
     effect = effect_named(fitted.effect)
     if not isinstance(effect, LinearEffect) or effect.is_of_site:
         return None
@@ -194,7 +194,7 @@ def _knows(recording: Recording, channels: Sequence[str]) -> NDArray[np.bool_]:
 def agreed_field(
     readings_T: FloatArray, errors: SensorErrors, array: KnownNoiseArray, is_trusted: NDArray[np.bool_] | None = None
 ) -> FloatArray:
-    """Return the field (N, 3) that the readings (N, K, 3) agree on, each weighed by its noise, tesla.
+    """Return the least-squares field (N, 3) of readings (N, K, 3), each weighted by its noise, tesla.
 
     Axes that are not trusted (3K,) do not count.
     """

@@ -24,7 +24,7 @@ from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray
 
 WIDEST_RANGE = Limit(5e-2, "the widest range of a Hall sensor; Melexis, data sheet of the MLX90393", "T")
-"""Of a reading."""
+"""Largest field that any sensor of this kind can read."""
 
 _ENDS = {"upper limit": 1.0, "lower limit": -1.0}
 """Signs that turn either end of a range into an upper one."""
@@ -133,7 +133,7 @@ def find_limits(residuals: WhitenedResiduals) -> list[_Limit]:
 
 
 def inside_range(residuals: WhitenedResiduals) -> WhitenedResiduals:
-    """Return a residual in which samples at the end of an axis' range do not count: these have a cause of their own."""
+    """Return a residual in which samples at the end of an axis' range do not count."""
     is_inside = residuals.is_counted.copy()
     for limit in find_limits(residuals):
         is_inside[limit.samples] = False
@@ -177,7 +177,7 @@ def _pile(outward: FloatArray, shift: FloatArray, noise: float) -> NDArray[np.in
     depth = outward[order] - outward.max()
     scatter = np.cumsum(depth**2) / count - (np.cumsum(depth) / count) ** 2
     lost = np.cumsum(shift[order] ** 2)
-    # What a constant in place of the expected reading explains, for the k readings that should be the largest.
+    # Energy explained by a constant instead of the expected reading, for the k largest expected readings.
     best = int(np.argmax(lost - count * np.maximum(scatter, 0)))
     chosen = order[: best + 1]
     if len(chosen) < FEWEST:
@@ -188,7 +188,7 @@ def _pile(outward: FloatArray, shift: FloatArray, noise: float) -> NDArray[np.in
 
 
 def _is_lone(residuals: WhitenedResiduals, row: int, sample: int, scale: float) -> bool:
-    """Return whether a reading is off alone: that a spike strikes just the outermost reading is one chance in N."""
+    """Return whether a single reading is off: a spike at just the outermost reading has the probability 1/N."""
     deviation = np.abs(residuals.row_shift_T[:, row]) * np.sqrt(residuals.row_information[:, row]) / scale
     others = np.delete(deviation, sample)
     return bool(len(others) >= 1 / NEGLIGIBLE and deviation[sample] > max(2 * CERTAIN, others.max() / MOST))
@@ -218,7 +218,7 @@ def _contributions(limits: list[_Limit], covariates: Covariates) -> list[Contrib
 
 
 def _core_contribution(core: ClippedCore) -> Contribution:
-    """Return the limits of a core, of what mixture of the readings, and into which of them it falls short."""
+    """Return the limits of a core, with the directions u and w of its hinge."""
     values = dict(core.limits_T)
     values |= {f"of {axis}": float(value) for axis, value in zip("xyz", core.direction, strict=True)}
     values |= {f"into {axis}": float(value) for axis, value in zip("xyz", core.fall, strict=True)}

@@ -25,22 +25,22 @@ _AXIS_ORDERS = ((3,), (4,), (5, 6), (7, 8), (9, 10), (11, 12))
 """Of the polynomials about one axis that stand or fall together; dead zones are sharp."""
 
 _GRID = 400
-"""Axes that are tried first, seven degrees apart on half the sphere."""
+"""Axes of the first grid, seven degrees apart on half the sphere."""
 
 _AXES = 3
-"""Axes of which each is refined, as the best of the grid need not be."""
+"""Axes of the grid that are refined, as the best one need not lead to the optimum."""
 
 _APART = 0.3
 """Least angle between two axes that are tried, radians."""
 
-_CLIMBS = (0.1, 0.04, 0.016, 0.006)
-"""Sizes of the caps, radians, in which an axis is refined, each as wide as the axes of the one before are apart."""
+_CAPS = (0.1, 0.04, 0.016, 0.006)
+"""Radii of the caps in which an axis is refined, rad: each is the spacing of the axes of the previous one."""
 
-_CLIMB_GRID = 30
+_CAP_GRID = 30
 """Axes in each cap."""
 
 _PRECISE = 1e-9
-"""Relative size of what rounding may leave of normal equations."""
+"""Rounding error of normal equations, relative."""
 
 
 class ScalarHeadingError(LinearEffect):
@@ -158,8 +158,8 @@ def _axes(residuals: WhitenedResiduals) -> list[tuple[float, float]]:
 
 def _climbed(search: _Search, axis: FloatArray) -> FloatArray:
     """Return the axis near another that explains most."""
-    for size in _CLIMBS:
-        cap = _spiral(_CLIMB_GRID, 1 - np.cos(size))
+    for size in _CAPS:
+        cap = _spiral(_CAP_GRID, 1 - np.cos(size))
         # Any rotation that brings the z axis to the axis so far.
         basis, _ = np.linalg.qr(np.column_stack([axis, np.eye(3)[np.argsort(np.abs(axis))[:2]].T]))
         near = np.vstack([axis, cap @ np.column_stack([basis[:, 1:], axis]).T])
@@ -179,7 +179,7 @@ def _spiral(count: int, height: float) -> FloatArray:
 
 
 def _without_lower(information: FloatArray) -> FloatArray:
-    """Return what is left of normal equations (P, P) or (P, P + 1) when the harmonics up to degree 2 are eliminated."""
+    """Return normal equations (P, P) or (P, P + 1) with the harmonics up to degree 2 eliminated."""
     count = _NUISANCE_COUNT
     own, other = information[:count, :count], information[count:, :count]
     left: FloatArray = (

@@ -18,16 +18,16 @@ from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray
 
 _SMOOTHEST = 4
-"""Degree of the polynomials of time beside which a change must be sharp: a slow one is no step."""
+"""Degree of the polynomials of time that are fitted too, so that a slow change is no step."""
 
 _COARSE = 400
-"""Places at which a step is sought first."""
+"""Times at which a step is searched first."""
 
 _SLIP = Limit(0.5, "a screw that comes loose lets a board turn by degrees, not out of its mount; Isermann 2006", "rad")
-"""Of tilts and turns alike: both are how an axis stands after it."""
+"""Limit of tilts and turns alike: both are rotations of an axis."""
 
 _ENOUGH = 16_000
-"""Samples among which the times are sought, evenly spread over a longer recording."""
+"""Samples of a thinned recording in which the times are searched."""
 
 _SCALE = Coefficient("scale", "1")
 _TURNS = tuple(Coefficient(f"turn about {axis}", "rad") for axis in "xyz")

@@ -1,11 +1,11 @@
-"""Readings that stand alone: which samples are so far off that no noise explains them, and no cause of another kind.
+"""Isolated outliers: samples so far off that neither noise nor a cause of another kind explains them.
 
 A reading is flagged where a shift of its row alone lies beyond what noise reaches in so many readings: the tail of
 Student's distribution for a scale from the median (whose efficiency of 37 % gives the degrees of freedom), with the
 false discovery rate of Benjamini and Hochberg (1995). The scale is the larger of the record's and that of the
-surroundings, so that a noisy axis or a noisy while has no outliers. Left out are what lasts longer than a burst, what
-neighbours in time or on the sphere share, what comes where the noise is louder, and readings at the end of an axis'
-range: these have causes of their own.
+surroundings, so that a noisy axis or interval has no outliers. Excluded are deviations longer than a burst, those that
+neighbours in time or on the sphere share, those in noisier surroundings, and readings at the end of an axis' range:
+these have causes of their own.
 """
 
 from dataclasses import dataclass, replace
@@ -21,28 +21,28 @@ from tam_calibration.effects.term import WhitenedResiduals, row_deviations
 from tam_calibration.model.units import FloatArray
 
 _EFFICIENCY = 0.37
-"""Of the median of absolute values as an estimate of a Gaussian scale."""
+"""Efficiency of the median absolute value as an estimate of a Gaussian scale."""
 
 _BLOCK = 200
-"""Samples over which the scale of the surroundings is taken."""
+"""Samples over which the local scale is estimated."""
 
 _IN_TIME = slice(LEAST_SAMPLES - LONGEST_BURST // 2, LEAST_SAMPLES + LONGEST_BURST // 2)
-"""Of the samples around a spike those that are next to it."""
+"""Of the samples around a spike, those next to it."""
 
 _BESIDE = 10
-"""Samples on either side of a spike that tell how loud it is there."""
+"""Samples on either side of a spike in which the local noise is compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spikes:
-    """Samples that stand alone.
+    """Isolated outliers.
 
     Parameters
     ----------
     samples : (k,) array of int
         Their indices.
     rows : (k,) array of int
-        The row that shows each best.
+        The row that explains most of each.
     """
 
     samples: NDArray[np.intp]
@@ -50,7 +50,7 @@ class Spikes:
 
 
 def find_spikes(residuals: WhitenedResiduals) -> Spikes | str:
-    """Return the samples that stand alone, or why there are none, in one clause."""
+    """Return the isolated outliers, or why there are none, in one clause."""
     usable = residuals.channel_count > 0
     for limit in find_limits(residuals):
         usable[limit.samples] = False
@@ -58,7 +58,7 @@ def find_spikes(residuals: WhitenedResiduals) -> Spikes | str:
         return "there are too few samples to tell a spike from noise"
     raw = row_deviations(residuals)
     deviation = _standardised(raw, usable)
-    # The row that explains most, not that which is off most: noise of one leaks into all.
+    # The row that explains most, not the largest residual: noise of one row affects all.
     worst = np.argmax(np.abs(raw), axis=1)
     height = np.abs(deviation[np.arange(len(worst)), worst]) * usable
     chance = _chance(height, int(usable.sum()), deviation.shape[1])
@@ -84,7 +84,7 @@ def find_spikes(residuals: WhitenedResiduals) -> Spikes | str:
 
 
 def without_spikes(residuals: WhitenedResiduals) -> WhitenedResiduals:
-    """Return a residual in which the samples that stand alone do not count."""
+    """Return a residual in which isolated outliers do not count."""
     spikes = find_spikes(residuals)
     if isinstance(spikes, str):
         return residuals
@@ -92,10 +92,10 @@ def without_spikes(residuals: WhitenedResiduals) -> WhitenedResiduals:
 
 
 def come_with_motion(residuals: WhitenedResiduals, spikes: Spikes) -> bool:
-    """Whether spikes come where what their rows should read changes fastest, or where it stands still.
+    """Whether spikes occur where the expected reading of their rows changes fastest, or where it is constant.
 
-    Fisher's sum of the logarithms of the parts of the record in which a row changes as much, or as little, over as many
-    samples. One spike may be at the fastest change of all; that spikes avoid changes only several can tell.
+    By Fisher's method: the sum of the logarithms of the parts of the record in which a row changes as much, or as
+    little. A single spike may show the former, only several the latter.
     """
     from scipy.stats import combine_pvalues, norm
 
@@ -115,7 +115,7 @@ def come_with_motion(residuals: WhitenedResiduals, spikes: Spikes) -> bool:
 
 
 def without_spikes_of_motion(residuals: WhitenedResiduals) -> WhitenedResiduals:
-    """Return a residual in which samples that stand alone do not count where they come with the motion."""
+    """Return a residual in which isolated outliers do not count where they occur with the motion."""
     spikes = find_spikes(residuals)
     if isinstance(spikes, str) or not come_with_motion(residuals, spikes):
         return residuals
@@ -174,7 +174,7 @@ def _bursts(hot: NDArray[np.bool_]) -> NDArray[np.intp]:
 def _shared(
     residuals: WhitenedResiduals, deviation: FloatArray, worst: NDArray[np.intp], far: NDArray[np.bool_]
 ) -> NDArray[np.intp]:
-    """Return the samples that neighbours in time or in the field's direction equal, or whose surroundings are loud."""
+    """Return the samples that neighbours in time or direction of the field equal, or whose surroundings are noisy."""
     from scipy.spatial import cKDTree
 
     others, samples = np.flatnonzero(~far & (residuals.channel_count > 0)), np.flatnonzero(far)

@@ -21,7 +21,7 @@ from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray
 
 LATEST = 8
-"""Samples by which a reading is late at most: what a queue of usual length holds."""
+"""Longest delay of a reading, in samples: the length of a usual queue."""
 
 
 class StaleSamples(FoundEffect):
@@ -71,7 +71,7 @@ class StaleSamples(FoundEffect):
 
 
 def _ways_back(against: AgainstOthers) -> FloatArray:
-    """Return how much less a sensor reads (k, N, 3) when it reads what was due 1 to so many samples before."""
+    """Return the residual (k, N, 3) of readings that are those of 1 to k samples before, tesla."""
     expected = against.expected_T
     back = np.full((LATEST, *expected.shape), NOWHERE_T)
     for stretch in against.residuals.covariates.stretches:

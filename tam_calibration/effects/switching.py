@@ -1,4 +1,4 @@
-"""Something that is on in some windows of time and off in between, found from what it would add while it is on."""
+"""An effect that is on in some windows of time and off in between, found from its signal while on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,17 +14,17 @@ from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray
 
 _MOST_WINDOWS = 300
-"""More are no longer told one by one."""
+"""Windows at most."""
 
 WINDOW_UNITS = {f"{edge}_{number}_s": "s" for number in range(1, _MOST_WINDOWS + 1) for edge in ("on", "off")}
-"""SI unit of the parameters of a shape that tell windows; the last window may have no end."""
+"""SI units of the times of windows in a shape; the last window may have no end."""
 
 _SETTLED = 3
-"""Levels, those of which two rough states explain most, of which the states are settled."""
+"""Levels whose states are refined: those of which two rough states explain most."""
 
 _ROUNDS = 6
 _SPANS = (4, 16, 64)
-"""Samples on either side from which a level is foretold that comes and goes slowly."""
+"""Samples on either side from which a slowly varying level is predicted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +34,11 @@ class Switching:
     Parameters
     ----------
     is_on : (N,) array of bool
-        Whether the second state is there.
+        Whether the second state is present.
     gain : float
         Energy that the two levels explain beyond one.
     scale : float
-        Energy that is left for each residual.
+        Residual energy per residual.
     """
 
     is_on: NDArray[np.bool_]
@@ -47,12 +47,12 @@ class Switching:
 
     @property
     def flips(self) -> NDArray[np.intp]:
-        """Samples at which the state is another than before."""
+        """Samples at which the state changes."""
         return np.flatnonzero(np.diff(self.is_on)) + 1
 
     @property
     def windows(self) -> list[tuple[int, int]]:
-        """First samples of the windows in the rarer state, and of what follows; N where nothing does."""
+        """First sample of each window in the rarer state, and first one after it (N at the end)."""
         is_in = self.is_on if self.is_on.mean() <= 0.5 else ~self.is_on
         edges = np.flatnonzero(np.diff(np.concatenate([[False], is_in, [False]])))
         return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
@@ -82,14 +82,14 @@ def in_windows(covariates: Covariates, shape: Shape) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Residuals of a row that follow a function by a level that may change.
+    """Residuals of a row modelled as a given function times a level that may change.
 
     Parameters
     ----------
     shift, function, information : (N,) array
-        Residuals, what a level of one adds to them, and their inverse variances; 0 in samples that do not count.
+        Residuals, their derivative by the level, and their inverse variances; 0 in samples that do not count.
     held : (N, Q) array
-        What is fitted anyway; the function is among what it spans.
+        Nuisance functions, which span the function too.
     """
 
     shift: FloatArray
@@ -99,14 +99,14 @@ class Level:
 
     @classmethod
     def of_row(cls, residuals: WhitenedResiduals, row: int, function: FloatArray) -> "Level":
-        """Return the level by which a row follows a function (N,), beside its own calibration."""
+        """Return the level of a function (N,) in a row, beside the row's calibration."""
         direction = residuals.covariates.field_T / residuals.covariates.intensity_T[:, None]
         information = np.where(residuals.is_counted, residuals.row_information[:, row], 0.0)
         held = np.column_stack([np.ones(len(function)), direction])
         return cls(residuals.row_shift_T[:, row], function, information, held)
 
     def start(self) -> Switching:
-        """Return the states by whether the level around a sample is above the middle that tells them apart best."""
+        """Return states by a threshold of the local level, the one that separates them best."""
         product, square = self._sums()
         local = _ratio(sum_around(product, _SPANS[1]), sum_around(square, _SPANS[1]))
         order = np.argsort(local)
@@ -117,7 +117,7 @@ class Level:
         return self.of(local > local[order[best]])
 
     def settled(self, start: Switching) -> Switching:
-        """Return the states that explain most for what their changes cost, by turns with their levels."""
+        """Return the states that explain most less a penalty per change, alternating with the fit of their levels."""
         best = start
         for _ in range(_ROUNDS):
             level, rest = self._fit(self.function * best.is_on)
@@ -129,20 +129,20 @@ class Level:
         return best
 
     def is_switching(self, states: Switching) -> bool:
-        """Whether states go to and fro, and explain more than an offset that does, or than the samples around tell."""
-        if not 1 < len(states.windows) <= _MOST_WINDOWS or states.gain < self.foretold():
+        """Whether states change to and fro, and explain more than a switching offset or a slowly varying level."""
+        if not 1 < len(states.windows) <= _MOST_WINDOWS or states.gain < self.predicted():
             return False
         offset = replace(self, function=np.ones_like(self.function))
         return states.gain > offset.settled(offset.start()).gain
 
     def of(self, is_on: NDArray[np.bool_]) -> Switching:
-        """Return what two states explain."""
+        """Return the states with the energy that they explain."""
         count = max(int(np.count_nonzero(self.information)), 1)
         left = self._left(self.function * is_on)
         return Switching(is_on, self._without - left, left / count)
 
-    def foretold(self) -> float:
-        """Return the largest energy that a level explains which follows that of the samples around."""
+    def predicted(self) -> float:
+        """Return the largest energy that a level explains which is predicted from neighbouring samples."""
         product, square = self._sums()
         levels = (_ratio(sum_around(product, span), sum_around(square, span)) for span in _SPANS)
         return self._without - min(self._left(level * self.function) for level in levels)
@@ -153,7 +153,7 @@ class Level:
         return weighted * self.shift, weighted * self.function
 
     def _fit(self, function: FloatArray) -> tuple[float, FloatArray]:
-        """Return the level of a function (N,), fitted beside what is held, and the residuals without the latter."""
+        """Return the level of a function (N,), beside the nuisance functions, and the residuals without these."""
         size = max(float(np.sqrt(np.mean(function**2))), np.finfo(float).tiny)
         design = np.column_stack([function / size, self.held])
         weighted = self.information[:, None] * design
@@ -162,7 +162,7 @@ class Level:
 
     @cached_property
     def _without(self) -> float:
-        """Energy that one level leaves."""
+        """Residual energy of one constant level."""
         return self._left(np.zeros_like(self.function))
 
     def _left(self, function: FloatArray) -> float:
@@ -171,7 +171,7 @@ class Level:
 
 
 def settled_strongest(levels: Sequence[Level]) -> tuple[Switching, Level, int]:
-    """Return the settled states that explain most of those of some levels, with their level and its number."""
+    """Return the refined states that explain most, over several levels, with their level and its number."""
     started = [(level.start(), level, number) for number, level in enumerate(levels)]
     strongest = sorted(started, key=lambda one: -one[0].gain)[:_SETTLED]
     settled = [(level.settled(start), level, number) for start, level, number in strongest]
@@ -184,7 +184,7 @@ def _ratio(score: FloatArray, size: FloatArray) -> FloatArray:
 
 
 def _segmented(advantage: FloatArray, price: float) -> NDArray[np.bool_]:
-    """Return the states (N,) that gain most in all, where each change of state has a price.
+    """Return the states (N,) with the largest total advantage less a price for each change of state.
 
     Viterbi's recursion (Error bounds for convolutional codes, IEEE Trans. Inf. Theory 13, 1967, p. 260) for two states
     is one of their difference, which no change makes larger than the price.

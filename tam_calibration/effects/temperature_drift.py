@@ -12,19 +12,19 @@ from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.fitted_effect import Shape
 
 _LEAST_CHANGE_K = 0.2
-"""Kelvin by which the temperature must change: less is the noise of usual thermometers."""
+"""Least change of temperature, K: less is the noise of usual thermometers."""
 
 _SHORTEST = 1 / 200
-"""Part of the recording's span; a lag that is shorter is none."""
+"""Shortest lag, as a part of the recording's duration."""
 
 _LONGEST = 1 / 3
-"""Part of the recording's span; what lags longer is a drift in time."""
+"""Longest lag, as a part of the recording's duration: a longer one is a drift with time."""
 
 _COUNT = 5
-"""Time constants that are tried; they are moved to where they explain most."""
+"""Time constants that are tried, before refinement."""
 
 _INNER_SHARES = (0.0, 0.5)
-"""Of the time constant; a half is the most, as the order of the two does not matter."""
+"""Share of the inner layer in the total time constant; at most a half, as their order does not matter."""
 
 
 class TemperatureDrift(LinearEffect):

@@ -1,4 +1,4 @@
-"""What an effect could add to a sample's rows, to which of them, and what a model leaves of these."""
+"""Terms: regressors of an effect with their rows; places; and the whitened residuals of a model."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,26 +18,26 @@ from tam_calibration.model.units import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class WhitenedResiduals:
-    """What a model leaves of a recording, for effects that are found in it otherwise than by regression.
+    """Whitened residuals of a model, for effects that are found otherwise than by regression.
 
     Parameters
     ----------
     recording : Recording
         As read.
     covariates : Covariates
-        What the model knows of it.
+        Field and channels at each sample.
     differential : (N, C) array
         Whitened residuals between the sensors, or against the field of the world, of unit variance under the model.
     directions : (3K, C) array
-        How a shift of each row by one tesla moves them.
+        Their derivatives by a shift of each row, 1/T.
     common_mode : (N,) array
         Whitened residual of the scalar against the length of the field; NaN where there is no reference.
     row_slope : (N, 3K + 1) array
-        How a shift of each row by one tesla moves the common mode.
+        Derivative of the common mode by a shift of each row, 1/T.
     channel_count : (N,) array
         Number of whitened channels of each sample.
     is_counted : (N,) array of bool
-        False where a sample was given up, as an outlier or as saturated.
+        False where a sample is excluded, as an outlier or as saturated.
     """
 
     recording: Recording
@@ -57,7 +57,7 @@ class WhitenedResiduals:
 
     @cached_property
     def row_information(self) -> FloatArray:
-        """(N, 3K + 1) inverse variance with which a sample tells a shift of one row alone, 1/T²."""
+        """(N, 3K + 1) information of a sample on a shift of one row alone, 1/T²."""
         of_rows = np.append(np.sum(self.directions**2, axis=1), 0.0)
         has_reference = np.isfinite(self.common_mode)
         information: FloatArray = of_rows + has_reference[:, None] * self.row_slope**2
@@ -65,7 +65,7 @@ class WhitenedResiduals:
 
     @cached_property
     def row_shift_T(self) -> FloatArray:
-        """(N, 3K + 1) the shift of one row alone that explains a sample best, tesla; 0 where nothing tells it."""
+        """(N, 3K + 1) the shift of one row alone that explains a sample best, tesla; 0 without information."""
         score = np.nan_to_num(self.common_mode)[:, None] * self.row_slope
         score[:, :-1] += self.differential @ self.directions.T
         information = self.row_information
@@ -81,7 +81,7 @@ class WhitenedResiduals:
         return self.differential - shift_T @ self.directions, np.nan_to_num(common)
 
     def energy_without(self, shift_T: FloatArray) -> FloatArray:
-        """Return the energy (N,) that is left when shifts (N, 3K) are taken off the readings, tesla."""
+        """Return the residual energy (N,) after subtracting shifts (N, 3K) from the readings, tesla."""
         differential, common = self.channels_without(shift_T)
         energy: FloatArray = np.sum(differential**2, axis=1) + common**2
         return energy
@@ -123,7 +123,7 @@ def places(sensor_count: int) -> list[Place]:
 
 
 def everywhere(sensor_count: int) -> Place:
-    """Return the place of what acts on all sensors alike."""
+    """Return the place of an effect that is common to all sensors."""
     return Place(ALL, (), tuple(range(3 * sensor_count)))
 
 
@@ -137,7 +137,7 @@ def rows_of(part: Contribution, covariates: Covariates) -> list[int]:
 
 
 def row_scores(residuals: WhitenedResiduals) -> FloatArray:
-    """Return the (N, 3K + 1) products of each sample's channels with what a shift of each row does to them, 1/T."""
+    """Return the score (N, 3K + 1) of a shift of each row in each sample, 1/T."""
     scores: FloatArray = residuals.row_shift_T * residuals.row_information
     return scores
 
@@ -176,7 +176,7 @@ class Coefficient:
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """Coefficients that stand or fall together, and what each adds to the rows.
+    """Coefficients that are selected together, and the regressor of each in the rows.
 
     Atom j adds ``features[:, j]`` to row ``rows[j]`` per unit of coefficient ``columns[j]``.
 
@@ -187,7 +187,7 @@ class Term:
     axis : int, optional
         Index of the axis, where a single one is affected.
     name : str
-        What it is, "offset"; unique among the terms of the same sensor and axis.
+        For example "offset"; unique among the terms of the same sensor and axis.
     coefficients : tuple of Coefficient
         P of them.
     features : (N, J) array
@@ -214,7 +214,7 @@ class Term:
 
     @property
     def key(self) -> Key:
-        """What tells it from the other terms of an effect."""
+        """Sensor, axis and name, unique within an effect."""
         return self.sensor, self.axis, self.name
 
     def signal(self, values: FloatArray, row_count: int) -> FloatArray:
@@ -233,7 +233,7 @@ def chosen(terms: Iterable[Term], keys: Sequence[Key]) -> list[Term]:
 
 
 def thinned(terms: Iterable[Term], stride: int) -> Iterator[Term]:
-    """Yield terms at samples of a distance; those that hold the same features go on sharing them."""
+    """Yield terms at every stride-th sample; terms that share features still share them."""
     known: dict[int, tuple[ref[FloatArray], FloatArray]] = {}
     for term in terms:
         whole, own = known.get(id(term.features), (None, term.features))

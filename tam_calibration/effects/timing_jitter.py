@@ -29,7 +29,7 @@ from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray
 
 _HEAVIEST = 15.0
-"""Kurtosis of the scatter; 9 where times are waits of an exponential law, far more where few samples are late."""
+"""Kurtosis of the scatter at most: 9 for exponential waiting times, far more where only few samples are late."""
 
 
 class TimingJitter(FoundEffect):
@@ -93,7 +93,7 @@ class TimingJitter(FoundEffect):
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """What one sensor is off along the path of the field.
+    """Residual of one sensor along the path of the field.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class _Path:
     rate : (N, 3) array
         r, T/s; zero in samples that do not count.
     beyond_T : (N, 3) array
-        By how much it is off, beyond a delay.
+        Its residual, a constant delay removed, tesla.
     whitening : (3, 3) array
         Of ``beyond_T``, as in ``AgainstOthers``.
     square, score : (N,) array
@@ -122,7 +122,7 @@ class _Path:
 
     @classmethod
     def of(cls, residuals: WhitenedResiduals, sensor: int) -> "_Path":
-        """Return what is left of one sensor when its calibration and what follows the rate evenly are fitted."""
+        """Return the residual of one sensor with its calibration and a constant delay fitted."""
         against, counted = AgainstOthers.of(residuals, sensor), residuals.is_counted
         rate = against.rate * counted[:, None]
         even = np.column_stack([np.ones(len(rate)), _unit(against.expected_T), _unit(rate)])[counted]
@@ -164,7 +164,7 @@ class _Path:
         return relative_error(lambda factor: self.profile(factor * self.part))
 
     def objection(self) -> str | None:
-        """Return what speaks against jitter, in one clause."""
+        """Return in one clause why the excess is no jitter, or None."""
         moves = self.square > 0
         if self.profile(self.part) >= self.profile(0.0) or not moves.any():
             return "no sensor scatters along the path of the field"

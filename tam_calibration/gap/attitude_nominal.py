@@ -1,8 +1,8 @@
-"""The nominal fit of one sensor in the field of the world, beside a jump of its bias however large.
+"""The nominal fit of one sensor with known attitude in a constant field of the world, despite a jump of its bias.
 
-The readings y = M Rᵀ h + o are linear in the nine products of M's and h's elements of each axis and in the offset, so
-that sums over the samples tell exactly what a jump at any time, or one on and off, leaves of them. The products of all
-axes make one matrix of rank one, vec(M) hᵀ, from which M and h follow; Gauss-Newton ends it.
+The readings y = M Rᵀ h + o are linear in the offset and, for each axis, in nine products of the elements of M and h.
+Linear least squares therefore gives the residual for a jump at every time, or for a pair of jumps, on and off. The
+products of all axes form the matrix vec(M) hᵀ of rank one, from which M and h follow; Gauss-Newton refines them.
 """
 
 from dataclasses import dataclass
@@ -21,15 +21,15 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 _OPEN = 1e-6
-"""Combinations of the products of so little relative size are not told by the turns of the recording."""
+"""Relative singular value below which the recorded attitudes do not determine a combination of the products."""
 
 _BIAS = [3, 7, 11]
-"""Where the offsets stand in the design of a sensor's calibration."""
+"""Columns of the offsets in the regressors of a sensor's calibration."""
 
 
 @dataclass(frozen=True, eq=False)
 class Oriented:
-    """Where the fit in the field of the world starts: errors, world, and a gross jump that they do without."""
+    """Initial values of the fit in the field of the world: errors and world without a gross jump, and that jump."""
 
     errors: SensorErrors
     world: World
@@ -55,26 +55,26 @@ class Oriented:
         values = np.linalg.lstsq(np.column_stack([products, step]), readings, rcond=_OPEN)[0]
         start = min(
             (_Linear.at(matrix, turned, step, readings) for matrix in (_factor(values[:9]), np.eye(3))),
-            key=lambda one: one.left,
+            key=lambda one: one.residual_energy,
         )
         errors, world = World.of(start.matrix[None], start.offsets[:1], start.field_T, np.eye(3))
         return cls(errors, world, None if shape is None else _jump(shape, start.offsets[1]))
 
 
 def products_of(attitude: FloatArray) -> FloatArray:
-    """Return (N, 10) what the readings at attitudes (N, 4) are linear in: the turns' elements, and 1 for the offset."""
+    """Return the regressors (N, 10) of the readings at attitudes (N, 4): elements of the rotations, and 1."""
     turned = turns(attitude)
     return np.column_stack([turned.reshape(len(turned), 9), np.ones(len(turned))])
 
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """The field and the offsets (before a jump, and its size) that fit best with a matrix, and the squares left."""
+    """Least-squares field and offsets (before a jump, and its size) for a given matrix, and the residual energy, T²."""
 
     matrix: FloatArray
     field_T: FloatArray
     offsets: FloatArray
-    left: float
+    residual_energy: float
 
     @classmethod
     def at(cls, matrix: FloatArray, turned: FloatArray, step: FloatArray, readings: FloatArray) -> "_Linear":
@@ -82,17 +82,17 @@ class _Linear:
         offsets = np.einsum("np,ij->nipj", constant, np.eye(3)).reshape(3 * len(step), -1)
         design = np.column_stack([(matrix @ turned).reshape(-1, 3), offsets])
         values = np.linalg.lstsq(design, readings.ravel(), rcond=_OPEN)[0]
-        left = float(np.sum((readings.ravel() - design @ values) ** 2))
-        return cls(matrix, values[:3], values[3:].reshape(-1, 3), left)
+        energy = float(np.sum((readings.ravel() - design @ values) ** 2))
+        return cls(matrix, values[:3], values[3:].reshape(-1, 3), energy)
 
 
 def _gross_jump(time_s: FloatArray, readings: FloatArray, products: FloatArray) -> dict[str, float] | None:
-    """Return the times of the jump, or of that on and off, without which the readings are of no calibration."""
+    """Return the times of a jump, or of one on and off, so large that no calibration fits without it; else None."""
     values = np.linalg.lstsq(products, readings, rcond=_OPEN)[0]
-    left = float(np.sum((readings - products @ values) ** 2))
+    energy = float(np.sum((readings - products @ values) ** 2))
     path = Path.of(*without(readings, products), np.ones((len(readings), 1)))
     best = max(path.best(), key=lambda jump: jump.gain)
-    if left < LEAST_FALL * (left - best.gain):
+    if energy < LEAST_FALL * (energy - best.gain):
         return None
     middle = (time_s[1:] + time_s[:-1]) / 2
     return {name: float(middle[cut]) for name, cut in zip(BiasJump.shape_units, best.cuts, strict=False)}
@@ -104,7 +104,7 @@ def _step(time_s: FloatArray, shape: dict[str, float]) -> FloatArray:
 
 
 def _factor(products: FloatArray) -> FloatArray:
-    """Return the matrix M of which, with a field h, products (9, 3) are made most nearly; right-handed."""
+    """Return the right-handed matrix M whose products with some field h are nearest to products (9, 3)."""
     of_axis = products.T.reshape(9, 3)
     left, _, _ = np.linalg.svd(of_axis, full_matrices=False)
     matrix = np.sqrt(3) * left[:, 0].reshape(3, 3)
@@ -121,8 +121,8 @@ def _jump(shape: dict[str, float], offset_T: FloatArray) -> FittedEffect:
 def attitude_variance(channels: WhitenedChannels, world: World) -> FloatArray:
     """Return the variance (3,) that the white noise of the attitude adds to each row of a sensor, T².
 
-    A small turn moves a field across its direction only: the fast differences of the residual across the field of the
-    world exceed those along it by the attitude's noise, of which a row has what it mostly sees across.
+    A small rotation changes a field only across its direction. The white noise of the residual across the field of the
+    world therefore exceeds that along it by the noise of the attitude; each row has the part of it that lies across.
     """
     covariates, counted = channels.covariates, channels.is_counted
     assert covariates.attitude is not None
@@ -131,14 +131,14 @@ def attitude_variance(channels: WhitenedChannels, world: World) -> FloatArray:
     frame = np.linalg.qr(world.field_T[:, None], mode="complete")[0]
     along, *across = fast_noise(in_world @ frame)
     variance = max(float(np.mean(np.square(across)) - along**2), 0.0)
-    seen_across: FloatArray = 1 - np.mean(channels.direction[counted, :3] ** 2, axis=0)
-    return variance * seen_across
+    part_across: FloatArray = 1 - np.mean(channels.direction[counted, :3] ** 2, axis=0)
+    return variance * part_across
 
 
 def bias_variance(base: Base) -> float:
-    """Return the variance of a sensor's three offsets together at the scale of the residual, in units of the field's.
+    """Return the summed variance of a sensor's three offsets, scaled by the residual, over the squared intensity.
 
-    Directions that the recording does not tell have none: a fit that tells fewer is to be set back before.
+    Directions that the recording does not determine count as zero: compare fits of equal rank only.
     """
     covariance = base.inverse[np.ix_(_BIAS, _BIAS)]
     return float(np.trace(covariance)) * base.energy / max(base.channels.count - base.rank, 1.0)

@@ -25,7 +25,7 @@ from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.sensor_errors import SensorErrors
 
 AUTO = "auto"
-"""In place of effects' names: those that a diagnosis finds."""
+"""Given instead of names: the effects that a diagnosis finds."""
 
 
 def calibrate_with_effects(
@@ -42,13 +42,13 @@ def calibrate_with_effects(
     effects : collection of str
         Names of effects, or ``AUTO`` alone for those that a diagnosis finds.
     progress : callable, optional
-        Is told the stage and the part that is done, 0 to 1.
+        Called with the name of the stage and the part that is done, 0 to 1.
 
     Returns
     -------
     Calibration
-        With the effects. Its covariance holds what is not known of them; residuals are those without what they add,
-        on held-out samples too, where the effects stay those of the whole recording.
+        With the effects. Its covariance includes their uncertainty. Residuals are those of readings without what the
+        effects add; for held-out samples too the effects are those fitted to the whole recording.
 
     Raises
     ------
@@ -82,33 +82,33 @@ def calibrate_with_effects(
 
 
 def _with_named(model: Model, names: Collection[str]) -> tuple[Model, tuple[str, ...]]:
-    """Return the model with the named effects accepted, the strongest first, and what speaks against them."""
-    left, warnings = {name: effect_named(name) for name in names}, []
-    for effect in left.values():
+    """Return the model with the named effects accepted, the strongest first, and warnings of those without evidence."""
+    waiting, warnings = {name: effect_named(name) for name in names}, []
+    for effect in waiting.values():
         reason = unusable(effect, model.recording, model.channels().covariates)
         if reason is None:
             continue
         if reason.status == "channel_missing":
             raise InputError(f"{effect.name} cannot be fitted: it {reason.why}")
         raise Refused(f"{effect.name} cannot be told from this recording: {reason.why}; {effect.excitation}")
-    while left:
+    while waiting:
         base = model.base()
-        examined = {name: examine(base, effect) for name, effect in left.items()}
-        seen = [one for one in examined.values() if isinstance(one, Evidence)]
-        if not seen:
+        examined = {name: examine(base, effect) for name, effect in waiting.items()}
+        visible = [one for one in examined.values() if isinstance(one, Evidence)]
+        if not visible:
             name, why = next((name, why) for name, why in examined.items() if isinstance(why, str))
             raise Refused(f"{name} is not in this recording: {why}; calibrate without it")
-        best = max(seen, key=lambda one: one.delta_bic)
+        best = max(visible, key=lambda one: one.delta_bic)
         if best.delta_bic < LEAST_EVIDENCE:
             warnings.append(f"noise alone explains the recording as well as {best.effect}: leave this effect out")
         form = refined(base, best.form) if isinstance(best.form, Hypothesis) else best.form
         model = model.accept(form)
-        del left[best.effect]
+        del waiting[best.effect]
     return model, tuple(warnings)
 
 
 def _kept(model: Model, array: Array, warnings: tuple[str, ...]) -> Calibration:
-    """Return the calibration of what is left without the effects, with the effects and what is not known of them."""
+    """Return the calibration of the readings without the effects, with the effects and the uncertainty of both."""
     recording, findings = model.recording, tuple(finding.fitted for finding in model.findings)
     calibration = calibrate(_without(model), array)
     at_end = replace(
@@ -124,7 +124,7 @@ def _kept(model: Model, array: Array, warnings: tuple[str, ...]) -> Calibration:
         before=measure_residuals(none, array, recording, calibration.intensity_T),
         samples=recording.sample_count,
         time_span_s=(float(recording.time_s[0]), float(recording.time_s[-1])),
-        warnings=(*calibration.warnings, *warnings, *_staying((*joint.effects, *findings))),
+        warnings=(*calibration.warnings, *warnings, *_not_corrected((*joint.effects, *findings))),
         effects=(*joint.effects, *findings),
         effect_sizes=(*joint.sizes(calibration), *(EffectSize(np.zeros(9), np.zeros(9)) for _ in findings)),
     )
@@ -143,14 +143,14 @@ def _without(model: Model) -> Recording:
 
 
 def _free(part: Part, model: Model) -> tuple[str, ...]:
-    """Return the parameters of a shape that are fitted, not a convention."""
+    """Return the parameters of a shape that were fitted: those that vary among the shapes tried."""
     channels = model.channels()
     tried = list(part.effect.shapes(channels.covariates, channels.residuals))
     return tuple(name for name in part.shape if len({shape[name] for shape in tried if name in shape}) > 1)
 
 
-def _staying(effects: Sequence[FittedEffect]) -> tuple[str, ...]:
-    """Return what stays in corrected data although it is known."""
+def _not_corrected(effects: Sequence[FittedEffect]) -> tuple[str, ...]:
+    """Return a warning of the effects that are known but cannot be removed from corrected data."""
     stay = [fitted.effect.replace("_", " ") for fitted in effects if on_sensors(fitted) is None]
     if not stay:
         return ()

@@ -1,4 +1,4 @@
-"""Recordings that could be made next, and what they would tell, by simulation without noise."""
+"""Recordings that could be made next, and the evidence expected of each, by simulation without noise."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -17,28 +17,28 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
 SAMPLES = 600
-"""Of a simulated recording; what they tell is told of as many samples as the real one would have."""
+"""Samples of a simulated recording; its evidence is scaled to the samples that the real one would have."""
 
 _FAST_S = 5.0
-"""Seconds of a fast turn, and for which a pose is held: what hands do."""
+"""Seconds of a fast turn by hand, and for which a pose is held."""
 
 _SLOWER = 8.0
-"""How many times longer a slow turn takes, so that what follows the rate is small."""
+"""Duration of a slow turn over that of a fast one: effects of the rate of turning are then small."""
 
 _LEAST_SAMPLES_PER_TURN = 16
-"""With fewer a motion is no longer told from its samples."""
+"""Samples in a turn at least: with fewer they no longer resolve the motion."""
 
 _RAMPS = 2
-"""Times that the temperature goes down and up, so that it is no drift in time."""
+"""Times that the temperature goes down and up: once would look like a drift with time."""
 
 _LEAST_RISE_K = 5.0
-"""Kelvin; what a box in the sun or a refrigerator makes at least."""
+"""Least change of temperature, K: that of a box in the sun or a refrigerator."""
 
 _SWITCHINGS = 12
 """Times that the current is switched, each at other attitudes."""
 
 _LEAST_CURRENT_A = 1.0
-"""Amperes; where the recording tells of no larger change."""
+"""Least change of current, A, where the recording itself has no larger one."""
 
 Path = Literal["onwards", "back and forth", "swings", "poses"]
 
@@ -68,13 +68,13 @@ class Candidate:
     changes: tuple[str, ...] = ()
 
     def covariates(self, now: Covariates, channels: Collection[str], count: int = SAMPLES) -> Covariates:
-        """Return what would happen to the array of a recording, with some of the channels, at so many samples.
+        """Return the covariates that the array of a recording would meet, with some of the channels, at count samples.
 
         Temperature and current stay as they are, unless they are changed on purpose.
         """
         from scipy.spatial.transform import Rotation
 
-        # Of a pose that is held one sample tells all; the way from pose to pose is nobody's to foresee.
+        # One sample for each pose that is held: the motion between poses cannot be foreseen.
         count = count if self.path != "poses" else round(60 * self.minutes / self.turn_s)
         time = np.linspace(0, 60 * self.minutes, count, endpoint=False)
         attitude = self._attitude(time)
@@ -114,7 +114,7 @@ class Candidate:
 
 
 def candidates(now: Covariates, channels: Collection[str]) -> list[Candidate]:
-    """Return recordings that are worth a thought where effects need some channels."""
+    """Return the recordings to choose from where effects need some channels."""
     fast = max(_FAST_S, _LEAST_SAMPLES_PER_TURN * now.step_s)
     slow = _SLOWER * fast
     onwards = f"turn it slowly and steadily through all directions ({slow:.0f} s a turn)"
@@ -148,7 +148,7 @@ def candidates(now: Covariates, channels: Collection[str]) -> list[Candidate]:
 
 
 def _world_field(now: Covariates) -> FloatArray:
-    """Return the field (3,) of the world: as the attitudes tell, or that of middle latitudes."""
+    """Return the field (3,) of the world, from the attitudes or else as at middle latitudes, tesla."""
     if now.attitude is None:
         direction = np.array([0.0, 0.5, -np.sqrt(0.75)])
     else:
@@ -158,7 +158,7 @@ def _world_field(now: Covariates) -> FloatArray:
 
 
 def _level(channel: FloatArray | None, least: float, otherwise: float) -> tuple[float, float]:
-    """Return the middle of a channel's range and its width, no less than so much."""
+    """Return the middle of a channel's range and its width, no less than least."""
     if channel is None:
         return otherwise, least
     low, high = float(channel.min()), float(channel.max())
@@ -166,19 +166,19 @@ def _level(channel: FloatArray | None, least: float, otherwise: float) -> tuple[
 
 
 _MOST_SHAPES = 12
-"""Of an effect that are tried on a simulated recording."""
+"""Shapes of an effect that are tried on a simulated recording."""
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What simulations of other recordings need of this one."""
+    """The recording at hand: model, covariates, and variance of the noise over that of the array."""
 
     model: Model
     covariates: Covariates
     variance: float
 
     def channels(self, covariates: Covariates, added_T: FloatArray | float = 0.0) -> WhitenedChannels:
-        """Return the channels of a recording without noise in which something is added to the rows."""
+        """Return the channels of a recording without noise, with a signal added to its rows, tesla."""
         rows = np.column_stack(
             [covariates.errors.distort(covariates.field_T).reshape(covariates.sample_count, -1), covariates.intensity_T]
         )
@@ -206,21 +206,24 @@ class Setting:
         return float(np.ptp(self.covariates.time_s)) / 60
 
     def samples_per_simulated(self, candidate: Candidate, count: int) -> float:
-        """Return how many samples of the real recording stand behind one of so many simulated."""
+        """Return the number of samples of the real recording for each one simulated."""
         return 60 * candidate.minutes / self.covariates.step_s / count
 
 
 def expected_evidence(setting: Setting, first: Part, second: Part, candidate: Candidate, is_nested: bool) -> float:
-    """Return the smaller of the expected evidences of either hypothesis, were it true, against the other."""
+    """Return the evidence expected of a candidate: the smaller of the true hypothesis' evidence in either case.
+
+    Evidence is twice the log-likelihood ratio. Of nested hypotheses only the first, the more general, is taken as true.
+    """
     covariates = candidate.covariates(setting.covariates, {*first.effect.channels, *second.effect.channels})
-    left = _left(setting, covariates, first, second)
+    energy = _unexplained(setting, covariates, first, second)
     if not is_nested:
-        left = min(left, _left(setting, covariates, second, first))
-    return left * setting.samples_per_simulated(candidate, covariates.sample_count) / setting.variance
+        energy = min(energy, _unexplained(setting, covariates, second, first))
+    return energy * setting.samples_per_simulated(candidate, covariates.sample_count) / setting.variance
 
 
-def _left(setting: Setting, covariates: Covariates, truth: Part, other: Part) -> float:
-    """Return the energy of one effect that the calibration and another effect in any form leave."""
+def _unexplained(setting: Setting, covariates: Covariates, truth: Part, other: Part) -> float:
+    """Return the energy of one effect that neither the calibration nor another effect of any shape explains."""
     if truth.effect.obstacle(covariates) is not None:
         return 0.0
     channels = setting.channels(covariates, signal_of(setting, covariates, truth))
@@ -236,7 +239,7 @@ def _left(setting: Setting, covariates: Covariates, truth: Part, other: Part) ->
 
 
 def signal_of(setting: Setting, covariates: Covariates, truth: Part) -> FloatArray:
-    """Return what an effect adds to the rows; what happened at some time happens at that part of the recording."""
+    """Return what an effect adds to the rows, tesla; times of events are scaled to the length of the recording."""
     if truth.effect.is_free_in_time:
         before = setting.covariates.time_s
         covariates = replace(covariates, time_s=np.linspace(before[0], before[-1], covariates.sample_count))
@@ -252,16 +255,16 @@ def _terms(setting: Setting, effect: LinearEffect, covariates: Covariates, shape
 
 
 def visible_part(setting: Setting, effect: LinearEffect, candidate: Candidate, sensors: set[int]) -> float:
-    """Return the part of what an effect adds at some sensors that the calibration cannot take for its own."""
+    """Return the part of an effect at some sensors that the calibration cannot absorb, the median over its columns."""
     covariates = candidate.covariates(setting.covariates, effect.channels)
     if effect.obstacle(covariates) is not None:
         return 0.0
-    seen = setting.channels(covariates)
-    shapes = list(effect.shapes(covariates, seen.residuals))
+    channels = setting.channels(covariates)
+    shapes = list(effect.shapes(covariates, channels.residuals))
     terms = _terms(setting, effect, covariates, shapes[len(shapes) // 2]) if shapes else []
     own = [term for term in terms if term.sensor in sensors or ALL in sensors | {term.sensor}]
     if not own:
         return 0.0
-    projected = Base(seen, [seen.calibration]).project(seen.design(own))
-    shown = np.diag(projected.information) / np.maximum(projected.before, np.finfo(float).tiny)
-    return float(np.median(np.clip(shown, 0, 1)))
+    projected = Base(channels, [channels.calibration]).project(channels.design(own))
+    visible = np.diag(projected.information) / np.maximum(projected.before, np.finfo(float).tiny)
+    return float(np.median(np.clip(visible, 0, 1)))

@@ -1,4 +1,4 @@
-"""The recording without biases that follow its current or temperature, however large: where the nominal fit may start.
+"""Removes biases proportional to current or temperature, however large, so that the nominal fit can start.
 
 A sensor whose bias follows a channel I reads y with |M (y - o - c I)|² = F². This is linear in the monomials of y and
 I, yᵀ Q y + 2 qᵀ y + 2 I sᵀ y + r I² + t I = 1 with Q = Mᵀ M but for a factor, so that c = -Q⁻¹ s, as the centre of
@@ -22,9 +22,9 @@ from tam_calibration.model.units import FloatArray
 
 
 def without_channels(recording: Recording) -> Recording | None:
-    """Return the recording without the biases that follow its channels, as the length of the field tells them.
+    """Return the recording without the biases that follow its channels, determined from the intensity of the field.
 
-    None where they are not most of what an ellipsoid leaves of the readings.
+    None where they do not explain most of the residual of an ellipsoid.
 
     Parameters
     ----------
@@ -37,9 +37,9 @@ def without_channels(recording: Recording) -> Recording | None:
 
 
 def without_channels_in_world(recording: Recording, is_oriented: NDArray[np.bool_]) -> Recording | None:
-    """Return the recording of one sensor without the biases that follow its channels, as its attitudes tell them.
+    """Return the recording of one sensor without the biases that follow its channels, determined with its attitudes.
 
-    None where they are not most of what a constant field of the world leaves of the readings.
+    None where they do not explain most of the residual of a constant field of the world.
 
     Parameters
     ----------
@@ -54,22 +54,22 @@ def without_channels_in_world(recording: Recording, is_oriented: NDArray[np.bool
 
     def following(courses: FloatArray) -> list[_Following]:
         readings_T = oriented.readings_T[:, 0]
-        values, fall = _fit(products, courses[is_oriented], readings_T)
-        return [_Following(values[products.shape[1] :], fall)]
+        values, energies = _fit(products, courses[is_oriented], readings_T)
+        return [_Following(values[products.shape[1] :], energies)]
 
     return _without(recording, following)
 
 
 @dataclass(frozen=True, eq=False)
 class _Following:
-    """By how much a sensor's bias follows each course, (C, 3), tesla, and the squares left without that and with it."""
+    """Slopes (C, 3) of a sensor's bias over each channel, tesla, and residual energies (2,) without and with them."""
 
     slopes_T: FloatArray
-    left: FloatArray
+    energies: FloatArray
 
 
 def _without(recording: Recording, following: Callable[[FloatArray], list[_Following]]) -> Recording | None:
-    """Return the recording without what follows its channels in each sensor, where squares fall much by that."""
+    """Return the recording without the biases that follow its channels, where that lowers the residual energy much."""
     courses = _courses(recording)
     if not courses.size:
         return None
@@ -77,8 +77,8 @@ def _without(recording: Recording, following: Callable[[FloatArray], list[_Follo
         found = following(courses)
     except InputError:
         return None
-    alone, beside = np.sum([one.left for one in found], axis=0)
-    if alone < LEAST_FALL * beside:
+    without, within = np.sum([one.energies for one in found], axis=0)
+    if without < LEAST_FALL * within:
         return None
     added_T = np.stack([courses @ one.slopes_T for one in found], axis=1)
     return replace(recording, readings_T=recording.readings_T - added_T)
@@ -104,16 +104,16 @@ def _of_ellipsoid(points_T: FloatArray, courses: FloatArray) -> _Following:
     monomials = ellipsoid.monomial_columns(points, one)[:9].T
     mixed = np.column_stack([2 * course * axis for course in courses.T for axis in points])
     squares = [course[:, None] * courses[:, first:] for first, course in enumerate(courses.T)]
-    values, left = _fit(monomials, np.column_stack([mixed, courses, *squares]), one)
+    values, energies = _fit(monomials, np.column_stack([mixed, courses, *squares]), one)
     shape = ellipsoid.symmetric(values[:6])
-    # The readings of no ellipsoid have no square root of their shape.
+    # Raises where the quadric is no ellipsoid.
     ellipsoid.square_root(shape)
     products = values[9 : 9 + mixed.shape[1]].reshape(-1, 3)
-    return _Following(-unit_T * np.linalg.solve(shape, products.T).T, left)
+    return _Following(-unit_T * np.linalg.solve(shape, products.T).T, energies)
 
 
 def _fit(own: FloatArray, added: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the values of the columns own and added that fit a target best, and the squares left by own and by all."""
+    """Return the least-squares values of the columns own and added, and the residual energies by own and by all."""
     both = np.column_stack([own, added])
     values = np.linalg.lstsq(both, target)[0]
     alone = target - own @ np.linalg.lstsq(own, target)[0]

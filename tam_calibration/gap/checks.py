@@ -1,9 +1,9 @@
-"""Whether what a diagnosis leaves looks like its simulated twin: statistics of each row beside the range of noise.
+"""Predictive checks: whether the residual of a diagnosis looks like noise, by statistics of each row.
 
-The twin's residual is white and normal, so that the range of each statistic follows from the number of samples n:
-χ²/n that of χ²; the lag-1 correlation -1/n ± z/√n (Bartlett, J. R. Stat. Soc. B 8, 1946); the strongest line of the
-periodogram over its mean (Fisher, Proc. R. Soc. A 125, 1929); the part of the variance that spherical harmonics of the
-direction explain a beta law; the kurtosis that of Anscombe and Glynn (Biometrika 70, 1983).
+The residual of a simulated twin is white and normal, so that the range of each statistic follows from the number of
+samples n: χ²/n that of χ²; the lag-1 correlation -1/n ± z/√n (Bartlett, J. R. Stat. Soc. B 8, 1946); the strongest line
+of the periodogram over its mean (Fisher, Proc. R. Soc. A 125, 1929); the part of the variance that spherical harmonics
+of the direction explain a beta law; the kurtosis that of Anscombe and Glynn (Biometrika 70, 1983).
 """
 
 from collections.abc import Iterator, Mapping
@@ -18,13 +18,13 @@ from tam_calibration.effects.grades import LEAST_SAMPLES
 from tam_calibration.model.units import FloatArray
 
 CHANCE = 0.05
-"""Part of the recordings with noise alone in which any statistic leaves its range; also of intervals that miss."""
+"""Significance level: of all checks of a recording together, and of confidence intervals."""
 
 LAGS = 20
 """Samples up to which the autocorrelation is drawn."""
 
 _HIGHEST_DEGREE = 3
-"""Of the spherical harmonics of the direction: the calibration takes up 1 and 2, bends of the axes are of 3."""
+"""Degree of the spherical harmonics of the direction: a calibration absorbs 1 and 2, nonlinear axes have 3."""
 
 _SAYS = {
     "chi_square": (
@@ -53,12 +53,12 @@ _SAYS = {
         "excess kurtosis {value:.2f}, where noise has {low:.2f} to {high:.2f}",
     ),
 }
-"""What a statistic above and below the range of noise says of a residual, and its figures."""
+"""Words for a statistic above and below the range of noise, and its figures."""
 
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """One statistic of each row (R,), and the range that it has in the twin; NaN for a row that nothing tells."""
+    """One statistic of each row (R,), and its range in noise; NaN for a row without enough samples."""
 
     values: FloatArray
     low: FloatArray
@@ -66,13 +66,13 @@ class Check:
 
     @property
     def departs(self) -> NDArray[np.bool_]:
-        """(R,) whether the recording is out of the twin's range."""
+        """(R,) whether the statistic is out of its range in noise."""
         out: NDArray[np.bool_] = (self.values < self.low) | (self.values > self.high)
         return out
 
     @property
     def worst(self) -> int:
-        """The row that is out by most widths of the range."""
+        """The row that is farthest out of its range, in widths of the range."""
         out = np.maximum(self.low - self.values, self.values - self.high) / (self.high - self.low)
         return int(np.nanargmax(out))
 
@@ -115,12 +115,12 @@ class Checks:
 
     @property
     def departing_rows(self) -> tuple[int, ...]:
-        """The rows of which any statistic is out of the twin's range."""
+        """The rows with any statistic out of its range."""
         return tuple(np.flatnonzero(np.any([check.departs for check in self.by_name.values()], axis=0)).tolist())
 
     @property
     def departures(self) -> int:
-        """The number of statistics that are out of the twin's range in any row."""
+        """The number of statistics that are out of their range in any row."""
         return sum(bool(check.departs.any()) for check in self.by_name.values())
 
     @property
@@ -136,7 +136,7 @@ class Checks:
             row, others = check.worst, int(departs.sum()) - 1
             value, low, high = (float(each[row]) for each in (check.values, check.low, check.high))
             above, below, figures = _SAYS[name]
-            told = figures.format(
+            details = figures.format(
                 value=value,
                 low=low,
                 high=high,
@@ -147,7 +147,7 @@ class Checks:
                 percent_high=100 * high,
             ).replace(" -", " −")
             also = f" (axes alike: {others} more)" if others else ""
-            yield f"The residual of {row_name(row, len(departs))} {above if value > high else below}: {told}{also}."
+            yield f"The residual of {row_name(row, len(departs))} {above if value > high else below}: {details}{also}."
 
 
 def row_name(row: int, row_count: int) -> str:
@@ -165,7 +165,7 @@ def checks_of(time_s: FloatArray, direction: FloatArray, rows_T: FloatArray, flo
     direction : (N, 3) array
         Of the field in the array frame.
     rows_T : (N, R) array
-        Residual of each row, tesla; NaN where a sample tells nothing of it.
+        Residual of each row, tesla; NaN where a sample has no information on it.
     floor_T : (R,) array
         Its standard deviation from noise alone.
     """

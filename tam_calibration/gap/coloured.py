@@ -1,12 +1,12 @@
-"""Standard errors of coefficients that hold whatever the residual is: coloured, drifting, larger here than there.
+"""Standard errors of coefficients that are robust to autocorrelated and heteroscedastic residuals.
 
-A coefficient is a sum over the samples of its influence times their residuals. How far that sum goes astray is told by
-the same products summed against slow cosines of time: if what is left is stationary in them, these sums vary as much
-as the one that is the error. The mean of the squares of a few of them is the variance, with few degrees of freedom but
-whatever the correlation time is, up to a fraction of the recording (Lazarus, Lewis, Stock and Watson, HAR inference:
-recommendations for practice, J. Bus. Econ. Stat. 36, 2018, p. 541: equally weighted cosines). The fit has taken a part
-of each cosine's sum away; how much, and how many sums are left to count, follows from the design as if the residual
-were white (Bell and McCaffrey, Bias reduction in standard errors, Surv. Methodol. 28, 2002, p. 169).
+The error of a coefficient is the sum over the samples of its influence times their residuals. Its variance is estimated
+from the same products weighted by slow cosines of time: where the products are stationary, these weighted sums have the
+variance of the error itself. The mean square of a few of them is the estimate; it has few degrees of freedom, but holds
+for any correlation time up to a fraction of the recording (Lazarus, Lewis, Stock and Watson, HAR inference:
+recommendations for practice, J. Bus. Econ. Stat. 36, 2018, p. 541: equally weighted cosines). The fit itself removes a
+part of each sum; how much, and how many degrees of freedom remain, follows from the design for a white residual (Bell
+and McCaffrey, Bias reduction in standard errors, Surv. Methodol. 28, 2002, p. 169).
 """
 
 from collections.abc import Sequence
@@ -21,10 +21,10 @@ from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.units import FloatArray
 
 _COSINES = 8
-"""Half periods of the slowest cosines: more make the errors more certain, and too small beside a slow drift."""
+"""Number of cosines: with more the estimate is more certain, but too small where the residual drifts slowly."""
 
 _BLOCKS = 4 * _COSINES
-"""Blocks of time in which samples are summed; the fastest cosine has eight a period."""
+"""Blocks of time in which samples are summed: eight in a period of the fastest cosine."""
 
 
 def sandwich(base: Base, effects: Sequence[Regressors]) -> FloatArray:
@@ -33,43 +33,42 @@ def sandwich(base: Base, effects: Sequence[Regressors]) -> FloatArray:
     Parameters
     ----------
     base : Base
-        Of the calibration and what else is fitted and not asked for, at channels from which the signal of the effects
-        is taken off.
-    effects : sequence of Design
+        Of the calibration and other nuisance parameters, at channels from which the signal of the effects is removed.
+    effects : sequence of Regressors
         P columns in all.
 
     Returns
     -------
     (P, P) array
-        1.96 of its standard errors to both sides cover 95 %: the few degrees of freedom are in them. Directions that
-        cannot be seen have no variance.
+        Scaled so that ± 1.96 standard errors cover 95 % despite the few degrees of freedom. Directions that the
+        recording does not determine have zero variance.
     """
     joined = Regressors.joined([*base.designs, *effects])
     information, score = _by_block(base.channels, joined)
     visible = base.project(Regressors.joined(effects)).inverse()[0]
     solve, own = _solution(base, information.sum(axis=0), visible)
-    left = score - information @ (solve @ score.sum(axis=0))
+    residual = score - information @ (solve @ score.sum(axis=0))
     influence = solve[:, own]
     cosines = _cosines(len(information))
-    sums = cosines.T @ (left @ influence)
+    sums = cosines.T @ (residual @ influence)
     scale = np.array([_scale(information, solve, one, cosines) for one in influence.T])
     covariance: FloatArray = scale[:, None] * (sums.T @ sums / _COSINES) * scale
     return covariance
 
 
 def unseen(base: Base, effects: Sequence[Regressors], left_out: Regressors) -> FloatArray:
-    """Return the covariance (P, P) of the coefficients of effects by others that were left out as too small to be seen.
+    """Return the covariance (P, P) of the coefficients of effects due to terms that were omitted as insignificant.
 
-    What a common cause does at one sensor is passed on to the others by the field that all share. Each coefficient left
-    out is taken to lie evenly within what the Bayesian information criterion does not see.
+    The common field carries what is omitted at one sensor over to the coefficients of the others. Each omitted
+    coefficient is taken as uniformly distributed within the limits at which BIC would have selected it.
 
     Parameters
     ----------
     base : Base
         As of ``sandwich``.
-    effects : sequence of Design
+    effects : sequence of Regressors
         P columns in all.
-    left_out : Design
+    left_out : Regressors
     """
     both = base.project(Regressors.joined([*effects, left_out]))
     width = sum(design.width for design in effects)
@@ -83,7 +82,7 @@ def unseen(base: Base, effects: Sequence[Regressors], left_out: Regressors) -> F
 
 
 def _solution(base: Base, information: FloatArray, visible: FloatArray) -> tuple[FloatArray, slice]:
-    """Return the inverse of the joint information within what can be seen, and where the effects stand in it."""
+    """Return the inverse of the joint information within the visible directions, and the columns of the effects."""
     width = len(information) - len(visible)
     carried = np.vstack([-base.inverse @ information[:width, width:], np.eye(len(visible))])
     solve = carried @ visible @ carried.T
@@ -107,7 +106,7 @@ def _cosines(count: int) -> FloatArray:
 
 
 def _scale(information: FloatArray, solve: FloatArray, influence: FloatArray, cosines: FloatArray) -> float:
-    """Return by how much the root mean square of a coefficient's sums is too small, as of white residuals.
+    """Return the factor by which the root mean square of a coefficient's sums is too small for white residuals.
 
     The sums' covariance is wᵀ P w, with w the influence times the cosines and P what the fit leaves.
     """

@@ -27,7 +27,7 @@ from tam_calibration.model.fitted_effect import ALL, FittedEffect
 
 
 def noisier_rows(model: Model) -> Excess | None:
-    """Return the excess of variance of some rows over the others, whatever makes it."""
+    """Return the excess of variance of some rows over the others, whatever its cause; None without evidence."""
     channels = model.channels(model.signal() if model.parts else None)
     excess = best_excess(ChannelMoments.of(channels.residuals), channels.covariates)
     if excess is None or excess.gain - excess.parameter_count * np.log(channels.count) < LEAST_EVIDENCE:
@@ -42,7 +42,7 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
     if not found.steps:
         is_even = _strongest(found) is None and variance < LARGEST_NOISE**2 and not is_noisier
         return "no_gap" if is_even else "unexplained"
-    if size.closed < NOTABLE:  # It may be what causes have in common with an unknown one.
+    if size.closed < NOTABLE:  # Such a part may only be the correlation of the causes with an unknown one.
         return "unexplained"
     left = open_part(found.nominal.base(), found.model.base(), found.remaining)
     is_whole = left < MINOR and size.closed > MOST and size.after < LARGEST_REST
@@ -50,19 +50,19 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
 
 
 def _is_open_elsewhere(found: Search) -> bool:
-    """Whether rows of a sensor without a cause are noisier than the others: that is no error of a cause's model."""
+    """Whether rows of a sensor without a cause are noisier than the others: no modelling error explains that."""
     own = {sensor for step in found.steps for sensor in sensors_of(places_of(step.accepted.form))}
     excess = None if ALL in own else noisier_rows(found.model)
     return excess is not None and excess.place.sensor not in own
 
 
 def smallest_gap(count: float) -> float:
-    """Return the gap in noise floors that would have been seen in so many channels: of one coefficient of one row."""
+    """Return the smallest detectable gap in so many channels, in noise floors: of one coefficient of one row."""
     return max(MINOR, float(np.sqrt((LEAST_EVIDENCE + np.log(count)) / count)))
 
 
 def _strongest(found: Search) -> Evidence | None:
-    """Return the function without physics that says most of what causes leave, where it says anything."""
+    """Return the function without physics with the most evidence beside the causes; None where none has any."""
     seen = [one for one in found.remaining if one.delta_bic >= LEAST_EVIDENCE]
     return max(seen, key=lambda one: one.delta_bic, default=None)
 
@@ -174,7 +174,7 @@ def _causes(
 
 
 def _alike(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
-    """Return the effects that cannot be told from a cause: those that explain as much, or lack the channel to do so."""
+    """Return the effects that cannot be told from a cause: they explain as much, or their channel is not recorded."""
     cause = step.accepted
     names = [
         rival.effect
@@ -218,7 +218,7 @@ def _findings(model: Model) -> list[FittedEffect]:
 
 
 def _places(fitted: FittedEffect, covariates: Covariates) -> list[Place]:
-    """Return the places of a fitted effect, sensors left out that only get what the common field hands on to them."""
+    """Return the places of a fitted effect without sensors whose signal is only carried over by the common field."""
     effect = effect_named(fitted.effect)
     places = list(dict.fromkeys((one.sensor, one.axis) for one in fitted.contributions))
     if not isinstance(effect, LinearEffect) or len(sensors_of(places)) < 2:

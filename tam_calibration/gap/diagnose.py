@@ -38,7 +38,7 @@ def diagnose(
     without : collection of str
         Names of effects that are not tried.
     progress : callable, optional
-        Is told the stage and the part that is done, 0 to 1.
+        Called with the name of the stage and the part that is done, 0 to 1.
 
     Returns
     -------
@@ -57,9 +57,9 @@ def diagnose(
         )
     recording.check_plausible(array.field)
     refusal = refusal_of(recording, array)
-    told = () if refusal is None else (f"tam calibrate would refuse this recording: {refusal}.",)
+    remarks = () if refusal is None else (f"tam calibrate would refuse this recording: {refusal}.",)
     gap = _judged(recording, array, without, progress)
-    return replace(gap, remarks=(*told, *gap.remarks))
+    return replace(gap, remarks=(*remarks, *gap.remarks))
 
 
 def _judged(recording: Recording, array: Array, without: Collection[str], progress: Progress | None) -> Gap:
@@ -68,7 +68,7 @@ def _judged(recording: Recording, array: Array, without: Collection[str], progre
     if is_at_rest(recording, array.field):
         return at_rest(recording)
     require_no_copies(recording)
-    # One sensor without attitude has no channel but the length of the field, which open parameters take up.
+    # One sensor without attitude has no channel but the intensity, which undetermined parameters absorb.
     alone = recording.sensor_count == 1 and recording.attitude is None
     if alone and (left_open := open_parameters(recording, array)) is not None:
         return without_nominal(recording, left_open)

@@ -1,4 +1,4 @@
-"""What speaks for each hypothesis at a model: the library's effects, and the rivals without physics."""
+"""The evidence for each hypothesis at a model: the library's effects, and rival functions without physics."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,22 +23,22 @@ from tam_calibration.gap.rivals import (
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.recording import Recording
 
-Told = TypeVar("Told")
+Value = TypeVar("Value")
 
 
-def kept(tell: Callable[..., Told]) -> Callable[..., Told]:
-    """Keep what a function tells of a base, or of a base and something that is asked, as long as these are there."""
-    known: WeakKeyDictionary[Base, WeakKeyDictionary[Any, Told]] = WeakKeyDictionary()
+def cached_by_base(function: Callable[..., Value]) -> Callable[..., Value]:
+    """Cache the values of a function of a base, or of a base and one argument, as long as these objects exist."""
+    known: WeakKeyDictionary[Base, WeakKeyDictionary[Any, Value]] = WeakKeyDictionary()
 
-    @wraps(tell)
-    def told(base: Base, *asked: Any) -> Told:
+    @wraps(function)
+    def cached(base: Base, *arguments: Any) -> Value:
         of_base = known.setdefault(base, WeakKeyDictionary())
-        key = asked[0] if asked else base
+        key = arguments[0] if arguments else base
         if key not in of_base:
-            of_base[key] = tell(base, *asked)
+            of_base[key] = function(base, *arguments)
         return of_base[key]
 
-    return told
+    return cached
 
 
 CHANNEL_NAMES = {
@@ -47,23 +47,23 @@ CHANNEL_NAMES = {
     "current_A": "current",
     "attitude": "attitude",
 }
-"""What people call the channels of a recording."""
+"""The channels of a recording in words."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What one hypothesis says of a model's residual.
+    """The evidence for one hypothesis in a model's residual.
 
     Parameters
     ----------
     effect : str
-        Its name.
+        Name of the effect.
     form : Hypothesis or Finding
-        In which form it says most.
+        Its form with the most evidence.
     delta_bic : float
-        The model with it against the model without, positive is for.
+        BIC of the model without it less that of the model with it: positive speaks for it.
     gain : float
-        Twice the logarithm of the likelihood ratio.
+        Twice the log-likelihood ratio.
     is_certain : bool
         See ``Finding``.
     """
@@ -88,7 +88,7 @@ def unusable(effect: Effect, recording: Recording, covariates: Covariates) -> Co
 def usable(
     effects: Mapping[str, Effect], without: Collection[str], channels: WhitenedChannels
 ) -> tuple[dict[str, Effect], list[Considered]]:
-    """Return the effects that can be tried, and what keeps the others from it."""
+    """Return the effects that this recording can show, and why it cannot show the others."""
     tried, considered = {}, []
     for name, effect in effects.items():
         if name in without:
@@ -101,7 +101,7 @@ def usable(
     return tried, considered
 
 
-@kept
+@cached_by_base
 def examine(base: Base, effect: Effect) -> Evidence | str:
     """Return the evidence for an effect, or why there is none."""
     if isinstance(effect, LinearEffect):
@@ -132,15 +132,15 @@ def sharpened(base: Base, weighed: Sequence[Evidence]) -> tuple[Evidence, ...]:
     )
 
 
-@kept
+@cached_by_base
 def _refined(base: Base, one: Evidence) -> Evidence:
     assert isinstance(one.form, Hypothesis)
     return evidence_of(base, refined(base, one.form))
 
 
-@kept
+@cached_by_base
 def rivals(base: Base) -> tuple[Evidence, ...]:
-    """Return what functions without physics say."""
+    """Return the evidence for the functions without physics."""
     kinds = (FunctionOfTime, FunctionOfDirection, FunctionOfTilt, FunctionOfRate, FunctionOfNeighbours)
     recording = base.channels.recording
     usable = [kind() for kind in kinds if all(getattr(recording, name) is not None for name in kind.channels)]

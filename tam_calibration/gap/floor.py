@@ -1,10 +1,10 @@
-"""The noise floor of every row, told by differences of neighbouring samples beside whatever else is in the residual.
+"""The noise floor of every row, from differences of neighbouring samples, whatever else is in the residual.
 
-White noise has the same power at all frequencies, and what is slow, a tone or a spike has little in most of those near
-the Nyquist frequency: the median of the power in the upper half of the band is that of the noise. It is taken of the
-third differences of the residuals between the sensors, or without these of the residual of the intensity, clipped where
-few are far larger than the rest. How much of it is of which row is told by how the residuals depend on the rows,
-beginning at the differences of the readings themselves: what the residuals leave open stays as these have it.
+White noise has the same power at all frequencies, while drifts, tones and spikes have little power at most frequencies
+near that of Nyquist: the median of the periodogram in the upper half of the band is the level of the noise. It is taken
+of the third differences of the residuals between the sensors, or of one sensor of the residual of the intensity, with
+outliers clipped. How it divides among the rows follows from how each residual depends on the rows. The iteration starts
+at the levels of the readings' own differences, which stay where the residuals do not determine a row.
 """
 
 from dataclasses import dataclass
@@ -21,16 +21,16 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
 CONTRADICTED = 2.0
-"""Times the stated noise, or parts of it, from which a data sheet is wrong.
+"""Factor between noise found and noise stated, either way, from which a data sheet is contradicted.
 
-Sheets tell typical sensors, which differ by some ten per cent; at twice the noise another bandwidth or sensor is meant.
+Sheets state typical sensors, which differ by some ten per cent; a factor of two means another bandwidth or sensor.
 """
 
 _CLIP = 4.0
-"""Robust standard deviations at which differences are clipped."""
+"""Limit at which differences are clipped, in robust standard deviations."""
 
 _ROUNDS = 200
-"""Multiplicative steps, as the levels of rows that few channels tell settle slowly."""
+"""Multiplicative updates; levels of rows that few channels depend on converge slowly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +40,13 @@ class Floor:
     Parameters
     ----------
     level_T : (3K + 1,) array
-        Standard deviation of white noise, tesla; NaN where differences do not tell it.
+        Standard deviation of white noise, tesla; NaN where differences do not determine it.
     colour : (3K + 1,) array
-        Correlation of the noise of neighbouring samples: 0 of white noise, towards 1 of noise that is slow.
+        Lag-1 correlation of the noise: 0 for white noise, towards 1 for slow noise.
     stated_T : (3K + 1,) array
         What the array file states; NaN where it does not.
     remarks : tuple of str
-        What this says of the stated noise, one sentence each.
+        What contradicts the stated noise, one sentence each.
     """
 
     level_T: FloatArray
@@ -55,15 +55,15 @@ class Floor:
     remarks: tuple[str, ...] = ()
 
     @property
-    def is_told(self) -> bool:
-        """Whether the differences tell the noise of the sensors."""
+    def is_determined(self) -> bool:
+        """Whether the noise of all sensors is determined."""
         return bool(np.isfinite(self.level_T[:-1]).all())
 
     @property
     def total_T(self) -> FloatArray:
-        """(3K + 1,) standard deviation with the colour: of an autoregressive process that has this level above."""
+        """(3K + 1,) total standard deviation: of the AR(1) process with this colour and high-frequency level, tesla."""
         colour = np.clip(self.colour, 0, 1 - np.finfo(float).eps)
-        # Its power at the middle of the upper half of the band, in that of white noise of the same variance.
+        # Power at three quarters of the Nyquist frequency over that of white noise of the same variance.
         part = (1 - colour**2) / (1 + colour**2 - 2 * colour * np.cos(0.75 * np.pi))
         total: FloatArray = self.level_T / np.sqrt(part)
         return total
@@ -74,8 +74,8 @@ class Floor:
         return _by_sensor(self.level_T)
 
     def factor_common_to_all(self, sample_count: int) -> float:
-        """Return by how much the noise of most rows is more or less than stated; 1 where the sheet may be right."""
-        if not (self.is_told and np.isfinite(self.stated_T[:-1]).all()):
+        """Return the factor of most rows' noise over that stated; 1 where they do not contradict each other."""
+        if not (self.is_determined and np.isfinite(self.stated_T[:-1]).all()):
             return 1.0
         rows = slice(0, -1)
         much = _middle(self.level_T[rows] / self.stated_T[rows])
@@ -85,14 +85,14 @@ class Floor:
 
 
 def floor_of(channels: WhitenedChannels, stated: Array) -> Floor:
-    """Return the floor of the rows at a model.
+    """Return the noise floor of the rows at a model.
 
     Parameters
     ----------
-    channels : Channels
-        What the model leaves.
+    channels : WhitenedChannels
+        Whitened residuals of the model.
     stated : Array
-        As the user has it.
+        As the user gives it, with or without noise.
     """
     row_count = 3 * stated.sensor_count
     level, colour = np.full(row_count + 1, np.nan), np.full(row_count + 1, np.nan)
@@ -118,25 +118,25 @@ def _of_rows(channels: WhitenedChannels, stated_T: FloatArray) -> tuple[FloatArr
     else:
         mixing = np.sqrt(np.mean(channels.row_direction[counted][fresh, :-1] ** 2, axis=0))[None]
         residual = channels.intensity_residual_T[counted][fresh][:, None]
-    seen = np.array([_white(series) for series in residual.T])
+    observed = np.array([_white(series) for series in residual.T])
     colour = np.array([_colour_of(series) for series in residual.T])
     variance = np.array([_white(series) for series in readings[fresh].T])
     share = mixing**2
-    # Multiplicative steps towards the variances that make what is seen; they stay positive (Lee & Seung 1999).
+    # Multiplicative updates towards the variances that give the observed levels; all stay positive (Lee & Seung 1999).
     for _ in range(_ROUNDS):
-        variance = variance * (share.T @ (seen / (share @ variance))) / share.sum(axis=0)
+        variance = variance * (share.T @ (observed / (share @ variance))) / share.sum(axis=0)
     for lattice in find_lattices(channels.residuals):
         if lattice.row < len(variance):
             rounding = lattice.step_T**2 / 12
             noise = variance[lattice.row] - rounding
             hidden = stated_T[lattice.row] ** 2 if np.isfinite(stated_T[lattice.row]) else rounding * 1e-2
-            # Beside rounding noise is seen as far as it is a notable part of it.
+            # Noise that is only a small part of the rounding error cannot be measured.
             variance[lattice.row] = noise if noise > NOTABLE * rounding else hidden
     return np.sqrt(variance), np.broadcast_to(colour, variance.shape)
 
 
 def _white(series: FloatArray) -> float:
-    """Return the variance of white noise in a series (N,), beside what is slow, a tone or a spike."""
+    """Return the variance of the white noise in a series (N,) that may hold drifts, tones and spikes."""
     difference = _clipped(np.diff(series, n=3))
     power = np.abs(np.fft.rfft(difference)) ** 2 / len(difference)
     frequency = np.fft.rfftfreq(len(difference))
@@ -147,7 +147,7 @@ def _white(series: FloatArray) -> float:
 
 
 def _clipped(difference: FloatArray) -> FloatArray:
-    """Return differences without the tails beyond those of noise; as they are where most of them are zero."""
+    """Return differences clipped at the tails of noise; unchanged where most of them are zero."""
     size = float(noise_deviation(difference))
     return np.clip(difference, -_CLIP * size, _CLIP * size) if size > 0 else difference
 
@@ -162,7 +162,7 @@ def _colour_of(series: FloatArray) -> float:
 
 
 def _fresh(readings: FloatArray) -> NDArray[np.bool_]:
-    """Return which samples (N,) are read anew: all, where few only repeat the one before or fill a line between two."""
+    """Return the samples (N,) that are not repeated or interpolated; all, where few are."""
     fresh = np.ones(len(readings), dtype=bool)
     size = np.abs(np.diff(readings, axis=0)).sum(axis=1)
     off_line = np.abs(readings[1:-1] - (readings[2:] + readings[:-2]) / 2).sum(axis=1)
@@ -195,13 +195,13 @@ def _middle(values: FloatArray) -> float:
 
 
 def _least_factor(sample_count: int) -> float:
-    """Return by which a level must differ; its logarithm is sure to less than two over the root of so many samples."""
+    """Return the least significant factor between two levels: the log of one is uncertain by less than 2/√N."""
     return float(np.exp(max(np.log(CONTRADICTED), 2 * CERTAIN / np.sqrt(max(sample_count, 1)))))
 
 
 def _remarks(floor: Floor, stated: Array, sample_count: int) -> tuple[str, ...]:
     """Return what the floor says of the stated noise."""
-    if not floor.is_told:
+    if not floor.is_determined:
         if stated.vector_noise_T is not None:
             return ()
         return (

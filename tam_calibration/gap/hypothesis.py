@@ -1,4 +1,4 @@
-"""The best form of one hypothesis: over the shapes of an effect, refined, the terms that the data ask for."""
+"""The best form of one hypothesis: the terms selected by evidence, over the shapes of an effect, then refined."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from tam_calibration.model.fitted_effect import SCALAR, FittedEffect, Shape
 from tam_calibration.model.units import FloatArray
 
 _FULLY_SELECTED = 2
-"""Shapes, the most promising ones, of which the terms are selected."""
+"""Shapes, those with the best first step, for which the selection of terms is carried out."""
 
 Place = tuple[int, int | None]
 """Sensor (index, ``SCALAR`` or ``ALL``) and axis."""
@@ -23,7 +23,7 @@ Place = tuple[int, int | None]
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """An effect in the form in which it explains most.
+    """An effect in the form with the most evidence.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Hypothesis:
     shape : Shape
         Its shape.
     terms : tuple of Term
-        What was selected of it.
+        Those that were selected.
     selection : Selection
         Its evidence.
     tried : tuple of Shape
@@ -49,12 +49,12 @@ class Hypothesis:
     values: FloatArray | None = None
 
     def moved(self, covariates: Covariates) -> "Hypothesis":
-        """Return the same terms of the same shape in another situation, at all of its samples."""
+        """Return the same terms of the same shape for other covariates, at all of their samples."""
         return replace(self, terms=tuple(chosen(self.effect.terms(covariates, self.shape), self.keys)))
 
     @property
     def keys(self) -> tuple[Key, ...]:
-        """Of the terms."""
+        """Keys of the terms."""
         return tuple(term.key for term in self.terms)
 
     @property
@@ -113,14 +113,14 @@ def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypoth
 
 
 def restricted(base: Base, form: Hypothesis, sensor: int) -> Hypothesis | None:
-    """Return what the data ask for of the same effect and shape at one sensor."""
+    """Return the same effect and shape at one sensor, its terms selected anew; None where none is."""
     offers = list(_offers(base, form.effect, form.shape, sensor))
     return _selected(form.effect, offers[0]) if offers else None
 
 
 @dataclass(frozen=True, eq=False)
 class _Offer:
-    """All terms of a shape, and the evidence for the best step of choosing among them."""
+    """All terms of a shape, and the evidence of the best first step of their selection."""
 
     shape: Shape
     choice: Choice
@@ -128,7 +128,7 @@ class _Offer:
 
 
 def _offers(base: Base, effect: LinearEffect, shape: Shape, sensor: int | None = None) -> Iterator[_Offer]:
-    """Yield the terms of a shape, at one sensor or all; those of each apart where the effect is of a single one."""
+    """Yield the terms of a shape at one sensor or all; of each sensor apart where the effect acts on one alone."""
     terms = [
         term
         for term in base.channels.terms(effect, shape)
@@ -167,19 +167,19 @@ def _selected(effect: LinearEffect, offer: _Offer) -> Hypothesis | None:
 
 
 _REFINEMENTS = 14
-"""Values of one parameter that are tried, by parabolas: to some per cent of the way between its neighbours."""
+"""Evaluations for one parameter (bounded Brent): accurate to some per cent of the distance between neighbours."""
 
 _MOVES = 40
-"""Sets of several parameters that are tried."""
+"""Evaluations for several parameters together (Nelder and Mead)."""
 
 _FIRST_TURN_RAD = 0.4
-"""Radians of a first turn: half of what lies between the directions that are tried."""
+"""First step of an angle, rad: half of the spacing of the directions that are tried."""
 
 _FIRST_STEP = 0.5
-"""Of the way to a neighbour."""
+"""First step of another parameter, as a part of the distance to the neighbouring value tried."""
 
 _FINEST_STEP = 0.0125
-"""Of the first one."""
+"""Step at which the simplex ends, as a part of the first."""
 
 
 def refined(base: Base, form: Hypothesis) -> Hypothesis:
@@ -202,7 +202,7 @@ def refined(base: Base, form: Hypothesis) -> Hypothesis:
 
 @dataclass(frozen=True)
 class _Span:
-    """Where a parameter of a shape is looked for: from where, in which first step, between which ends."""
+    """Search range of a parameter of a shape: start, first step, lower and upper bound."""
 
     start: float
     step: float

@@ -1,4 +1,4 @@
-"""What a joint fit of calibration and effects does not know of either, from their common information."""
+"""Uncertainty of calibration and effects that are fitted together, from their joint information matrix."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,13 +21,13 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 _STEP = 0.01
-"""Of a parameter of the shape, as part of itself, for derivatives."""
+"""Step of a parameter of the shape for numerical derivatives, as a part of its value."""
 
 _FIRST_TURN = slice(9, 12)
 """Misalignment of the first sensor, which is zero."""
 
 _SAMPLES = 2000
-"""Samples, spread over the recording, from which the uncertainty of what an effect adds is worked out."""
+"""Samples, spread over the recording, over which the uncertainty of an effect's signal is averaged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class Joint:
         return added
 
     def sizes(self, calibration: Calibration) -> tuple[EffectSize, ...]:
-        """Return what each effect does to the outputs of a calibration, and how well that is known."""
+        """Return the size of each effect in the outputs of a calibration, and its standard error."""
         unmix = calibration.correction_matrix
         some = slice(None, None, -(-self.model.recording.sample_count // _SAMPLES))
         sizes, start = [], 0
@@ -113,7 +113,7 @@ class Joint:
 
     @cached_property
     def _all_terms(self) -> list[list[Term]]:
-        """Of each effect the terms, then the free parameters of its shape."""
+        """For each effect its terms, then one term for each free parameter of its shape."""
         return [
             [*terms, *(_moved(part, name, self._channels) for name in names)]
             for part, terms, names in zip(self.model.parts, self._terms, self.free, strict=True)
@@ -125,7 +125,7 @@ class Joint:
 
     @cached_property
     def _covariance(self) -> FloatArray:
-        """Of all that is in the designs, the calibration marginalised."""
+        """Covariance of all coefficients and free shape parameters, the calibration marginalised."""
         return self._nominal.project(self._design).inverse()[0]
 
 

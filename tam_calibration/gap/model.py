@@ -19,7 +19,7 @@ from tam_calibration.gap.attitude_nominal import Oriented, attitude_variance, bi
 from tam_calibration.gap.channel_nominal import without_channels, without_channels_in_world
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypothesis import Hypothesis
-from tam_calibration.gap.nominal import starts, steady_parts, stepped, wild_samples, without_jump
+from tam_calibration.gap.nominal import outlying_samples, starts, steady_parts, stepped, without_jump
 from tam_calibration.gap.physical import objection_to, sensed_intensity
 from tam_calibration.gap.refusal import ENOUGH_SAMPLES, open_parameters, without_calibration
 from tam_calibration.gap.regression import Base
@@ -40,7 +40,7 @@ _MOST_ROUNDS = 4
 """Times that a fit is taken up again from where it stopped, as each changes where it is linearised."""
 
 _SPHERE_RANK = 9
-"""Of the calibration of one sensor by the length of the field, where that tells all of it."""
+"""Rank of the calibration of one sensor by the intensity of the field, where that determines all of it."""
 
 _KNOWN: "WeakKeyDictionary[Model, Base]" = WeakKeyDictionary()
 
@@ -66,11 +66,11 @@ class Part:
         return cls(form.effect, form.shape, form.keys, np.zeros(form.width) if form.values is None else form.values)
 
     def terms(self, channels: WhitenedChannels) -> list[Term]:
-        """Return the terms in the situation of the channels, at all samples."""
+        """Return the terms for the covariates of the channels, at all samples."""
         return chosen(self.effect.terms(channels.covariates, self.shape), self.keys)
 
     def left_out(self, channels: WhitenedChannels) -> list[Term]:
-        """Return what the effect may do at other places too, unseen."""
+        """Return the terms at other places that were not selected, of the same names."""
         names = {term.name for term in self.terms(channels)}
         everywhere = () if self.effect.is_of_one_sensor else self.effect.terms(channels.covariates, self.shape)
         return [term for term in everywhere if term.name in names and term.key not in self.keys]
@@ -107,9 +107,9 @@ class Model:
     errors : SensorErrors
         Of the fit.
     intensity_T : float
-        Where there is no scalar channel.
+        Constant intensity of the field, where there is no scalar channel.
     world : World, optional
-        The field of the world, where the attitude tells more of one sensor than the length of the field does.
+        The field of the world, where the attitude determines one sensor better than the intensity alone.
     is_oriented : (N,) array of bool, optional
         Whether the attitude of a sample is known; of the world.
     parts : tuple of Part
@@ -117,9 +117,9 @@ class Model:
     findings : tuple of Finding
         Accepted effects that were found otherwise.
     gross : FittedEffect, optional
-        A jump that was seen without a calibration, and that the errors already do without.
+        A jump that was found before any calibration and is not part of the errors.
     stride : int
-        The fit takes every sample of that distance.
+        The fit takes every stride-th sample.
     """
 
     recording: Recording
@@ -135,15 +135,15 @@ class Model:
 
     @classmethod
     def nominal(cls, recording: Recording, array: Array) -> "Model":
-        """Fit the calibration alone, or beside what is so large that the calibration is not found in spite of it.
+        """Fit the calibration alone, or without disturbances so large that the fit fails with them.
 
-        That is a few readings beyond all others, a bias that follows a recorded channel, or a jump.
+        Those are a few outliers, a bias that follows a recorded channel, or a jump.
         """
         stride = recording.sample_count // ENOUGH_SAMPLES + 1
-        is_oriented, wild = attitude_known(recording), wild_samples(recording)
-        if wild.any():
-            tame = cls.nominal(recording.take(~wild), array)
-            return replace(tame, recording=filled(recording), is_oriented=is_oriented, stride=stride)
+        is_oriented, outlying = attitude_known(recording), outlying_samples(recording)
+        if outlying.any():
+            clean = cls.nominal(recording.take(~outlying), array)
+            return replace(clean, recording=filled(recording), is_oriented=is_oriented, stride=stride)
         recording = filled(recording)
         if recording.sensor_count == 1 and recording.scalar_T is None and is_oriented is not None:
             in_world = cls._in_world(recording, array, is_oriented, stride)
@@ -168,9 +168,9 @@ class Model:
     def _beside(
         cls, recording: Recording, array: KnownNoiseArray, stride: int, plain: "Model | None"
     ) -> "Model | None":
-        """Return the fit beside a jump, or beside the channels where more samples agree with that, to what they leave.
+        """Return the fit to the readings without a jump, or without biases that follow the channels.
 
-        None where there is no jump, and no more samples agree than with the plain fit.
+        The one with which more samples agree; None without a jump where the plain fit is as good.
         """
         jump, rest = moved_sphere(recording), without_channels(recording)
         jumping = None if jump is None else cls._within_bounds(without_jump(recording, jump), array, stride)
@@ -178,18 +178,18 @@ class Model:
             jumping = replace(jumping, gross=_mostly(jump))
         following = None if rest is None else cls._within_bounds(rest, array, stride)
         if jumping is not None:
-            # What a channel tells happens at no time of its own.
+            # Of equal fits the channel is preferred: it needs no time of its own.
             return _most_agreeing(following, jumping)
         return following if _most_agreeing(plain, following) is following else None
 
     @classmethod
     def _of_part(cls, recording: Recording, array: Array, stride: int, plain: "Model | None") -> "Model":
-        """Return the fit to a part of a recording where there is no plain one to the whole; refuse where none can be.
+        """Return the plain fit or, where there is none, that to a part of the recording.
 
         Raises
         ------
         Refused
-            When there is none, or the readings tell one that no sensor has.
+            When neither exists, or the calibration that the readings determine is out of the bounds of sensors.
         """
         noisy, _ = complete_noise(array, recording)
         if plain is None:
@@ -202,7 +202,7 @@ class Model:
 
     @classmethod
     def _within_bounds(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Model | None":
-        """Return the first fit, from the starts there are, that settles where sensors and the Earth's field can be."""
+        """Return the first fit, of all starts, that converges within the bounds of sensors and of the Earth's field."""
         for begin in starts(recording, array):
             model = cls(recording, array, begin.errors, begin.intensity_T, stride=stride)
             if model.objection is not None:
@@ -239,7 +239,7 @@ class Model:
 
     @classmethod
     def _of_steady(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Model | None":
-        """Return the fit to the samples that agree with that part of the run with which most of the others agree."""
+        """Return a fit to a steady part of the run and all samples that agree: of the part with the most of them."""
         fits = []
         for part in steady_parts(recording):
             try:
@@ -254,9 +254,9 @@ class Model:
         return replace(replace(best, recording=recording.take(best.agrees)).settled(), recording=recording)
 
     def steady(self) -> "Model | None":
-        """Return the model with the calibration of a steady part of a run, of which the whole leaves gross residuals.
+        """Return the model with the calibration of a steady part of the run, where the residual of the whole is gross.
 
-        None where there is nothing gross, or no part with which more samples agree.
+        None where it is not, or where no part agrees with more samples.
         """
         if self.gross is not None or self.world is not None or not self._is_gross():
             return None
@@ -265,13 +265,13 @@ class Model:
         return None if best is self else replace(self, errors=best.errors, intensity_T=best.intensity_T)
 
     def _with_floor(self, stated: Array, settled: bool = True) -> "Model":
-        """Return the model with the noise that the recording shows, where none is stated or it is contradicted."""
+        """Return the model with the noise of the recording, where none is stated or the stated one is contradicted."""
         floor = floor_of(self.channels(), stated)
         noise_T = self.array.vector_noise_T
         before_T = noise_T
         if stated.vector_noise_T is not None:
             noise_T = stated.vector_noise_T * floor.factor_common_to_all(int(self.is_counted.sum()))
-        elif floor.is_told:
+        elif floor.is_determined:
             noise_T = floor.sensor_level_T
         else:
             base = self.base()
@@ -291,9 +291,9 @@ class Model:
     def _in_world(
         cls, recording: Recording, array: Array, is_oriented: NDArray[np.bool_], stride: int
     ) -> "Model | None":
-        """Fit one sensor in the field of the world, to the recording without the jump that is found.
+        """Fit one sensor in the field of the world, to the recording without any gross jump.
 
-        None where the length of the field alone tells its bias much better.
+        None where the intensity of the field alone determines its bias much better.
         """
         noisy, _ = complete_noise(array, recording)
         try:
@@ -306,7 +306,7 @@ class Model:
             return None
         base = model.base()
         assert model.world is not None
-        # A disturbance that the array turns in leaves both alike sure; errors of the attitude leave the length alone.
+        # A field disturbance degrades both fits alike; errors of the attitude do not affect that by the intensity.
         if by_length.calibration_rank == _SPHERE_RANK and bias_variance(by_length) < NOTABLE * bias_variance(base):
             return None
         world = replace(model.world, variance_T2=attitude_variance(base.channels, model.world))
@@ -318,7 +318,7 @@ class Model:
 
     @property
     def _is_found_out_of_bounds(self) -> bool:
-        """Whether the attitudes tell all of a calibration that leaves nothing gross, and that no sensor can have."""
+        """Whether the attitudes determine the calibration, it fits, and yet it is out of the bounds of sensors."""
         return (
             self.objection is not None and not self._is_gross() and open_parameters(self.recording, self.array) is None
         )
@@ -339,7 +339,7 @@ class Model:
 
     @property
     def is_counted(self) -> NDArray[np.bool_]:
-        """(N,) whether no accepted effect gave the sample up."""
+        """(N,) whether no accepted effect excludes the sample."""
         counted = np.ones(self.recording.sample_count, dtype=bool)
         for finding in self.findings:
             if finding.flagged is not None:
@@ -356,7 +356,7 @@ class Model:
         return noise
 
     def channels(self, added_T: FloatArray | None = None) -> WhitenedChannels:
-        """Return the channels at the errors of the fit, what is added to the rows taken off."""
+        """Return the whitened channels at the errors of the fit, after subtracting what is added to the rows."""
         variances = [finding.variance for finding in self.findings if finding.variance is not None]
         beyond = np.sum(variances, axis=0) if variances else None
         spreads = tuple(finding.spread_T for finding in self.findings if finding.spread_T is not None)
@@ -391,7 +391,7 @@ class Model:
 
     @property
     def objection(self) -> str | None:
-        """What of the calibration no sensor and no field has, in one clause, or None."""
+        """Which bound of sensors or field the calibration exceeds, in one clause, or None."""
         intensity_T = self.intensity_T
         if self.recording.scalar_T is None:
             intensity_T = sensed_intensity(self.errors, intensity_T, self.array.field)
@@ -429,7 +429,7 @@ class Model:
 
     def _base(self) -> Base:
         channels = self.channels(self.signal() if self.parts else None)
-        # A step to a sensor of no size leaves no field.
+        # A step to a sensor with a scale factor of zero leaves no field.
         if not (np.isfinite(channels.energy) and np.median(channels.covariates.intensity_T) > 0):
             raise Refused("the fit does not settle: the readings do not fit one calibration")
         designs = [channels.design(part.terms(channels)) for part in self.parts]

@@ -1,4 +1,4 @@
-"""What to record next: the recording that tells two hypotheses apart, or that would show what this one cannot."""
+"""What to record next: the recording that separates two hypotheses, or shows an effect that this one cannot."""
 
 from collections.abc import Collection, Iterable, Sequence
 
@@ -40,7 +40,7 @@ _OTHERWISE = {
     "function_of_tilt": "tilt the array to all sides at several headings: what follows the tilt alone is moved by its "
     "weight, and a loose part is heard or felt",
 }
-"""What to record when no effect of the library that could be it is left untried."""
+"""What to record for a gap that a function without physics explains, and no untried effect could cause."""
 
 
 def next_recording(found: Search, verdict: Verdict, causes: Sequence[Cause], variance: float) -> str:
@@ -49,13 +49,13 @@ def next_recording(found: Search, verdict: Verdict, causes: Sequence[Cause], var
     Parameters
     ----------
     found : Search
-        What was found in a recording.
+        Result of the search in this recording.
     verdict : str
-        Of it.
+        Of the diagnosis.
     causes : sequence of Cause
         The largest share first.
     variance : float
-        Of the channels' white noise, in that of the array's.
+        Of the channels' white noise, over that of the array.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def _strongest(unknown: Iterable[Evidence]) -> Evidence | None:
 
 
 def _hidden(found: Search, causes: Sequence[Cause], missing: Collection[str]) -> tuple[Evidence, list[str]] | None:
-    """Return a cause that may be another effect, which this recording cannot show, and which."""
+    """Return a cause that may be another effect which this recording cannot show, and the names of such effects."""
     drift = next((one.gain for one in found.rivals if one.effect == "function_of_time"), 0.0)
     named = {cause.fitted.effect for cause in causes}
     for accepted in (step.accepted for step in found.steps if step.accepted.effect in named):
@@ -131,13 +131,13 @@ def _exceeding(effect: Effect) -> tuple[str, ...]:
 
 
 def _plausible(function: str) -> list[str]:
-    """Return what a gap that a function without physics explains may be, the most plausible first."""
+    """Return the effects that may cause a gap which a function without physics explains, the most plausible first."""
     alike = [effect for effect in installed_effects().values() if function in effect.looks_like]
     return [effect.name for effect in sorted(alike, key=lambda effect: effect.looks_like[function])]
 
 
 def _shown(setting: Setting, unknown: Evidence, plausible: Sequence[str]) -> str | None:
-    """Return the recording in which the most plausible of some effects would show itself, if it makes the gap."""
+    """Return the recording in which the most plausible of some effects would be visible, if it causes the gap."""
     sensors = {sensor for sensor, _ in places_of(unknown.form)}
     for name in plausible:
         effect = effect_named(name)

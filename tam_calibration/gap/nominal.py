@@ -22,20 +22,20 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
-_SURE = 15.0
-"""Over the root of the number of samples: a correlation that is sure.
+_SIGNIFICANT = 15.0
+"""Correlation times the root of the number of samples from which it is significant.
 
-White noise makes one to two of it, slow noise three times as much.
+White noise has one to two, slow noise three times as much.
 """
 
 _SPIKE = 8.0
-"""Times the median distance from the median, from which a reading is a spike; a motion hardly goes so far."""
+"""Distance from the median, over its median, from which a reading is a spike; a motion hardly goes so far."""
 
 
 def canonical_correlations(readings_T: FloatArray) -> FloatArray:
     """Return the canonical correlations (K, 3), the largest first, of sensors' readings (N, K, 3) with the first's.
 
-    By the singular values between orthonormal bases of both (Björck and Golub 1973). Spikes do not count.
+    By the singular values between orthonormal bases of both (Björck and Golub 1973); spikes are clipped.
     """
     centered = readings_T - np.median(readings_T, axis=0)
     size = _SPIKE * np.median(np.abs(centered), axis=0)
@@ -46,40 +46,40 @@ def canonical_correlations(readings_T: FloatArray) -> FloatArray:
     return correlations
 
 
-def sure_correlation(sample_count: int) -> float:
-    """Return the correlation from which noise of so many samples is not its cause."""
-    return float(min(_SURE / np.sqrt(sample_count), MOST))
+def significant_correlation(sample_count: int) -> float:
+    """Return the correlation that noise of so many samples does not reach."""
+    return float(min(_SIGNIFICANT / np.sqrt(sample_count), MOST))
 
 
-_WILD = 4.0
-"""Times the median length from which a reading is wild: bias and soft iron hardly double it."""
+_OUTLYING = 4.0
+"""Length of a reading, over the median, from which it is an outlier: bias and soft iron hardly double it."""
 
 
-_THIRDS = 3
-"""Of the time, the shortest stretches that are fitted alone: shorter ones seldom see all attitudes."""
+_MOST_PARTS = 3
+"""Parts of the run, at most, that are fitted alone: shorter ones seldom hold all attitudes."""
 
-_ALIKE = 0.2
-"""Part of the samples, in which a channel is alike: less than a motor is off that runs for 70 % of the time."""
+_STEADY_PART = 0.2
+"""Part of the samples in which a channel is steadiest: less than the pauses of a motor that runs 70 % of the time."""
 
 
 @dataclass(frozen=True, eq=False)
 class NominalStart:
-    """The errors of a first fit, and the intensity that stands for a scalar channel."""
+    """Initial errors of a fit, and the constant intensity that replaces a missing scalar channel."""
 
     errors: SensorErrors
     intensity_T: float
 
 
 def starts(recording: Recording, array: Array) -> Iterator[NominalStart]:
-    """Yield where a fit may begin: calibrations of the whole, sensors without errors but for their mounting, and parts.
+    """Yield the starts of a fit: calibrations of the whole, mounted sensors without errors, and parts.
 
-    A calibration of a part serves where something changed in the rest; sensors without errors serve where the readings
-    tell no calibration by themselves.
+    A calibration of a part serves where something changed in the rest; sensors with mounting errors only serve where
+    the readings alone determine no calibration.
 
     Parameters
     ----------
     recording : Recording
-        Without wild samples.
+        Without outlying samples.
     array : Array
         With noise.
 
@@ -90,7 +90,7 @@ def starts(recording: Recording, array: Array) -> Iterator[NominalStart]:
     """
     whole, *parts = _parts(recording.sample_count)
     yield from _calibrations(recording.take(whole), array)
-    _check_hands(recording)
+    _check_handedness(recording)
     yield from _mounted(recording, array.field)
     for part in parts:
         yield from _calibrations(recording.take(part), array)
@@ -108,15 +108,15 @@ def _calibrations(recording: Recording, array: Array) -> Iterator[NominalStart]:
         yield NominalStart(fitted.errors, fitted.intensity_T)
 
 
-def _check_hands(recording: Recording) -> None:
-    """Check that all sensors turn the same way round as the first, where they see the same motion in all directions."""
+def _check_handedness(recording: Recording) -> None:
+    """Check that all sensors have the handedness of the first, where correlated in all directions."""
     centered = recording.readings_T - recording.readings_T.mean(axis=0)
     scatter = np.einsum("nki,nj->kij", centered, centered[:, 0])
     determinant = np.linalg.det(scatter / norm(scatter, axis=(1, 2), keepdims=True))
     least = canonical_correlations(recording.readings_T)[:, -1]
-    is_seen = least > sure_correlation(recording.sample_count)
+    is_visible = least > significant_correlation(recording.sample_count)
     for sensor, value in enumerate(determinant):
-        if value < 0 and is_seen[sensor]:
+        if value < 0 and is_visible[sensor]:
             raise InputError(
                 f"sensor {sensor + 1} has left-handed or dependent axes, or a disturbance larger than the field: "
                 "check the axes' order and signs, and what is beside it"
@@ -124,7 +124,7 @@ def _check_hands(recording: Recording) -> None:
 
 
 def _mounted(recording: Recording, field: FieldBounds) -> Iterator[NominalStart]:
-    """Yield sensors without errors but for bias, gain and mounting, for each centre that the first may have."""
+    """Yield sensors with bias, gain and mounting only, for each centre that the first sensor's sphere may have."""
     readings = recording.readings_T
     centered = readings - np.median(readings, axis=0)
     size = np.sqrt(np.mean(np.sum(centered**2, axis=2), axis=0))
@@ -143,7 +143,7 @@ def _mounted(recording: Recording, field: FieldBounds) -> Iterator[NominalStart]
 def _centers(
     readings_T: FloatArray, intensity_T: float | None, field: FieldBounds
 ) -> Iterator[tuple[FloatArray, float]]:
-    """Yield centres and radii of spheres: that on which most readings lie, and those of a usual radius about a ring."""
+    """Yield centres and radii of spheres: the one through most readings, and two of the usual radius through a ring."""
     center, radius = sphere_of_most(readings_T)
     if field.hold(radius):
         yield center, radius
@@ -155,15 +155,15 @@ def _centers(
         yield middle + sign * height * axes[:, 0], usual
 
 
-def wild_samples(recording: Recording) -> NDArray[np.bool_]:
-    """Return the samples (N,) in which a sensor reads far beyond what it mostly does, where these are few."""
+def outlying_samples(recording: Recording) -> NDArray[np.bool_]:
+    """Return the samples (N,) in which a sensor's reading is an outlier; none where there are many."""
     length = norm(recording.readings_T, axis=2)
-    wild: NDArray[np.bool_] = (length > _WILD * np.median(length, axis=0)).any(axis=1)
-    return wild if wild.sum() <= NEGLIGIBLE * len(wild) else np.zeros_like(wild)
+    outlying: NDArray[np.bool_] = (length > _OUTLYING * np.median(length, axis=0)).any(axis=1)
+    return outlying if outlying.sum() <= NEGLIGIBLE * len(outlying) else np.zeros_like(outlying)
 
 
 def without_jump(recording: Recording, jump: FittedEffect) -> Recording:
-    """Return the recording without a jump that is known beforehand."""
+    """Return the recording without a known jump."""
     none = SensorErrors.none(recording.sensor_count)
     place = Array(np.zeros((recording.sensor_count, 3)))
     covariates = Covariates(recording.time_s, recording.readings_T[:, 0], none, place)
@@ -172,7 +172,7 @@ def without_jump(recording: Recording, jump: FittedEffect) -> Recording:
 
 
 def steady_parts(recording: Recording) -> Iterator[slice | NDArray[np.intp]]:
-    """Yield parts of a run in which less may have changed: halves and thirds, and where a channel hardly changes.
+    """Yield parts of a run that may be steady: halves and thirds, and the samples where a channel hardly changes.
 
     Parameters
     ----------
@@ -182,27 +182,27 @@ def steady_parts(recording: Recording) -> Iterator[slice | NDArray[np.intp]]:
     yield from _parts(recording.sample_count)[1:]
     for channel in (recording.temperature_C, recording.current_A):
         if channel is not None:
-            yield _most_alike(channel)
+            yield _steadiest(channel)
 
 
-def _most_alike(channel: FloatArray) -> NDArray[np.intp]:
+def _steadiest(channel: FloatArray) -> NDArray[np.intp]:
     """Return those samples, in the order of time, in which a channel (N,) has the narrowest range."""
     order = np.argsort(channel)
-    count = int(_ALIKE * len(order))
+    count = int(_STEADY_PART * len(order))
     width = channel[order[count:]] - channel[order[: len(order) - count]]
     first = int(np.argmin(width))
-    alike: NDArray[np.intp] = np.sort(order[first : first + count])
-    return alike
+    steadiest: NDArray[np.intp] = np.sort(order[first : first + count])
+    return steadiest
 
 
 def _parts(count: int) -> list[slice]:
     """Return the whole and, where something changed in the middle, its halves and thirds."""
-    cuts = [np.linspace(0, count, parts + 1).astype(int) for parts in range(1, _THIRDS + 1)]
+    cuts = [np.linspace(0, count, parts + 1).astype(int) for parts in range(1, _MOST_PARTS + 1)]
     return [slice(int(low), int(high)) for cut in cuts for low, high in pairwise(cut)]
 
 
 def stepped(errors: SensorErrors, step: FloatArray, unit_T: float) -> SensorErrors:
-    """Return errors after a step of ``calibration_design``, in the frame of the first sensor."""
+    """Return errors after a step of ``calibration_regressors``, in the frame of the first sensor."""
     matrix, bias = update(errors, step, unit_T)
     if not (np.isfinite(matrix).all() and np.isfinite(bias).all()):
         raise Refused("the nominal fit does not settle: the readings do not fit one calibration")

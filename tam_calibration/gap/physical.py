@@ -1,9 +1,9 @@
-"""What sensors and the field can be: a wide prior that keeps a fit from running away, and its bounds.
+"""Physical bounds of sensors and field, and a wide prior that keeps a fit from diverging.
 
-What a sensor's axes differ in is told by the rows m of its matrix D Λ, whatever way it is mounted: their lengths are
-the scale factors, and the cosines between them how far from right angles the axes stand. The prior takes the
-logarithms of the scale factors about their mean, these cosines, and without a scalar reference the logarithm of the
-field's intensity for normal, with deviations so wide that a recording that tells them itself does not notice.
+The rows m of a sensor's matrix D Λ describe its axes whatever way it is mounted: their lengths are the scale factors,
+and the cosines between them the non-orthogonality. In the prior the logarithms of the scale factors about their mean,
+these cosines and, without a scalar reference, the logarithm of the intensity are normal, with deviations so wide that
+they do not matter where the recording determines the parameters itself.
 """
 
 from dataclasses import dataclass
@@ -18,25 +18,25 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_degrees
 
 LARGEST_RATIO = 2.0
-"""Of the scale factors of two axes of a sensor. Data sheets allow some per cent, soft iron beside it some ten."""
+"""Ratio of the scale factors of two axes of a sensor. Data sheets allow some per cent, soft iron some ten per cent."""
 
 LARGEST_COSINE = 0.35
-"""Between two axes of a sensor: 20 degrees off the right angle. Data sheets allow one, soft iron some."""
+"""Cosine between two axes of a sensor: 20 degrees off the right angle. Data sheets allow one, soft iron a few."""
 
 _DEVIATIONS = 3.5
-"""Of the prior, in which its bounds lie: normal deviates reach them once in two thousand times."""
+"""Bounds in standard deviations of the prior: normal deviates exceed them once in two thousand times."""
 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """The prior linearised at errors, in the columns of ``calibration_design``.
+    """The prior linearised at errors, in the columns of ``calibration_regressors``.
 
     Parameters
     ----------
     information : (12K, 12K) array
-        Of the prior.
+        Information matrix.
     score : (12K,) array
-        Downhill.
+        Negative gradient of half the energy.
     energy : float
         Sum of the squared deviates.
     """
@@ -47,16 +47,16 @@ class Prior:
 
 
 def objection_to(errors: SensorErrors, intensity_T: float, field: FieldBounds) -> str | None:
-    """Return in one clause what of a calibration no sensor and no field has, or None.
+    """Return in one clause which bound of sensors or field a calibration exceeds, or None.
 
     Parameters
     ----------
     errors : SensorErrors
         Of the sensors.
     intensity_T : float
-        Of the field; without a scalar reference in the sensors' own unit, see ``sensed_intensity``.
+        Of the field; without a scalar reference see ``sensed_intensity``.
     field : FieldBounds
-        What it can be.
+        Bounds of it.
     """
     if not field.hold(intensity_T):
         return f"a field of {intensity_T * 1e6:.3g} µT, where {field.whose} has {field.range_uT}"
@@ -74,9 +74,9 @@ def objection_to(errors: SensorErrors, intensity_T: float, field: FieldBounds) -
 
 
 def sensed_intensity(errors: SensorErrors, intensity_T: float, field: FieldBounds) -> float:
-    """Return an intensity that stands for a scalar reference in the unit of the sensor that has it most as the field.
+    """Return the constant intensity in the unit of that sensor in which it is nearest to the usual field, tesla.
 
-    Sensors may read in units of their own; a fit that runs away takes all of them with it.
+    Sensors may read in units of their own, but a fit that diverges scales all of them.
     """
     sensed = _sensed(errors, intensity_T)
     return float(sensed[_most_like(field, sensed)])
@@ -99,9 +99,9 @@ def prior_at(errors: SensorErrors, intensity_T: float | None, field: FieldBounds
     errors : SensorErrors
         Of K sensors.
     intensity_T : float, optional
-        The constant that stands for a scalar reference; None where there is one.
+        The constant that replaces a missing scalar reference; None where there is one.
     field : FieldBounds
-        What it can be.
+        Bounds of it.
     """
     count = errors.sensor_count
     blocks: list[FloatArray] = []
@@ -131,7 +131,7 @@ def _of_axes(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     for index, (one, other) in enumerate(combinations(range(3), 2)):
         of_cosine[index, one] = (unit[other] - cosine[index] * unit[one]) / length[one]
         of_cosine[index, other] = (unit[one] - cosine[index] * unit[other]) / length[other]
-    # The logarithms of two axes that are alike uncertain differ by √2 times the deviation of each.
+    # The logarithms of two equally uncertain scale factors differ by √2 times the deviation of each.
     scale = sqrt(2) * _DEVIATIONS / log(LARGEST_RATIO)
     angle = _DEVIATIONS / LARGEST_COSINE
     logarithm = np.log(length)

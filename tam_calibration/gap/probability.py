@@ -1,4 +1,4 @@
-"""The part of each cause in what all explain, and the probabilities of the answers, from what each case shows."""
+"""The share of each cause in the energy that all explain, and the calibrated probabilities of the answers."""
 
 from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
@@ -17,7 +17,7 @@ from tam_calibration.model.units import FloatArray
 
 
 def energies_of(steps: Sequence[Step], count: float) -> dict[Step, float]:
-    """Return the part of the energy that each cause explains of what those accepted before it leave."""
+    """Return the part of the energy that each cause explains of the residual of those accepted before it."""
     left, energies = 1.0, {}
     for step in steps:
         energies[step] = left * -expm1(-step.accepted.gain / count)
@@ -26,7 +26,7 @@ def energies_of(steps: Sequence[Step], count: float) -> dict[Step, float]:
 
 
 def shares_of(model: Model) -> FloatArray:
-    """Return the shares (M,) of the parts of a model; they add up to one."""
+    """Return the Shapley values (M,) of the energy that the parts of a model explain; they add up to one."""
     count = len(model.parts)
     if count < 2:
         return np.ones(count)
@@ -49,10 +49,10 @@ def shares_of(model: Model) -> FloatArray:
 
 
 _COEFFICIENTS = (1.24, -1.18, 2.0, 0.83)
-"""Of one, of the logarithm of one more than the checks that fail, of the share, and of the odds of evidence."""
+"""Logistic regression: intercept, log(1 + failing checks), share, and log ratio of the evidences."""
 
 _RIGHT: Mapping[Verdict, float] = {"no_gap": 167 / 171, "unexplained": 228 / 242}
-"""How often these were right: 166 of 169 and 227 of 240, by Laplace's rule."""
+"""Part of these verdicts that was right: 166 of 169 and 227 of 240, by Laplace's rule."""
 
 _NAMES = {"none_of_these": "unknown"}
 
@@ -60,7 +60,7 @@ _NAMES = {"none_of_these": "unknown"}
 def probabilities(found: Search, verdict: Verdict, departures: int) -> Mapping[str, float]:
     """Return the probabilities of no gap, of each effect that was weighed, and of none of these.
 
-    They add up to one; where there are several causes each has a probability of its own. The departures are the
+    They add up to one; of several causes each has a probability of its own. The departures are the number of
     predictive checks that fail.
     """
     chances = dict.fromkeys(("no_gap", *(one.effect for one in found.weighed), "none_of_these"), 0.0)
@@ -90,14 +90,14 @@ def right(features: Sequence[float]) -> float:
 
 
 def features_of(departures: int, share: float, own: float, rival: float) -> tuple[float, float, float, float]:
-    """Return what the probability of a cause is made of, in the order of the coefficients.
+    """Return the features of the logistic regression of a cause, in the order of the coefficients.
 
     Parameters
     ----------
     departures : int
-        Predictive checks that what is left fails.
+        Number of predictive checks that the residual fails.
     share : float
-        Of the cause in what closes.
+        Of the cause in the energy that all causes explain.
     own, rival : float
         ΔBIC of the cause, and the largest of the effects that were not named.
     """
@@ -107,28 +107,28 @@ def features_of(departures: int, share: float, own: float, rival: float) -> tupl
 def set_of(chances: Mapping[str, float], verdict: Verdict, causes: Collection[Cause]) -> tuple[str, ...]:
     """Return the smallest set of answers that holds the true one with 95 %, the most probable first.
 
-    Of several causes the doubts of each are added: the set holds all of them, and what may stand in place of one.
+    Of several causes the set holds all, then alternatives to the least probable of them.
     """
     if verdict == "not_identifiable":
         return ()
     named = [cause.fitted.effect for cause in causes]
     ranked = sorted(chances, key=lambda name: (name not in named, -chances[name]))
-    ambiguity, told = 1.0, []
+    doubt, members = 1.0, []
     for name in ranked:
-        told.append(_NAMES.get(name, name))
+        members.append(_NAMES.get(name, name))
         if name in named:
-            ambiguity = 1 - min(chances[one] for one in named)
-            if len(told) < len(set(named)):
+            doubt = 1 - min(chances[one] for one in named)
+            if len(members) < len(set(named)):
                 continue
         else:
-            ambiguity -= chances[name]
-        if 1 - ambiguity >= 1 - SLIGHT:
+            doubt -= chances[name]
+        if 1 - doubt >= 1 - SLIGHT:
             break
-    return tuple(told)
+    return tuple(members)
 
 
 def _spread(chances: dict[str, float], found: Search, named: Collection[str], rest: float) -> None:
-    """Give what remains to the effects that are not named, the more the more speaks for them."""
+    """Distribute the remaining probability over the effects not named, in proportion to their gains."""
     gains = {one.effect: max(one.gain, 0.0) for one in found.weighed if one.effect not in named}
     total = sum(gains.values())
     for name, gain in gains.items():

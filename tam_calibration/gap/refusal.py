@@ -1,4 +1,4 @@
-"""What is said of a recording that allows no verdict: too short, too still, or refused by `tam calibrate`."""
+"""The answer for a recording that allows no verdict: too short, at rest, or refused by `tam calibrate`."""
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -9,7 +9,7 @@ from tam_calibration.fit.calibrate import accepted
 from tam_calibration.fit.consistency import require_one_sphere
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.gap.nominal import canonical_correlations, sure_correlation
+from tam_calibration.gap.nominal import canonical_correlations, significant_correlation
 from tam_calibration.gap.result import Considered, Gap, Residue, Size, Where
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
@@ -17,10 +17,10 @@ from tam_calibration.model.geomagnetic_field import FieldBounds
 from tam_calibration.model.recording import Recording
 
 ENOUGH_SAMPLES = 8000
-"""Of a long recording neither a refusal nor a search takes more; the fit that a search ends with takes all."""
+"""Samples of a long recording that refusal and search take at most; the final fit takes all."""
 
 _COPIED = 1 - 1e-13
-"""Correlation of two axes that only rounding tells apart; noise of a millionth of the readings' spread makes less."""
+"""Correlation of two axes that differ by rounding only; noise of a millionth of the readings' spread makes less."""
 
 
 def open_parameters(recording: Recording, array: Array) -> str | None:
@@ -46,14 +46,14 @@ def refusal_of(recording: Recording, array: Array) -> str | None:
 
 
 def without_calibration(recording: Recording, objection: str | None) -> str:
-    """Return why no calibration is found within what sensors can be, and for which time that is so.
+    """Return why no calibration is found within the bounds of sensors, and for which time.
 
     Parameters
     ----------
     recording : Recording
         Of K sensors.
     objection : str, optional
-        What the calibration that fits best has, and no sensor.
+        Which bound the calibration that fits best exceeds.
     """
     try:
         require_one_sphere(recording)
@@ -65,12 +65,12 @@ def without_calibration(recording: Recording, objection: str | None) -> str:
 
 
 def require_no_copies(recording: Recording) -> None:
-    """Check that no axis repeats another, scaled and shifted or not.
+    """Check that no axis is a copy of another, up to scale and offset.
 
     Raises
     ------
     InputError
-        It names both.
+        Names both.
     """
     correlation = np.corrcoef(recording.readings_T.reshape(recording.sample_count, -1), rowvar=False)
     copies = np.argwhere(np.tril(np.abs(correlation) > _COPIED, -1))
@@ -80,7 +80,7 @@ def require_no_copies(recording: Recording) -> None:
 
 
 _LEAST_REDUNDANCY = 60
-"""Channels beyond the parameters of the calibration below which nothing is said."""
+"""Degrees of freedom beyond the calibration that a verdict takes at least."""
 
 
 def needed_samples(sensor_count: int) -> int:
@@ -90,18 +90,18 @@ def needed_samples(sensor_count: int) -> int:
 
 
 def is_at_rest(recording: Recording, field: FieldBounds) -> bool:
-    """Whether the first sensor stands still or moves on a line, or no other sees it move: the calibration is open."""
+    """Whether the first sensor hardly moves, or moves on a line, or no other's readings are correlated with it."""
     first = recording.readings_T[:, 0] - recording.readings_T[:, 0].mean(axis=0)
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(first.T @ first / len(first)), 0))
-    # A turn of half a degree makes as much.
+    # As much as a turn of half a degree.
     if spread[1] < NEGLIGIBLE * field.low_T:
         return True
     shared = canonical_correlations(recording.readings_T)[1:, 1]
-    return bool((shared < sure_correlation(recording.sample_count)).all()) if len(shared) else False
+    return bool((shared < significant_correlation(recording.sample_count)).all()) if len(shared) else False
 
 
 def at_rest(recording: Recording) -> Gap:
-    """Return that nothing can be said, and that the array must be turned."""
+    """Return the answer without a verdict for an array that was not turned."""
     return _nothing(
         recording,
         "the array was not turned",
@@ -110,7 +110,7 @@ def at_rest(recording: Recording) -> Gap:
 
 
 def too_short(recording: Recording) -> Gap:
-    """Return that nothing can be said, and how many samples it takes."""
+    """Return the answer without a verdict for a recording with too few samples."""
     count = recording.sensor_count
     needed, some = needed_samples(count), recording.sample_count
     why = f"{some} sample{'s' * (some > 1)} of {count} sensor{'s' * (count > 1)}"
@@ -118,7 +118,7 @@ def too_short(recording: Recording) -> Gap:
 
 
 def without_nominal(recording: Recording, why: str) -> Gap:
-    """Return that no calibration can be had to hold the recording against, why, and for which time."""
+    """Return the answer without a verdict for a recording without a calibration, with the reason."""
     return _nothing(recording, "there is no calibration to start from", why)
 
 

@@ -1,4 +1,4 @@
-"""Least squares of what may be added to the rows, with the calibration and what was accepted before eliminated."""
+"""Least squares of regressors of the rows, with the calibration and the effects accepted before eliminated."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -17,17 +17,17 @@ from tam_calibration.model.units import FloatArray
 
 Numbers = TypeVar("Numbers", float, FloatArray)
 
-_OPEN = 1e-8
-"""Directions of the calibration of so little relative information are open, as is the common rotation."""
+_UNDETERMINED = 1e-8
+"""Relative information below which a direction of the calibration is undetermined, as the common rotation is."""
 
 _LEAST_ENERGY = 1e-9
-"""Part of the energy that rounding may leave."""
+"""Least residual energy, as a part of the energy: rounding error."""
 
 VISIBLE = 1e-5
-"""Part of a column's information that must be left once the calibration is eliminated."""
+"""Part of a column's information that must remain after the calibration is eliminated."""
 
 
-def pseudo_inverse(information: FloatArray, relative: float = _OPEN) -> FloatArray:
+def pseudo_inverse(information: FloatArray, relative: float = _UNDETERMINED) -> FloatArray:
     """Return the inverse of an information matrix within the directions that the data determine."""
     size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
@@ -43,11 +43,11 @@ class Projected:
     Parameters
     ----------
     information : (P, P) array
-        What is left of it.
+        Schur complement of the base.
     score : (P,) array
         The same.
     before : (P,) array
-        Diagonal of the information in front of the elimination.
+        Diagonal of the information before the elimination.
     """
 
     information: FloatArray
@@ -59,7 +59,7 @@ class Projected:
         return Projected(self.information[np.ix_(columns, columns)], self.score[columns], self.before[columns])
 
     def without(self, columns: np.ndarray) -> "Projected":
-        """Return the equations with some of their own columns eliminated."""
+        """Return the equations with some of their columns eliminated."""
         inverse, _ = self.take(columns).inverse()
         cross = self.information[:, columns] @ inverse
         return Projected(
@@ -108,14 +108,14 @@ class Projected:
 def _explained(information: FloatArray, score: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return what each of G normal equations, (G, P, P) and (G, P), explains, and the number of visible directions."""
     gains, ranks = np.empty(len(score)), np.full(len(score), score.shape[1])
-    whole = _are_visible(information)
-    gains[whole] = np.sum(score[whole] * np.linalg.solve(information[whole], score[whole][:, :, None])[:, :, 0], axis=1)
-    if not whole.all():
-        values, vectors = np.linalg.eigh(information[~whole])
+    full = _are_visible(information)
+    gains[full] = np.sum(score[full] * np.linalg.solve(information[full], score[full][:, :, None])[:, :, 0], axis=1)
+    if not full.all():
+        values, vectors = np.linalg.eigh(information[~full])
         kept = values > VISIBLE
-        along = np.einsum("gij,gi->gj", vectors, score[~whole])
-        gains[~whole] = np.sum(np.divide(along**2, values, out=np.zeros_like(values), where=kept), axis=1)
-        ranks[~whole] = kept.sum(axis=1)
+        along = np.einsum("gij,gi->gj", vectors, score[~full])
+        gains[~full] = np.sum(np.divide(along**2, values, out=np.zeros_like(values), where=kept), axis=1)
+        ranks[~full] = kept.sum(axis=1)
     return gains, ranks
 
 
@@ -140,16 +140,16 @@ def _has_factor(matrices: FloatArray) -> bool:
 
 
 class Base:
-    """What is fitted in any case: the calibration, with what sensors can be as its prior, and the effects accepted.
+    """Normal equations of the null model: the calibration, with its prior, and the effects accepted.
 
-    Where the model leaves more than noise, the prior counts as much more: no unknown part may push the calibration
-    where no sensor can be.
+    The weight of the prior grows with χ²/n of the channels, so that an unknown effect cannot push the calibration out
+    of the physical bounds of sensors.
 
     Parameters
     ----------
-    channels : Channels
+    channels : WhitenedChannels
         Whitened channels.
-    designs : sequence of Design
+    designs : sequence of Regressors
         Of the calibration, then of the accepted effects.
 
     Attributes
@@ -184,11 +184,11 @@ class Base:
         self.energy = max(channels.energy - self.fall, _LEAST_ENERGY * channels.energy)
 
     def energy_with(self, prior_weight: float) -> float:
-        """Return the energy of the channels and that of the prior of so much weight: what a fit makes small."""
+        """Return the objective of the fit: energy of the channels and, with a weight, of the prior."""
         return self.channels.energy + prior_weight * self.prior_energy
 
     def beside(self, *designs: Regressors) -> "Base":
-        """Return the base with more that is fitted in any case."""
+        """Return the base with further regressors in the null model."""
         return Base(self.channels, [*self.designs, *designs])
 
     def project(self, design: Regressors) -> Projected:
@@ -206,9 +206,9 @@ class Base:
 
         Parameters
         ----------
-        designs : sequence of D Design
+        designs : sequence of D Regressors
             Alike but for their features.
-        joined : Design
+        joined : Regressors
             The same side by side.
         """
         count = len(designs)
@@ -221,12 +221,12 @@ class Base:
         return _explained(left / (size[:, :, None] * size[:, None, :]), score / size)[0]
 
     def eliminated(self, design: Regressors) -> tuple[FloatArray, FloatArray]:
-        """Return the information (B, P) of the base on a design, and what it becomes (P, B) with the base solved."""
+        """Return the cross information C (B, P) of base and design, and Cᵀ times the inverse of the base (P, B)."""
         crossed = np.concatenate([self.channels.cross(left, design) for left in self.designs])
         return crossed, crossed.T @ self.inverse
 
     def of_residual(self, differential: FloatArray, common: FloatArray) -> "Base":
-        """Return the base of another residual of the same samples, see ``Channels.with_residual``."""
+        """Return the base of another residual of the same samples, see ``WhitenedChannels.with_residual``."""
         other = copy(self)
         other.channels = self.channels.with_residual(differential, common)
         other._score = np.concatenate([other.channels.score(design) for design in self.designs])
@@ -250,7 +250,7 @@ class Base:
 
 def _rank(information: FloatArray) -> int:
     size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
-    return int(np.linalg.matrix_rank(information / np.outer(size, size), tol=_OPEN * len(size), hermitian=True))
+    return int(np.linalg.matrix_rank(information / np.outer(size, size), tol=_UNDETERMINED * len(size), hermitian=True))
 
 
 def twice_log_likelihood_ratio(energy: float, gain: Numbers, count: float) -> Numbers:

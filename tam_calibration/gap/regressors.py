@@ -1,4 +1,4 @@
-"""What may be added to the rows of a recording: terms side by side, and the calibration itself in the same form."""
+"""Regressors of the rows of a recording: terms side by side, and the calibration itself in the same form."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from tam_calibration.model.units import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Regressors:
-    """What may be added to the rows: terms side by side, one column for each coefficient.
+    """Regressors of the rows: terms side by side, one column for each coefficient.
 
     Parameters
     ----------
@@ -38,15 +38,15 @@ class Regressors:
     def of(cls, terms: Sequence[Term]) -> "Regressors":
         """Put terms side by side; those that hold the same features share them."""
         starts = np.cumsum([0, *(len(term.coefficients) for term in terms)])
-        own: dict[int, tuple[int, FloatArray]] = {}
+        known: dict[int, tuple[int, FloatArray]] = {}
         total = 0
         for term in terms:
-            if id(term.features) not in own:
-                own[id(term.features)] = total, term.features
+            if id(term.features) not in known:
+                known[id(term.features)] = total, term.features
                 total += term.features.shape[1]
         return cls(
-            np.concatenate([features.T for _, features in own.values()]).T,
-            np.concatenate([own[id(term.features)][0] + np.arange(len(term.rows)) for term in terms]),
+            np.concatenate([features.T for _, features in known.values()]).T,
+            np.concatenate([known[id(term.features)][0] + np.arange(len(term.rows)) for term in terms]),
             np.concatenate([term.rows for term in terms]),
             np.concatenate([term.columns + start for term, start in zip(terms, starts[:-1], strict=True)]),
             int(starts[-1]),
@@ -74,12 +74,12 @@ class Regressors:
 
     @property
     def is_shared(self) -> bool:
-        """Whether so many rows share the features that it pays to take directions and rows apart."""
+        """Whether so many rows share features that sums by feature and direction are cheaper than by column."""
         return bool(4 * self.features.shape[1] < len(self.rows))
 
     @property
     def common_width(self) -> int:
-        """Number of columns that are summed for the common mode: features in four directions, or the design's own."""
+        """Number of sums for the common mode: four directions of each feature, or one of each column."""
         return 4 * self.features.shape[1] if self.is_shared else self.width
 
     def by_column(self, values: FloatArray, turn: FloatArray) -> FloatArray:
@@ -103,7 +103,7 @@ class Regressors:
 def calibration_regressors(covariates: Covariates, stride: int = 1) -> Regressors:
     """Return the design of the calibration itself: each row of [D Λ | o], in units of the mean intensity.
 
-    Linear in data that hold noise of their own; that noise is part of the residual to second order only.
+    The regressors are made of noisy data; their noise enters the residual to second order only.
     """
     unit = float(np.mean(covariates.intensity_T))
     field = covariates.field_T[::stride]
@@ -114,6 +114,6 @@ def calibration_regressors(covariates: Covariates, stride: int = 1) -> Regressor
 
 
 def update(errors: SensorErrors, step: FloatArray, unit_T: float) -> tuple[FloatArray, FloatArray]:
-    """Return matrices and biases after a step (12 K,) of ``calibration_design``."""
+    """Return matrices and biases after a step (12 K,) of ``calibration_regressors``."""
     change: Any = step.reshape(errors.sensor_count, 3, 4)
     return errors.matrix + change[..., :3], errors.bias_T + change[..., 3] * unit_T

@@ -1,4 +1,4 @@
-"""What no cause explains, sample by sample and in words: how much it is, where it lies, and what it is like."""
+"""The residual that no cause explains, by sample and in words: its size, its place, and what it correlates with."""
 
 from dataclasses import replace
 
@@ -15,16 +15,16 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 
 
 def residue_of(nominal: Model, model: Model, before: WhitenedChannels, variance: float) -> Residue:
-    """Return what each row of each sample is off in front of the causes, with them, and in a twin with noise alone.
+    """Return the residual of each row and sample before the causes, with them, and of a twin with noise alone.
 
     Parameters
     ----------
     nominal, model : Model
-        In front of the causes, and with them.
-    before : Channels
+        Before the causes, and with them.
+    before : WhitenedChannels
         Of the nominal model, all samples.
     variance : float
-        Of the channels' white noise, in what is stated.
+        Of the channels' white noise, over that of the array.
     """
     array = nominal.array
     generator = np.random.default_rng(0)
@@ -56,13 +56,13 @@ def residue_of(nominal: Model, model: Model, before: WhitenedChannels, variance:
         shift[information == 0] = np.nan
         return shift
 
-    found, left = shifts(before), shifts(model.base().channels)
-    left[~model.is_counted] = np.nan
+    before_T, after_T = shifts(before), shifts(model.base().channels)
+    after_T[~model.is_counted] = np.nan
     return Residue(
         covariates.time_s,
         direction,
-        found,
-        left,
+        before_T,
+        after_T,
         shifts(twin),
         scale / np.sqrt(typical),
         nominal.recording.temperature_C,
@@ -75,10 +75,10 @@ _FOLLOWS = {
     "function_of_direction": "follows the attitude: it changes with the direction of the field",
     "function_of_tilt": "follows the tilt: it changes with the direction upwards",
 }
-"""What a function without physics says of the rest; what changes with time is told by its time scale."""
+"""Words for a residual that a function without physics explains; one of time is described by its time scale."""
 
 _UNITS_S = (("seconds", 1.0), ("minutes", 60.0), ("hours", 3600.0))
-"""Units of time, each used from two of it on."""
+"""Units of time, each used for two of it or more."""
 
 
 def describe(found: Search, verdict: Verdict, size: Size, residue: Residue, variance: float) -> str:
@@ -87,9 +87,9 @@ def describe(found: Search, verdict: Verdict, size: Size, residue: Residue, vari
     Parameters
     ----------
     found : Search
-        The search, with what functions without physics say of what it leaves.
+        The search, with the evidence for functions without physics in its residual.
     verdict : str
-        On it.
+        Of the diagnosis.
     size : Size
         Of the gap, before and after the causes.
     residue : Residue
@@ -104,13 +104,13 @@ def describe(found: Search, verdict: Verdict, size: Size, residue: Residue, vari
     """
     if verdict not in ("partly_explained", "unexplained"):
         return ""
-    is_whole = verdict == "unexplained"
-    base, unknown = (found.nominal.base(), found.rivals) if is_whole else (found.model.base(), found.remaining)
+    is_unexplained = verdict == "unexplained"
+    base, unknown = (found.nominal.base(), found.rivals) if is_unexplained else (found.model.base(), found.remaining)
     where = locate(base, [], unknown, variance, LEAST_EVIDENCE)
-    seen = [one for one in unknown if one.delta_bic >= LEAST_EVIDENCE]
-    strongest = max(seen, key=lambda one: one.delta_bic).effect if seen else ""
-    share = "All of the gap" if is_whole else f"{100 * (1 - size.closed):.2g} % of the gap's energy"
-    rows_T = residue.before if is_whole else residue.after
+    significant = [one for one in unknown if one.delta_bic >= LEAST_EVIDENCE]
+    strongest = max(significant, key=lambda one: one.delta_bic).effect if significant else ""
+    share = "All of the gap" if is_unexplained else f"{100 * (1 - size.closed):.2g} % of the gap's energy"
+    rows_T = residue.before if is_unexplained else residue.after
     row = _largest_row(where, rows_T / residue.floor_T)
     return (
         f"{share} is open: {size.after:.2g} noise floors, {to_nanotesla(size.after_T):.3g} nT at one axis of a sensor. "
@@ -120,7 +120,7 @@ def describe(found: Search, verdict: Verdict, size: Size, residue: Residue, vari
 
 
 def _largest_row(where: Where, rows: FloatArray) -> int:
-    """Return the row of a place with the largest mean square; of all rows where the place is nowhere."""
+    """Return the row of a place with the largest mean square; of all rows where there is no place."""
     energy = np.nan_to_num(np.sum(np.nan_to_num(rows) ** 2, axis=0))
     axes = ["xyz".index(axis) for axis in where.axes] or [0, 1, 2]
     inside = [
@@ -162,7 +162,7 @@ def _likeness(strongest: str, residue: Residue, values: FloatArray) -> str:
 
 
 def _course(period_s: float) -> str:
-    """Return what drifts with a period, in the largest unit of which it has two."""
+    """Return a drift with a period in words, in the largest unit of which the period has two."""
     if period_s < _UNITS_S[0][1]:
         return f"swings within a second (half of it slower than {1 / period_s:.2g} Hz)"
     name, unit_s = [each for each in _UNITS_S if period_s >= 2 * each[1] or each is _UNITS_S[0]][-1]
@@ -170,7 +170,7 @@ def _course(period_s: float) -> str:
 
 
 def period_of(values: FloatArray, step_s: float) -> float:
-    """Return the period, s, of which half of the energy beyond white noise of variance one is slower.
+    """Return the period, s, above which half of the energy in excess of white noise of variance one lies.
 
     Parameters
     ----------
@@ -186,10 +186,10 @@ def period_of(values: FloatArray, step_s: float) -> float:
 
 
 def growth_with_rate(values: FloatArray, rate: FloatArray) -> float | None:
-    """Return by how much a residual (N,) is larger in the faster half of the turning (N,); None where chance may be.
+    """Return the ratio of a residual's (N,) root mean square at rates (N,) above the median to that below.
 
-    The ranks of its size and of the rate are correlated by r: that counts from the evidence for any hypothesis on,
-    -n log(1 - r²) - log n.
+    None where Spearman's rank correlation r of its size and the rate is not significant: where the evidence,
+    -n log(1 - r²) - log n, is below that which any hypothesis needs.
     """
     from scipy.stats import spearmanr
 

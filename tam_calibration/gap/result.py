@@ -19,7 +19,7 @@ Status = Literal["supported", "not_supported", "not_identifiable", "channel_miss
 
 @dataclass(frozen=True)
 class Size:
-    """How large the gap is, out of sample: before and after the causes are added.
+    """Size of the gap, out of sample, before and after the causes are added.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Size:
     before_T_per_m, after_T_per_m : float
         The same in the components of the gradient tensor, root of the summed squares; NaN without a gradient.
     floor_T : float
-        White noise of one axis, as the recording has it.
+        White noise of one axis, estimated from the recording, tesla.
     closed : float
         1 - (after / before)², 0 to 1.
     closed_interval : (float, float)
@@ -55,15 +55,15 @@ class Where:
     Parameters
     ----------
     sensors : tuple
-        Numbers 1…K, or "scalar"; all of them when they are alike, none when there is no gap.
+        Numbers 1…K, or "scalar"; all of them when the gap is common to them, none when there is no gap.
     axes : tuple of str
         "x", "y", "z".
     time_s : (float, float), optional
-        Span that holds it, where it is not in the whole recording.
+        Span that contains it, s, where that is not the whole recording.
     frequency_hz : (float, float), optional
-        Band that holds it, where it is not white.
+        Band that contains it, Hz, where it is not white.
     evidence : mapping
-        Figures behind it, by name.
+        Statistics that it rests on, by name.
     """
 
     sensors: tuple[int | str, ...]
@@ -88,17 +88,17 @@ class Cause:
     probability : float
         That it is a cause, calibrated on simulated recordings.
     share : float
-        Its part of the closed gap, independent of the order.
+        Its part of the energy that all causes explain (Shapley value).
     delta_bic : float
-        Evidence for it: the model with it against the model without, positive is for.
+        BIC of the model without it less that of the model with it: positive speaks for it.
     r2_cv : float
         Part of the gap's energy that it explains out of sample.
     indistinguishable_from : tuple of str
         Effects that explain these data as well.
-    surrogate_test : Standing, optional
-        How it stands among its surrogates, which have nothing to do with the residual; None where it needs none.
+    surrogate_test : SurrogateTest, optional
+        Comparison with surrogates that are unrelated to the residual; None where it needs none.
     sizes : tuple of Sized
-        Beside the largest known in nature, where there is such a prior.
+        Beside the largest plausible in nature, where such a bound is known.
     """
 
     fitted: FittedEffect
@@ -116,7 +116,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Considered:
-    """What became of one hypothesis, and why, in one clause; with its evidence where it was tried."""
+    """The status of one hypothesis, the reason in one clause, and its evidence where it was tried."""
 
     effect: str
     status: Status
@@ -127,7 +127,7 @@ class Considered:
 
 @dataclass(frozen=True, eq=False)
 class Residue:
-    """What is drawn: residuals of every sample, of the data and of the simulated twin.
+    """Residuals of every sample, of the data and of the simulated twin, for plots.
 
     Parameters
     ----------
@@ -136,10 +136,10 @@ class Residue:
     direction : (N, 3) array
         Of the field in the array frame.
     before, after, twin : (N, 3K + 1) array
-        Shift of each row alone that explains a sample best, tesla, in front of the causes, with them, and of a
-        simulation with the same attitudes, fitted parameters and noise; the last row is the scalar, NaN without one.
-        With the causes NaN too where a sample was given up. Each sample is weighted by how well it tells the shift, so
-        that noise alone makes the same in all.
+        Shift of each row alone that explains a sample best, tesla, before the causes, with them, and of a simulation
+        with the same attitudes, fitted parameters and noise; the last row is the scalar, NaN without one. With the
+        causes also NaN where a sample is excluded. Each sample is weighted by its information on the shift, so that
+        noise alone has the same standard deviation in all.
     floor_T : (3K + 1,) array
         Standard deviation of each row from noise alone.
     temperature_C, current_A : (N,) array, optional
@@ -180,7 +180,7 @@ class Gap:
     considered : tuple of Considered
         Every hypothesis.
     probabilities : mapping
-        Of "no_gap", each effect and "none_of_these". They add up to one; of several causes each has its own.
+        Of "no_gap", each effect and "none_of_these". They add up to one; several causes each have their own.
     next_recording : str
         What to record next.
     statement : str
@@ -190,18 +190,18 @@ class Gap:
     floor : Floor, optional
         Noise of every row; None without a verdict.
     set_95 : tuple of str
-        The smallest set of answers that holds the true one in 95 of 100 recordings: names of effects, "unknown" and
+        The smallest set of answers that contains the true one in 95 of 100 recordings: names of effects, "unknown" and
         "no_gap".
     smallest_gap : float
-        In noise floors, the gap that would have been seen, were there one; NaN without a verdict.
+        Smallest detectable gap, in noise floors; NaN without a verdict.
     remarks : tuple of str
-        What to know before the verdict, one sentence each: why no calibration would be had, and what the noise is.
+        Remarks to read before the verdict, one sentence each: refusal by the calibration, and the noise.
     channel_count : float
-        White channels of all samples, n, over which a gap of g noise floors has the energy g² n; NaN without a verdict.
+        Number n of whitened channels, of which a gap of g noise floors has the energy g² n; NaN without a verdict.
     checks : Checks, optional
         Whether the residual with the causes looks like the twin's; None without a verdict.
     remainder : str
-        Where and what the part is that no cause explains; empty where there is none.
+        Description of the part that no cause explains; empty where there is none.
     """
 
     verdict: Verdict
@@ -223,11 +223,11 @@ class Gap:
 
     @property
     def most_unseen_errors(self) -> float:
-        """Standard errors by which a gap that would not have been seen moves a parameter of the calibration at most.
+        """Largest bias of a calibration parameter, in its standard errors, by a gap too small to be detected.
 
-        Least squares moves a parameter by uᵀe of its standard errors, with e what the white channels hold beyond noise
-        and u of length one; by Cauchy and Schwarz that is |e| at most, and |e| = g √n. It is reached where all of the
-        gap has the course of that parameter.
+        Least squares shifts a parameter by uᵀe of its standard errors, with e the part of the whitened channels that is
+        not noise and u of length one; by Cauchy and Schwarz that is at most |e| = g √n. The bound is reached where the
+        gap is proportional to the regressor of that parameter.
         """
         return self.smallest_gap * float(np.sqrt(self.channel_count))
 

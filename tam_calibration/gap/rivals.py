@@ -1,4 +1,4 @@
-"""Rivals of the library's effects that assume no physics, and whether a change is abrupt or smooth."""
+"""Rivals of the library's effects: functions without physics; and a test whether a change is abrupt or smooth."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -22,7 +22,7 @@ from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray
 
 _HIGHEST_TILT = 3
-"""Degree of the harmonics of the direction upwards: of a bend or a loose part under its weight one or two matter."""
+"""Degree of the harmonics of the direction upwards: a bend or a loose part under its weight has degree one or two."""
 
 
 class FunctionOfTime(LinearEffect):
@@ -147,7 +147,7 @@ class FunctionOfNeighbours(LinearEffect):
         return [
             Term.of_row(covariates, row, "shift", [Coefficient("shift", "1")], mean[:, [row]])
             for row in range(mean.shape[1])
-            # What the calibration took off a row turns its neighbours against it: that is no shift they share.
+            # Where the calibration absorbs a part of a row, neighbours are anticorrelated: that is no common shift.
             if mean[:, row] @ self._shift[:, row] > 0
         ]
 
@@ -164,52 +164,51 @@ def _numbered(count: int) -> list[Coefficient]:
 
 
 _TIMES = 64
-"""At which other steps are set, evenly over the record."""
+"""Times of surrogate steps, evenly over the record."""
 
 MOST_STEPS = 3
-"""Times at which one sensor's bias or scale changes; what does more often is a loose part or contact, and no step."""
+"""Steps of one sensor's bias or scale, at most; what changes more often is a loose part or contact."""
 
 SHARPEST = 24.0
-"""How many times what a step at another time gains each change must gain where the changes do not leave all else noise.
+"""Least ratio of a change's gain to that of the best step at another time, where more than noise remains.
 
-A magnet put at a sensor gains hundreds of times as much, an offset or a tail that comes and goes a few times.
+A magnet put at a sensor has a ratio of hundreds, an offset or a tail that comes and goes one of a few.
 """
 
 
 def surrogate_test_of_change(
-    base: Base, form: Hypothesis, whole: Shape, delta_bic: float
+    base: Base, form: Hypothesis, permanent: Shape, delta_bic: float
 ) -> tuple[SurrogateTest, bool]:
-    """Return how the changes of a form stand among steps at other times, and whether a smooth course says more.
+    """Return the test of a form's changes against steps at other times, and whether a smooth course is likelier.
 
-    That is where the evidence for smooth courses exceeds that for the form; the changes are then held beside the best
-    of them.
+    It is where a smooth course has more evidence than the form; the changes are then tested beside the best of them.
 
     Parameters
     ----------
     base : Base
     form : Hypothesis
-        Which comes and goes at the times of its shape.
-    whole : Shape
-        The shape in which it is always there.
+        An effect that begins and ends at the times of its shape.
+    permanent : Shape
+        The shape in which it is always present.
     delta_bic : float
         The evidence for the form.
     """
-    always = chosen(base.channels.terms(form.effect, whole), form.keys)
-    changes = np.array([value for name, value in form.shape.items() if whole.get(name) != value])
+    always = chosen(base.channels.terms(form.effect, permanent), form.keys)
+    changes = np.array([value for name, value in form.shape.items() if permanent.get(name) != value])
     course = _best_course(base, form, always, changes, delta_bic)
-    return _among_times(base, form, always, changes, course), bool(course)
+    return _among_other_times(base, form, always, changes, course), bool(course)
 
 
 def _best_course(base: Base, form: Hypothesis, always: Sequence[Term], changes: FloatArray, least: float) -> list[Term]:
-    """Return the smooth course with the most evidence; nothing where a form, or levels of their own, have more.
+    """Return the smooth course with the most evidence; empty where the form, or free levels between changes, have more.
 
     Parameters
     ----------
     base : Base
     form : Hypothesis
-        Between its changes, if they are few, it may have any levels: that would be more of the same effect.
+        Where its changes are few, it may take any level between them: that is still the same effect.
     always : sequence of Term
-        Of the form, as if it were always there.
+        Of the form, as if it were always present.
     changes : (C,) array
         Times of its changes.
     least : float
@@ -236,12 +235,12 @@ def _best_course(base: Base, form: Hypothesis, always: Sequence[Term], changes: 
     return courses[: best * len(always)]
 
 
-def _among_times(
+def _among_other_times(
     base: Base, form: Hypothesis, always: Sequence[Term], changes: FloatArray, course: Sequence[Term]
 ) -> SurrogateTest:
-    """Return how each change of a form stands beside a smooth course among steps at all other times beside both.
+    """Return the test of a form's changes, beside a smooth course, against steps at all other times.
 
-    With few changes, the next strongest are no such steps but more of them.
+    Where a form has few changes, the strongest other steps count as further changes of it, not as surrogates.
     """
     channels = base.channels
     time_s = channels.covariates.time_s[:: channels.stride]

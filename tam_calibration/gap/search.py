@@ -1,4 +1,4 @@
-"""The search for the causes of a gap: what is accepted, the strongest first, and what of it holds."""
+"""The search for the causes of a gap: forward selection, the strongest first, then backward elimination."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ from tam_calibration.gap.support import (
     holds,
     is_new,
     open_part,
-    special,
-    stands,
+    special_case,
+    support_of,
     supported,
 )
 from tam_calibration.gap.surrogates import SurrogateTest
@@ -34,18 +34,18 @@ from tam_calibration.model.recording import Recording
 Progress = Callable[[str, float], None]
 
 LARGEST_REST = 1.0
-"""Noise floors that causes may leave: what is larger than the noise is a gap of its own."""
+"""Residual, in noise floors, that causes may leave: a larger one is a gap of its own."""
 
 _MOST_CAUSES = 4
-"""Of one gap; more are no longer told apart."""
+"""Causes of one gap, at most: more cannot be told apart."""
 
 _STARTS = 2
-"""Effects from which a search starts, at most."""
+"""Further effects from which a search starts, at most."""
 
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """Causes that hold, the model with them, what is still open, and the evidence for it all."""
+    """Causes that hold, the model with them, the rivals at that model, and its log-evidence (-BIC)."""
 
     first: Evidence | None
     steps: tuple[Step, ...]
@@ -67,7 +67,7 @@ class CauseSearch:
 
     @property
     def gross(self) -> Evidence | None:
-        """The jump that was seen without a calibration, where there is one."""
+        """The jump that was found before any calibration, where there is one."""
         jump = self.nominal.gross
         effect = None if jump is None else self._effects.get(jump.effect)
         if jump is None or not isinstance(effect, LinearEffect):
@@ -76,29 +76,29 @@ class CauseSearch:
 
     @property
     def considered(self) -> tuple[Considered, ...]:
-        """What nothing speaks for."""
+        """Hypotheses without evidence."""
         return tuple(self._considered.values())
 
     @cached_property
     def weighed(self) -> tuple[Evidence, ...]:
-        """What speaks for each effect in front of all causes."""
+        """The evidence for each effect at the nominal model."""
         return self._weigh(self.first_base, 0)
 
     def found(self, first: Evidence | None) -> SearchResult:
         """Return the causes that hold of those found from a start, or from the strongest."""
         steps = self._forward([], first, ())
         held = self._beside_held(steps)
-        kept = self._holding(self._swapped(held)) or held
-        model, base = self._beside(kept)
+        causes = self._holding(self._swapped(held)) or held
+        model, base = self._beside(causes)
         unknown, count = rivals(base), base.channels.count
         spent = base.rank - self.first_base.rank + sum(finding.parameter_count for finding in model.findings)
         evidence = -count * log(base.energy / count) - spent * log(count)
         is_small = base.energy < (1 + LARGEST_REST**2) * count
-        is_clean = bool(kept or not steps) and is_small and open_part(self.first_base, base, unknown) < MINOR
-        return SearchResult(steps[0].accepted if steps else None, tuple(kept), model, unknown, evidence, is_clean)
+        is_clean = bool(causes or not steps) and is_small and open_part(self.first_base, base, unknown) < MINOR
+        return SearchResult(steps[0].accepted if steps else None, tuple(causes), model, unknown, evidence, is_clean)
 
     def other_starts(self, found: SearchResult) -> list[Evidence]:
-        """Return from what else to start: the first cause at one sensor, and the next effects where a gap remains."""
+        """Return other starts: the first cause at one sensor only, and the next effects where a gap remains."""
         first = found.first
         if first is None or first.is_certain or self.nominal.gross is not None:
             return []
@@ -107,7 +107,9 @@ class CauseSearch:
         starts = [] if found.is_clean else [self._alone(one) or one for one in others[:_STARTS]]
         alone = self._alone(first)
         base = self.first_base
-        return [one for one in (alone, *starts) if one is not None and is_new(one, (), base) and stands(base, one)[0]]
+        return [
+            one for one in (alone, *starts) if one is not None and is_new(one, (), base) and support_of(base, one)[0]
+        ]
 
     def _weigh(self, base: Base, depth: int) -> tuple[Evidence, ...]:
         weighed = []
@@ -133,19 +135,19 @@ class CauseSearch:
         return held
 
     def _forward(self, known: Sequence[Step], first: Evidence | None, without: Collection[str]) -> list[Step]:
-        """Accept causes beside known ones, the strongest first, or one that is given and then the strongest."""
+        """Accept causes beside known ones, the strongest first; a given first one before all."""
         steps = list(known)
         weighed = self.weighed
         least = SLIGHT * self._visible()
         while len(steps) < _MOST_CAUSES:
             base = self._beside(steps)[1]
             if steps:
-                # Effects are modelled to some per cent in size: what is less may be what they leave of themselves.
+                # Effects are modelled to some per cent: less energy may be the modelling error of known causes.
                 least = max(min(least, LARGEST_REST**2 * base.channels.count), SLIGHT**2 * self._visible())
-                if base.energy < least:  # Nothing explains more than there is.
+                if base.energy < least:  # No cause can explain more than the residual energy.
                     return steps
                 weighed = self._weigh(base, len(steps))
-            given = (first, stands(base, first)[1]) if first is not None and not steps else None
+            given = (first, support_of(base, first)[1]) if first is not None and not steps else None
             found = given or supported(base, [one for one in weighed if one.effect not in without], steps, least)
             if found is None:
                 return steps
@@ -154,7 +156,7 @@ class CauseSearch:
         return steps
 
     def _visible(self) -> float:
-        """Return the energy of the gap: what anything explains of it, or what exceeds noise beyond all doubt."""
+        """Return the energy of the gap: the most that any hypothesis explains, or the excess over the largest noise."""
         base = self.first_base
         explained = max((energy_explained(one, base) for one in (*self.weighed, *rivals(base))), default=0.0)
         return max(explained, base.energy - LARGEST_NOISE**2 * base.channels.count)
@@ -164,7 +166,7 @@ class CauseSearch:
         return self._fitted(tuple(other.accepted for other in steps if other is not step))
 
     def _fitted(self, causes: tuple[Evidence, ...]) -> tuple[Model, Base]:
-        """Return the model with some causes, and its base; those asked for last are kept, for long ones take memory."""
+        """Return the model with some causes, and its base; only the last few are cached, as they take much memory."""
         fit = self._known.pop(causes) if causes in self._known else self._fit(causes)
         if len(self._known) == _MOST_CAUSES:
             del self._known[next(iter(self._known))]
@@ -178,7 +180,7 @@ class CauseSearch:
         return model, model.base()
 
     def _holding(self, steps: Sequence[Step]) -> list[Step]:
-        """Return the causes that, beside all others, explain what functions without physics do in their sensors."""
+        """Return the causes that are still supported beside all others, dropping the weakest first."""
         kept = list(steps)
         while True:
             weakest_first = sorted(kept, key=lambda step: step.accepted.gain)
@@ -192,7 +194,7 @@ class CauseSearch:
         return holds(base, step.accepted)
 
     def _swapped(self, steps: Sequence[Step]) -> list[Step]:
-        """Return the causes, each replaced by the effect, and the form of it, that explains most beside the others."""
+        """Return the causes, each replaced by the effect and form with the most evidence beside the others."""
         kept = list(steps)
         if len(kept) < 2 and self.nominal.gross is not None:
             return kept
@@ -202,7 +204,7 @@ class CauseSearch:
         return kept
 
     def _chosen_again(self, step: Step, rest: Sequence[Step]) -> Step:
-        """Return the same cause, or one that had much evidence too, has more beside the rest, and stands out more."""
+        """Return the cause, or another that has more evidence beside the rest and exceeds its surrogates by more."""
         base, own = self._beside(rest)[1], step.accepted.effect
         others = {one.accepted.effect for one in rest}
         names = [
@@ -220,7 +222,7 @@ class CauseSearch:
             return step
 
         def surrogate_test_of(offer: Evidence) -> tuple[bool, SurrogateTest | None]:
-            is_held, surrogate_test = stands(base, offer)
+            is_held, surrogate_test = support_of(base, offer)
             return is_held or offer is same, surrogate_test
 
         best, most = same, beyond_surrogates(same, surrogate_test_of(same)[1])
@@ -229,12 +231,12 @@ class CauseSearch:
                 is_held, surrogate_test = surrogate_test_of(offer)
                 beyond = beyond_surrogates(offer, surrogate_test)
                 best, most = (offer, beyond) if is_held and beyond > most else (best, most)
-        nested = special(best, fitting)
+        nested = special_case(best, fitting)
         best = nested if surrogate_test_of(nested)[0] else best
         return Step(best, step.weighed, step.surrogate_test if best is same else surrogate_test_of(best)[1])
 
     def _alone(self, one: Evidence) -> Evidence | None:
-        """Return the evidence at the strongest sensor alone of what is spread over several."""
+        """Return the evidence for a hypothesis at its strongest sensor alone; None where it has one sensor only."""
         if not isinstance(one.form, Hypothesis):
             return None
         sensors = sensors_of(places_of(one.form))
@@ -250,13 +252,13 @@ class Search:
     Parameters
     ----------
     nominal, model : Model
-        In front of the causes, and with them.
+        Before the causes, and with them.
     steps : tuple of Step
         The causes, in the order in which they were accepted.
     weighed, rivals : tuple of Evidence
-        What was weighed at the nominal model.
+        Evidence for effects, and for functions without physics, at the nominal model.
     remaining : tuple of Evidence
-        What functions without physics still explain beside the causes.
+        Evidence for functions without physics beside the causes.
     considered : tuple of Considered
         Hypotheses without evidence.
     """
@@ -273,11 +275,11 @@ class Search:
 def search(
     recording: Recording, array: Array, without: Collection[str] = (), progress: Progress | None = None
 ) -> Search:
-    """Look for causes, the strongest first, until nothing more speaks for one; then drop those that do not hold.
+    """Accept causes, the strongest first, until none has evidence; then drop those that do not hold.
 
-    The strongest at first need not be a cause: what acts on all sensors may be one thing at one of them and another at
-    the scalar magnetometer. The search is made again from other starts where that may be, and the best is kept; also
-    from the calibration of a steady part, where that of the whole leaves gross residuals that no cause explains.
+    The strongest at first need not be a cause: an effect common to all sensors may imitate one at a single sensor and
+    another at the scalar magnetometer. Where that may be, the search is repeated from other starts and the best result
+    is taken; also from the calibration of a steady part, where that of the whole leaves gross residuals.
     """
     tell = progress or (lambda what, part: None)
     tell("nominal calibration", 0.0)

@@ -1,4 +1,4 @@
-"""Which of the terms of an effect the data ask for: forward selection and backward elimination by BIC."""
+"""Selection of the terms of an effect: forward selection and backward elimination by BIC."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from tam_calibration.model.units import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What was selected.
+    """The terms selected, and their evidence.
 
     Parameters
     ----------
@@ -26,9 +26,9 @@ class Selection:
     gain : float
         Energy that they explain.
     rank : int
-        Directions that they spend.
+        Degrees of freedom that they take.
     delta_bic : float
-        n ln(S / (S - gain)) less what the choice costs; positive is for them.
+        n ln(S / (S - gain)) less the penalty of BIC and of the selection; positive speaks for them.
     """
 
     terms: tuple[int, ...]
@@ -38,13 +38,13 @@ class Selection:
 
 
 def columns_of(terms: Sequence[Term]) -> list[np.ndarray]:
-    """Return the columns of each term where they stand side by side."""
+    """Return the columns of each of several terms side by side."""
     ends = np.cumsum([len(term.coefficients) for term in terms])
     return [np.arange(end - len(term.coefficients), end) for end, term in zip(ends, terms, strict=True)]
 
 
 def bundles_of(terms: Sequence[Term]) -> tuple[tuple[int, ...], ...]:
-    """Return what may be added in one step: each term, those of a name in a sensor, those of a name in all sensors."""
+    """Return the groups of terms added in one step: single terms, those of one name in a sensor, or in all sensors."""
     return _bundles(tuple((term.sensor, term.axis, term.name) for term in terms))
 
 
@@ -61,7 +61,7 @@ def _bundles(keys: tuple[tuple[int, int | None, str], ...]) -> tuple[tuple[int, 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """What may be selected: terms, and the normal equations of all of them.
+    """The terms to select from, and the normal equations of all of them.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Choice:
     terms : sequence of Term
         In the order of the columns.
     energy, count : float
-        Residual energy in front of the selection, and the number of channels.
+        Residual energy before the selection, and the number of channels.
     """
 
     projected: Projected
@@ -85,7 +85,7 @@ class Choice:
         return float(np.max(values, where=ranks > 0, initial=-np.inf))
 
     def select(self) -> Selection:
-        """Return the terms that lower the free-scale BIC most, by steps."""
+        """Return the terms that lower the free-scale BIC most, by stepwise selection."""
         bundles = bundles_of(self.terms)
         price = 2 * log(len(bundles))
         offers, chosen = list(bundles), list[int]()
@@ -124,7 +124,7 @@ class Choice:
         return np.concatenate([self._columns[index] for index in terms])
 
     def _trimmed(self, chosen: list[int], price: float) -> Selection:
-        """Drop terms as long as BIC rises without them."""
+        """Drop terms as long as the evidence is larger without them."""
         while chosen:
             kept = self.projected.take(self._join(chosen))
             inverse, rank = kept.inverse()
@@ -149,7 +149,7 @@ def evidence(energy: float, gain: Numbers, count: float, rank: Any) -> Numbers:
 
 
 def _lost(covariance: FloatArray, values: FloatArray, widths: np.ndarray) -> FloatArray:
-    """Return what is lost without each term, which follows from its values and their covariance."""
+    """Return the energy lost without each term, from its values and their covariance."""
     starts = np.cumsum(widths) - widths
     lost = np.zeros(len(widths))
     for width in np.unique(widths):

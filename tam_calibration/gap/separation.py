@@ -28,7 +28,7 @@ class Separation:
     first, second : Part
         The hypotheses as they fit the recording at hand; where one holds the other, the first.
     now : float
-        Evidence between them in the recording at hand, twice the logarithm of the likelihood ratio.
+        Evidence between them in the recording at hand, twice the log-likelihood ratio.
     gained : float
         What is expected of the recording: the smaller of that for the first, were it true, and for the second.
     candidate : Candidate
@@ -108,7 +108,7 @@ def separate(setting: Setting, ambiguity: Ambiguity) -> Separation | None:
     forms = [one.form for one in pair if isinstance(one.form, Hypothesis)]
     if len(forms) < 2:
         return None
-    # Noise alone gives each as much as it has directions.
+    # Each gains as much as its rank from noise alone.
     beyond = [one.gain - form.selection.rank for one, form in zip(pair, forms, strict=True)]
     now = abs(beyond[0] - beyond[1])
     if forms[1].effect.name in forms[0].effect.limit_of:

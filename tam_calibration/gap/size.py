@@ -1,4 +1,4 @@
-"""How large a gap is: the energy that a model leaves in samples that it did not see, against white noise."""
+"""The size of a gap: the residual energy of held-out samples, compared with white noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,10 +22,10 @@ from tam_calibration.model.array import TENSOR_OUTPUTS
 from tam_calibration.model.units import FloatArray
 
 FOLDS = 5
-"""Parts of a recording of which each is left out once: four fifths tell nearly as much as all."""
+"""Folds of the cross-validation: four fifths of a recording determine nearly as much as all of it."""
 
 _BLOCKS_PER_FOLD = 12
-"""Blocks of time over which a fold is spread, so that none leaves out all of an attitude."""
+"""Blocks of time in a fold, so that no fold holds all samples of an attitude."""
 
 
 def folds_of(sample_count: int, interleaved: bool) -> list[list[slice]]:
@@ -40,13 +40,13 @@ def folds_of(sample_count: int, interleaved: bool) -> list[list[slice]]:
 def held_out_energy(
     channels: WhitenedChannels, designs: Sequence[Regressors], widths: Sequence[int], interleaved: bool
 ) -> FloatArray:
-    """Return the energy (F, M) of each fold under fits to the other folds of growing models.
+    """Return the energy (F, M) of each fold under fits of M nested models to the other folds.
 
     Parameters
     ----------
-    channels : Channels
+    channels : WhitenedChannels
         Whitened channels.
-    designs : sequence of Design
+    designs : sequence of Regressors
         Of the calibration, then of effects.
     widths : sequence of int
         How many of the designs each of M models has.
@@ -76,32 +76,32 @@ def _energy(train: Normal, test: Normal, width: int) -> float:
 
 
 LEAST_NOISE = 0.5
-"""White noise is no less than this part of the data sheet's where nothing tells it."""
+"""Least white noise, as a part of that stated, where differences do not determine it."""
 
-_SURE_PART = 0.8
-"""Of the variance that differences show, which is sure: their own error is some per cent."""
+_CERTAIN_PART = 0.8
+"""Part of the variance from differences that is certainly noise: the estimate is uncertain by some per cent."""
 
 
 @dataclass(frozen=True, eq=False)
-class Left:
-    """What a model leaves of each fold out of sample: energy (F,), and what noise of unit variance would leave."""
+class HeldOut:
+    """Residual energy (F,) of each held-out fold, and that expected of noise of unit variance."""
 
     energy: FloatArray
     noise: FloatArray
 
     def excess(self, variance: float) -> FloatArray:
-        """Return χ²/n - 1 of each fold (F,) for channels whose noise has so many times the variance stated."""
+        """Return χ²/n - 1 of each fold (F,), for noise of so many times the variance stated."""
         return self.energy / (self.noise * variance) - 1
 
 
-def left_by(model: Model, interleaved: bool) -> Left:
-    """Return what a model leaves out of sample; what the calibration itself costs is counted as noise."""
+def held_out(model: Model, interleaved: bool) -> HeldOut:
+    """Return the residual energy of a model out of sample; the variance of the calibration itself counts as noise."""
     base = model.base()
     energy = held_out_energy(base.channels, base.designs, [len(base.designs)], interleaved)[:, 0]
     size = base.channels.count + base.calibration_rank * FOLDS / (FOLDS - 1)
     share = size / base.channels.count
     counts = np.full(FOLDS, base.channels.count / FOLDS)
-    return Left(energy, counts * share)
+    return HeldOut(energy, counts * share)
 
 
 def is_interleaved(model: Model) -> bool:
@@ -112,28 +112,28 @@ def is_interleaved(model: Model) -> bool:
 def noise_variance(model: Model, rivals: tuple[Evidence, ...], least_evidence: float) -> float:
     """Return the variance of the white noise of the channels, in units of the variance that the model's array has.
 
-    What a rival without physics still explains is not noise, nor is what exceeds ``LARGEST_NOISE``; but never less
-    than most of the floor that differences of neighbouring samples show, which no function may explain away.
+    The residual variance less what a rival without physics still explains, at most ``LARGEST_NOISE``² and at least
+    most of the floor from differences of neighbouring samples, which no function may explain away.
     """
     base = model.base()
     gain = max((rival.gain for rival in rivals if rival.delta_bic > least_evidence), default=0.0)
-    whole = base.energy / max(base.channels.count - base.rank, 1.0)
-    variance = min(whole * exp(-gain / base.channels.count), LARGEST_NOISE**2)
-    return float(max(variance, min(_SURE_PART * _white_part(model), whole, LARGEST_NOISE**2)))
+    residual = base.energy / max(base.channels.count - base.rank, 1.0)
+    variance = min(residual * exp(-gain / base.channels.count), LARGEST_NOISE**2)
+    return float(max(variance, min(_CERTAIN_PART * _white_part(model), residual, LARGEST_NOISE**2)))
 
 
 def _white_part(model: Model) -> float:
-    """Return the variance of the white noise that differences show in most rows, in that of the model's array."""
+    """Return the variance of white noise from differences, the median of the rows, over that of the model's array."""
     floor = floor_of(model.channels(model.signal() if model.parts else None), model.array)
-    if not floor.is_told:
+    if not floor.is_determined:
         return LEAST_NOISE**2
     return float(np.median(floor.level_T[:-1] / floor.stated_T[:-1])) ** 2
 
 
 def measure(nominal: Model, model: Model, variance: float) -> Size:
-    """Return the size of the gap in front of the causes of a model, and with them."""
+    """Return the size of the gap before the causes of a model, and with them."""
     interleaved = is_interleaved(model)
-    first, last = left_by(nominal, interleaved).excess(variance), left_by(model, interleaved).excess(variance)
+    first, last = held_out(nominal, interleaved).excess(variance), held_out(model, interleaved).excess(variance)
     before, after = float(np.sqrt(max(first.mean(), 0))), float(np.sqrt(max(last.mean(), 0)))
     closed, interval = _closed(first, last)
     floor = float(np.sqrt(variance * np.mean(model.row_noise_T**2)))

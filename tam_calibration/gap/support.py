@@ -9,7 +9,7 @@ import numpy as np
 from tam_calibration.effects.effect import Effect, Finding
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.evidence import Evidence, examine, kept, rivals
+from tam_calibration.gap.evidence import Evidence, cached_by_base, examine, rivals
 from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.rivals import MOST_STEPS, SHARPEST, FunctionOfDirection, surrogate_test_of_change
@@ -20,19 +20,19 @@ from tam_calibration.model.fitted_effect import ALL, Contribution, FittedEffect
 LEAST_EVIDENCE = 12.0
 """ΔBIC from which a hypothesis counts: odds of 400 to 1 in white noise (Kass and Raftery, JASA 90, 1995: above 10)."""
 
-_STANDS_OUT = 4.5
-"""How many times the best surrogate's gain a form must gain that leaves more than noise in its sensors.
+_LEAST_RATIO = 4.5
+"""Least ratio of a form's gain to its best surrogate's, where it leaves more than noise in its sensors.
 
-What only resembles a cause, as another law of the motion does, gains up to four times as much.
+An effect that only resembles the cause, as another function of the motion, reaches a ratio of four.
 """
 
-_PROMISES = 2.0
-"""The same while other causes may still be found, which it leaves as well."""
+_LEAST_RATIO_IN_SEARCH = 2.0
+"""The same during the search, when the residual may still hold other causes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step of the search: what was accepted, how it stood among its surrogates, and all that was weighed."""
+    """One step of the search: the hypothesis accepted, its surrogate test, and the evidence for all of them."""
 
     accepted: Evidence
     weighed: tuple[Evidence, ...]
@@ -42,49 +42,49 @@ class Step:
 def supported(
     base: Base, weighed: Sequence[Evidence], steps: Sequence[Step], least: float
 ) -> tuple[Evidence, SurrogateTest | None] | None:
-    """Return the hypothesis whose evidence exceeds that of its best surrogate most, of those that a residual supports.
+    """Return the supported hypothesis whose evidence exceeds that for its best surrogate most, with its test.
 
     Parameters
     ----------
     base : Base
-        The calibration with all causes that are known.
+        The calibration with all known causes.
     weighed : sequence of Evidence
-        What speaks for each effect.
+        Evidence for each effect.
     steps : sequence of Step
-        The causes that are known.
+        The known causes.
     least : float
         Energy that a cause must explain.
     """
     best: tuple[Evidence, SurrogateTest | None] | None = None
     beyond = 0.0
     held: list[tuple[Evidence, SurrogateTest | None]] = []
-    for candidate in sorted(weighed, key=lambda one: (-one.is_certain, -_worth(one))):
-        if not candidate.is_certain and _worth(candidate) <= beyond:
+    for candidate in sorted(weighed, key=lambda one: (-one.is_certain, -_comparable_evidence(one))):
+        if not candidate.is_certain and _comparable_evidence(candidate) <= beyond:
             break
         if candidate.delta_bic < LEAST_EVIDENCE or energy_explained(candidate, base) < least:
             continue
         if not is_new(candidate, steps, base):
             continue
-        is_held, surrogate_test = stands(base, candidate)
+        is_held, surrogate_test = support_of(base, candidate)
         if not is_held:
             continue
-        own = beyond_surrogates(candidate, surrogate_test)
+        excess = beyond_surrogates(candidate, surrogate_test)
         if candidate.is_certain:
             return candidate, surrogate_test
         held.append((candidate, surrogate_test))
-        if own > beyond:
-            best, beyond = (candidate, surrogate_test), own
+        if excess > beyond:
+            best, beyond = (candidate, surrogate_test), excess
     if best is None:
         return None
     others = [one for one, _ in held]
-    chosen = special(_recorded(best[0], others), others)
+    chosen = special_case(_recorded(best[0], others), others)
     return next(one for one in held if one[0] is chosen)
 
 
 def _recorded(best: Evidence, others: Sequence[Evidence]) -> Evidence:
-    """Return which of others has more evidence by a recorded channel than what may happen at any time, or itself.
+    """Return an effect of a recorded channel that has more evidence than an effect free in time, else the latter.
 
-    Surrogates of a channel have its course in time, and those of a change at some time have not: they do not compare.
+    The two kinds have surrogates of different kinds, so that their surrogate tests cannot be compared.
     """
     if not (isinstance(best.form, Hypothesis) and best.form.effect.is_free_in_time):
         return best
@@ -94,8 +94,8 @@ def _recorded(best: Evidence, others: Sequence[Evidence]) -> Evidence:
     return max([best, *of_channel], key=lambda one: one.delta_bic)
 
 
-def special(best: Evidence, others: Sequence[Evidence]) -> Evidence:
-    """Return which of others is a special case of a hypothesis and explains nearly all that it does, or itself."""
+def special_case(best: Evidence, others: Sequence[Evidence]) -> Evidence:
+    """Return the special case of a hypothesis that explains nearly as much, else the hypothesis itself."""
     nearly = [
         one
         for one in others
@@ -107,12 +107,12 @@ def special(best: Evidence, others: Sequence[Evidence]) -> Evidence:
 
 
 def beyond_surrogates(one: Evidence, surrogate_test: SurrogateTest | None) -> float:
-    """Return by how much the evidence for a hypothesis exceeds that for the best of its surrogates, or for nothing."""
-    return one.gain - surrogate_test.largest if surrogate_test else _worth(one)
+    """Return by how much a hypothesis' evidence exceeds that for its best surrogate, or zero where it has none."""
+    return one.gain - surrogate_test.largest if surrogate_test else _comparable_evidence(one)
 
 
-def _worth(one: Evidence) -> float:
-    """Return the evidence, or the part of it that what explains any excess is worth."""
+def _comparable_evidence(one: Evidence) -> float:
+    """Return the evidence, reduced for an effect that explains any excess of variance."""
     return one.delta_bic * (NOTABLE if _effect_of(one).explains_any_excess else 1.0)
 
 
@@ -124,9 +124,9 @@ def _is_step(one: Evidence) -> bool:
     return isinstance(one.form, Hypothesis) and one.form.effect.is_step
 
 
-@kept
-def stands(base: Base, candidate: Evidence) -> tuple[bool, SurrogateTest | None]:
-    """Return whether a residual supports a hypothesis, and how it stands among its surrogates, where it has any."""
+@cached_by_base
+def support_of(base: Base, candidate: Evidence) -> tuple[bool, SurrogateTest | None]:
+    """Return whether a residual supports a hypothesis, and its surrogate test, where it has one."""
     form = candidate.form
     if isinstance(form, Finding):
         return candidate.is_certain or _is_best(base, candidate), None
@@ -137,63 +137,63 @@ def stands(base: Base, candidate: Evidence) -> tuple[bool, SurrogateTest | None]
         return False, None
     if form.effect.oversize(base.channels.covariates, fitted_at(base, form)) is not None:
         return False, None
-    whole = form.effect.always(form.shape)
-    if whole is not None:
-        among_times, wanders = surrogate_test_of_change(base, form, whole, candidate.delta_bic)
-        is_sharp = not wanders or among_times.ratio > SHARPEST * NOTABLE
+    permanent = form.effect.always(form.shape)
+    if permanent is not None:
+        change_test, is_smooth = surrogate_test_of_change(base, form, permanent, candidate.delta_bic)
+        is_sharp = not is_smooth or change_test.ratio > SHARPEST * NOTABLE
         if not is_sharp or form.effect.surrogates == "at_other_times":
-            return is_sharp, among_times
+            return is_sharp, change_test
     surrogate_test = _surrogate_test(base, form)
     if surrogate_test.gain <= surrogate_test.largest + LEAST_EVIDENCE:
         return False, surrogate_test
-    is_promising = form.effect.surrogates == "of_channel" or surrogate_test.ratio > _PROMISES
-    return is_promising or _is_whole(base, candidate, form), surrogate_test
+    is_promising = form.effect.surrogates == "of_channel" or surrogate_test.ratio > _LEAST_RATIO_IN_SEARCH
+    return is_promising or _is_complete(base, candidate, form), surrogate_test
 
 
 def _is_far_out(surrogate_test: SurrogateTest, form: Hypothesis) -> bool:
-    """Whether a form stands so far above its surrogates that what it leaves may be something else.
+    """Whether a form exceeds its surrogates so far that it is a cause even if more than noise remains.
 
-    What is free in time or free to switch gains little in other rows, whatever it is.
+    Effects free in time or free to switch explain little in other rows in any case: that is no test of them.
     """
     if form.effect.always(form.shape) is not None:
         return surrogate_test.ratio > SHARPEST
     is_recorded = form.effect.surrogates == "of_channel"
-    least = 1 + NOTABLE if is_recorded else _STANDS_OUT
+    least = 1 + NOTABLE if is_recorded else _LEAST_RATIO
     return form.effect.surrogates != "elsewhere" and surrogate_test.ratio > least
 
 
-def _is_whole(base: Base, cause: Evidence, form: Hypothesis) -> bool:
-    """Whether a form leaves next to nothing in its sensors."""
+def _is_complete(base: Base, cause: Evidence, form: Hypothesis) -> bool:
+    """Whether a form leaves little more than noise in its sensors."""
     if form.effect.always(form.shape) is not None:
-        return _left_there(base, cause, form) < MINOR
+        return _unexplained_part(base, cause, form) < MINOR
     is_recorded = form.effect.surrogates == "of_channel"
-    return _left_there(base, cause, form) < (NOTABLE if is_recorded else SLIGHT)
+    return _unexplained_part(base, cause, form) < (NOTABLE if is_recorded else SLIGHT)
 
 
-def _left_there(base: Base, cause: Evidence, form: Hypothesis) -> float:
-    """Return the part of what can be explained in the sensors of a form that it leaves to functions without physics.
+def _unexplained_part(base: Base, cause: Evidence, form: Hypothesis) -> float:
+    """Return the part of the explainable energy in the sensors of a form that it leaves to functions without physics.
 
-    What only resembles the cause leaves something there.
+    An effect that only resembles the cause leaves a residual there.
     """
     beside = base.beside(base.channels.design(form.terms))
-    left = max((_gain_there(beside, cause, one) for one in rivals(beside)), default=0.0)
-    left = beside.energy * -expm1(-left / base.channels.count)
-    return left / (left + base.energy - beside.energy)
+    gain = max((_gain_in_sensors(beside, cause, one) for one in rivals(beside)), default=0.0)
+    unexplained = beside.energy * -expm1(-gain / base.channels.count)
+    return unexplained / (unexplained + base.energy - beside.energy)
 
 
 def fitted_at(base: Base, form: Hypothesis) -> FittedEffect:
-    """Return a form with the values that it takes beside a base."""
+    """Return the effect with its least-squares values beside a base."""
     projected = base.project(base.channels.design(form.terms))
     values = projected.inverse()[0] @ projected.score
     contributions = []
     for term, columns in zip(form.terms, columns_of(form.terms), strict=True):
         names = [coefficient.name for coefficient in term.coefficients]
-        own = dict(zip(names, values[columns].tolist(), strict=True))
-        contributions.append(Contribution(term.sensor, term.axis, term.name, own))
+        by_name = dict(zip(names, values[columns].tolist(), strict=True))
+        contributions.append(Contribution(term.sensor, term.axis, term.name, by_name))
     return FittedEffect(form.effect.name, form.shape, tuple(contributions))
 
 
-@kept
+@cached_by_base
 def holds(base: Base, cause: Evidence) -> bool:
     """Whether a cause still is supported at the base of all other causes."""
     form = cause.form
@@ -203,43 +203,44 @@ def holds(base: Base, cause: Evidence) -> bool:
     gain, rank = base.project(base.channels.design(moved.terms)).gain()
     gain = twice_log_likelihood_ratio(base.energy, gain, base.channels.count)
     alone = Evidence(cause.effect, moved, gain - rank * log(base.channels.count), gain)
-    is_held, surrogate_test = stands(base, alone)
+    is_held, surrogate_test = support_of(base, alone)
     if not is_held or surrogate_test is None:
         return is_held
-    return _is_far_out(surrogate_test, moved) or _is_whole(base, alone, moved)
+    return _is_far_out(surrogate_test, moved) or _is_complete(base, alone, moved)
 
 
-@kept
+@cached_by_base
 def _surrogate_test(base: Base, form: Hypothesis) -> SurrogateTest:
     return surrogate_test_of(base, form)
 
 
 def open_part(first: Base, last: Base, unknown: Sequence[Evidence]) -> float:
-    """Return the part of all that can be explained that causes leave to functions without physics."""
+    """Return the part of the explainable energy that causes leave to functions without physics, 0 to 1."""
     left = max((energy_explained(one, last) for one in unknown if one.delta_bic > LEAST_EVIDENCE), default=0.0)
     return left / max(left + first.energy - last.energy, np.finfo(float).tiny)
 
 
 def energy_explained(one: Evidence, base: Base) -> float:
-    """Return the energy that a hypothesis explains of what a base leaves."""
+    """Return the energy that a hypothesis explains of the residual of a base."""
     return base.energy * -expm1(-one.gain / base.channels.count)
 
 
 def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
-    """Whether a candidate may come beside the causes accepted."""
-    alike = [step.accepted for step in steps if step.accepted.effect == candidate.effect]
+    """Whether a candidate is a cause of its own beside those accepted, not a repetition or special case of one."""
+    same_effect = [step.accepted for step in steps if step.accepted.effect == candidate.effect]
     if isinstance(candidate.form, Hypothesis) and candidate.form.effect.is_of_one_sensor:
-        own = sensors_of(places_of(candidate.form))
-        alike = [one for one in alike if own & sensors_of(places_of(one.form))]
+        sensors = sensors_of(places_of(candidate.form))
+        same_effect = [one for one in same_effect if sensors & sensors_of(places_of(one.form))]
     if isinstance(candidate.form, Hypothesis) and candidate.form.effect.is_of_each_sensor:
-        alike = alike if len(alike) > 1 else [one for one in alike if len(sensors_of(places_of(one.form))) == 1]
-    if alike and not _effect_of(candidate).may_repeat:
+        of_one = [one for one in same_effect if len(sensors_of(places_of(one.form))) == 1]
+        same_effect = same_effect if len(same_effect) > 1 else of_one
+    if same_effect and not _effect_of(candidate).may_repeat:
         return False
-    if any(_is_same(candidate, other, base) for other in alike):
+    if any(_is_same(candidate, other, base) for other in same_effect):
         return False
-    if isinstance(candidate.form, Finding) and not _gives_up_more(candidate.form, base):
+    if isinstance(candidate.form, Finding) and not _excludes_more(candidate.form, base):
         return False
-    if _effect_of(candidate).is_of_lone_samples and _struck([candidate, *alike]) > SLIGHT:
+    if _effect_of(candidate).is_of_lone_samples and _flagged_part([candidate, *same_effect]) > SLIGHT:
         return False
     sensors = sensors_of(places_of(candidate.form))
     there = [step.accepted for step in steps if sensors & sensors_of(places_of(step.accepted.form))]
@@ -256,7 +257,7 @@ def _is_same(one: Evidence, other: Evidence, base: Base) -> bool:
 
 
 def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
-    """Return noise or spikes in sensors that saturate, are rounded or lose samples as part of that: it leaves them."""
+    """Return noise or spikes in sensors that saturate, round or lose samples as a part of that cause."""
     if not isinstance(accepted.form, Finding) or accepted.is_certain:
         return accepted
     sensors = sensors_of(places_of(accepted.form))
@@ -271,18 +272,18 @@ def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
 
 
 def _is_best(base: Base, candidate: Evidence) -> bool:
-    """Whether noise or spikes explain as much as any function without physics there: what has a course is neither."""
-    return all(candidate.gain >= _gain_there(base, candidate, one) for one in rivals(base))
+    """Whether noise or spikes explain as much as any function without physics in their sensors."""
+    return all(candidate.gain >= _gain_in_sensors(base, candidate, one) for one in rivals(base))
 
 
 def _is_of_direction(base: Base, cause: Evidence) -> bool:
-    """Whether a function of the direction explains more in the sensors of a cause: then no axis and no time matter."""
+    """Whether a function of the direction explains more than a cause in its sensors, whatever axis and time."""
     others = [one for one in rivals(base) if one.effect == FunctionOfDirection.name]
-    return any(cause.gain < NEARLY_ALL * _gain_there(base, cause, one) for one in others)
+    return any(cause.gain < NEARLY_ALL * _gain_in_sensors(base, cause, one) for one in others)
 
 
-def _gain_there(base: Base, cause: Evidence, other: Evidence) -> float:
-    """Return what a function without physics gains in the sensors of a cause; nothing where it is noise."""
+def _gain_in_sensors(base: Base, cause: Evidence, other: Evidence) -> float:
+    """Return the gain of a function without physics in the sensors of a cause; 0 where it has no evidence."""
     sensors = sensors_of(places_of(cause.form))
     terms = other.form.terms if isinstance(other.form, Hypothesis) and other.delta_bic > LEAST_EVIDENCE else ()
     there = [term for term in terms if term.sensor in sensors or ALL in sensors]
@@ -296,7 +297,7 @@ def _is_nested(one: Evidence, other: Evidence) -> bool:
     return len(effects) == 2 and (effects[0].is_within(effects[1].name) or effects[1].is_within(effects[0].name))
 
 
-def _struck(causes: Sequence[Evidence]) -> float:
+def _flagged_part(causes: Sequence[Evidence]) -> float:
     """Return the part of the samples that findings flag."""
     flags = [one.form.flagged for one in causes if isinstance(one.form, Finding) and one.form.flagged is not None]
     return float(np.any(flags, axis=0).mean())
@@ -311,6 +312,6 @@ def _changes(causes: Sequence[Evidence], step_s: float) -> int:
     )
 
 
-def _gives_up_more(finding: Finding, base: Base) -> bool:
-    """Whether a finding gives up samples that are still counted, or gives up none at all."""
+def _excludes_more(finding: Finding, base: Base) -> bool:
+    """Whether a finding excludes samples that are still counted, or excludes none at all."""
     return finding.flagged is None or bool((finding.flagged & base.channels.is_counted).any())

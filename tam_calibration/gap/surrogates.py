@@ -1,4 +1,4 @@
-"""How much of a residual a form would explain if it had nothing to do with it: how it stands among its surrogates."""
+"""Surrogate tests: how much of a residual forms explain that are like a hypothesis but unrelated to the residual."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -20,16 +20,16 @@ from tam_calibration.model.units import FloatArray
 
 @dataclass(frozen=True)
 class SurrogateTest:
-    """How a form stands among its surrogates.
+    """The gain of a form compared with those of its surrogates.
 
     Parameters
     ----------
     gain : float
-        Twice the logarithm of its likelihood ratio.
+        Twice its log-likelihood ratio.
     largest : float
         The same of the best surrogate; zero where there is none.
     rank : float
-        Part of the surrogates, itself among them, that explain as much.
+        Part of the surrogates, the form among them, that explain as much: the p-value.
     """
 
     gain: float
@@ -38,31 +38,31 @@ class SurrogateTest:
 
     @classmethod
     def among(cls, gain: float, others: FloatArray) -> "SurrogateTest":
-        """Return the standing of a gain among others (S,)."""
+        """Return the test of a gain against those of surrogates (S,)."""
         largest = float(np.max(others, initial=0.0))
         return cls(gain, largest, float(1 + np.sum(others >= gain)) / (1 + len(others)))
 
     @property
     def ratio(self) -> float:
-        """How many times the best surrogate's gain."""
+        """Gain over that of the best surrogate."""
         return self.gain / max(self.largest, 1.0)
 
 
 _MOVES = 150
-"""Times by which a residual is moved, forwards and reversed: a rank among 300."""
+"""Time shifts of a residual, each forwards and reversed: a rank among 300."""
 
 _CHANNELS = 60
-"""Channels that are made of a recorded one, half of them moved, half of the same spectrum."""
+"""Surrogates of a recorded channel, half of them shifted in time, half with the same spectrum."""
 
 _FREQUENCIES = 60
-"""At which a tone is set instead, evenly up to half the sampling rate."""
+"""Surrogate frequencies of a tone, evenly up to half the sampling rate."""
 
 
 def surrogate_test_of(base: Base, form: Hypothesis) -> SurrogateTest:
-    """Return how a form stands among its surrogates in the residual of a base.
+    """Return the surrogate test of a form in the residual of a base.
 
-    No more surrogates are made once one explains as much: its rank is then told (sequential Monte Carlo test; Besag and
-    Clifford, Biometrika 78, 1991, p. 301).
+    It stops at the first surrogate that explains as much (sequential Monte Carlo test; Besag and Clifford, Biometrika
+    78, 1991, p. 301).
     """
     count = base.channels.count
     gain = base.project(base.channels.design(form.terms)).gain()[0]
@@ -78,7 +78,7 @@ def surrogate_test_of(base: Base, form: Hypothesis) -> SurrogateTest:
 
 
 def _moved(base: Base, form: Hypothesis) -> Iterator[float]:
-    """Yield what a form explains of the residual moved in time, forwards and reversed.
+    """Yield the energy that a form explains of the residual shifted in time, forwards and reversed.
 
     The products of columns with the residual at every time are a cross-correlation: one Fourier transform of each
     feature and row gives them all.
@@ -89,7 +89,7 @@ def _moved(base: Base, form: Hypothesis) -> Iterator[float]:
     values = inverse @ projected.score
     own = _explained(base, design, inverse, *base.channels.taken_residual)
     of_itself = _explained(base, design, inverse, *_whitened(base, form, values))
-    # Motion repeats: what a form explains of itself, moved, is no surrogate, unless it always explains as much.
+    # Motion repeats: a shift at which the form explains its own signal is no surrogate, unless most shifts do.
     is_other = of_itself < MOST * float(projected.score @ values)
     yield from own[is_other] if is_other.mean() > MOST else own
 
@@ -97,8 +97,8 @@ def _moved(base: Base, form: Hypothesis) -> Iterator[float]:
 def _explained(
     base: Base, design: Regressors, inverse: FloatArray, differential: FloatArray, common: FloatArray
 ) -> FloatArray:
-    """Return the energy (S,) that columns explain of whitened residuals moved in time, the base eliminated."""
-    moved = _Moved(base, differential, common)
+    """Return the energy (S,) that columns explain of whitened residuals shifted in time, the base eliminated."""
+    moved = _Shifted(base, differential, common)
     _, eliminated = base.eliminated(design)
     score = moved.scores(design) - eliminated @ np.concatenate([moved.scores(one) for one in base.designs])
     explained: FloatArray = np.sum(score * (inverse @ score), axis=0)
@@ -116,8 +116,8 @@ def _whitened(base: Base, form: Hypothesis, values: FloatArray) -> tuple[FloatAr
     return rows[:, :-1] @ channels.directions, np.sum(channels.slope.T * rows, axis=1)
 
 
-class _Moved:
-    """Whitened residuals of the samples that are taken, moved in time."""
+class _Shifted:
+    """Whitened residuals of the samples that are taken, shifted in time."""
 
     def __init__(self, base: Base, differential: FloatArray, common: FloatArray) -> None:
         self._channels, self._count = base.channels, len(common)
@@ -127,8 +127,8 @@ class _Moved:
         self._between, self._common = np.fft.rfft(rows, axis=0).T, np.fft.rfft(common)
 
     def scores(self, design: Regressors) -> FloatArray:
-        """Return the score (P, S) of a design's columns in the moved residuals."""
-        features, _ = self._channels.seen(design, slice(None))
+        """Return the score (P, S) of a design's columns with the shifted residuals."""
+        features, _ = self._channels.samples_of(design, slice(None))
         spectrum = np.fft.rfft(features, axis=1)[design.index]
         slope = np.fft.rfft(features[design.index] * self._channels.slope[design.rows], axis=1)
         between = self._between[design.rows]
@@ -143,7 +143,7 @@ class _Moved:
 
 
 def _of_channel(base: Base, form: Hypothesis) -> Iterator[float]:
-    """Yield what a form explains with its channel moved, reversed, or replaced by another of the same spectrum."""
+    """Yield the energy that a form explains with its channel shifted, reversed, or drawn with the same spectrum."""
     covariates = base.channels.covariates
     for name in form.effect.channels:
         channel = getattr(covariates, name)
@@ -154,7 +154,7 @@ def _of_channel(base: Base, form: Hypothesis) -> Iterator[float]:
 
 
 def _of_attitude(base: Base, form: Hypothesis) -> Iterator[float]:
-    """Yield what a form explains with the attitude moved against what the sensors read."""
+    """Yield the energy that a form explains with the attitude shifted in time against the readings."""
     covariates = base.channels.covariates
     assert covariates.attitude is not None
     for other in _moved_in_time(covariates.attitude):
@@ -162,7 +162,7 @@ def _of_attitude(base: Base, form: Hypothesis) -> Iterator[float]:
 
 
 def _moved_in_time(channel: FloatArray) -> Iterator[FloatArray]:
-    """Yield a channel (N, ...) moved in time, forwards and reversed."""
+    """Yield a channel (N, ...) shifted in time, forwards and reversed."""
     count = len(channel)
     for shift in np.linspace(SLIGHT * count, (1 - SLIGHT) * count, _CHANNELS // 4).astype(int):
         yield np.roll(channel, shift, axis=0)
@@ -170,7 +170,7 @@ def _moved_in_time(channel: FloatArray) -> Iterator[FloatArray]:
 
 
 def _of_spectrum(course: FloatArray, count: int) -> Iterator[FloatArray]:
-    """Yield courses of time with the cosine spectrum of another (N,), the signs drawn: trends stay what they are."""
+    """Yield courses with the cosine spectrum of a given one (N,) and random signs: trends stay trends."""
     from scipy.fft import dct, idct
 
     generator = np.random.default_rng(0)
@@ -180,7 +180,7 @@ def _of_spectrum(course: FloatArray, count: int) -> Iterator[FloatArray]:
 
 
 def _elsewhere(base: Base, form: Hypothesis) -> Iterator[float]:
-    """Yield what the same functions explain in each other row."""
+    """Yield the energy that the same functions explain in each other row."""
     covariates = base.channels.covariates
     own = {int(row) for term in form.terms for row in term.rows}
     for row in set(range(covariates.scalar_row + base.channels.has_scalar)) - own:
@@ -190,7 +190,7 @@ def _elsewhere(base: Base, form: Hypothesis) -> Iterator[float]:
 
 
 def _at_other_frequencies(base: Base, form: Hypothesis) -> Iterator[float]:
-    """Yield what a tone explains at other frequencies."""
+    """Yield the energy that a tone explains at other frequencies."""
     covariates = base.channels.covariates
     span = float(np.ptp(covariates.time_s))
     own = form.shape["frequency_hz"]
@@ -200,7 +200,7 @@ def _at_other_frequencies(base: Base, form: Hypothesis) -> Iterator[float]:
 
 
 def _explained_by(base: Base, terms: Iterable[Term], form: Hypothesis) -> float:
-    """Return the energy that those of an effect's terms explain that a form has."""
+    """Return the energy that the terms of a form explain, chosen from others of the same effect."""
     return base.project(base.channels.design(chosen(terms, form.keys))).gain()[0]
 
 

@@ -18,9 +18,9 @@ from tam_calibration.model.units import FloatArray
 
 
 def sensors_and_axes(places: Iterable[Place], recording: Recording) -> tuple[tuple[int | str, ...], tuple[str, ...]]:
-    """Return what people call places: sensor numbers or "scalar", and axes.
+    """Return the sensor numbers (or "scalar") and axes of places.
 
-    An intensity that is not measured but taken for constant is seen by all sensors alike.
+    A constant intensity in place of a scalar channel counts as all sensors.
     """
     sensor_count = recording.sensor_count
     places = [(ALL if sensor == SCALAR and recording.scalar_T is None else sensor, axis) for sensor, axis in places]
@@ -39,10 +39,9 @@ def sensors_and_axes(places: Iterable[Place], recording: Recording) -> tuple[tup
 
 
 def noisy_places(channels: WhitenedChannels) -> tuple[list[Place], float]:
-    """Return the axis, sensor or scalar that explains most if its noise is larger than that of the others.
+    """Return the axis, sensor or scalar whose larger noise explains most, with twice the log-likelihood ratio.
 
-    With it twice the logarithm of the likelihood ratio of two variances against one; every sample's channels are
-    turned so that those that see the place stand apart.
+    The ratio is that of two variances to one: of the channels that depend on the place, and of the rest.
     """
     counted = channels.is_counted
     total, count = channels.energy, channels.count
@@ -77,7 +76,7 @@ def _candidates(channels: WhitenedChannels) -> list[tuple[list[Place], list[int]
 def _energy_along(
     channels: WhitenedChannels, direction: FloatArray, score: FloatArray, rows: list[int]
 ) -> tuple[FloatArray, int]:
-    """Return the energy (N,) of each sample that shifts of some rows can explain, and how many channels that is."""
+    """Return the energy (N,) of each sample that shifts of some rows can explain, and the number of such channels."""
     information = np.broadcast_to(
         channels.coupling[np.ix_(rows, rows)], (len(channels.intensity_residual_T), len(rows), len(rows))
     ).copy()
@@ -89,7 +88,7 @@ def _energy_along(
 
 
 def span_of(channels: WhitenedChannels, excess: FloatArray) -> tuple[float, float] | None:
-    """Return the time in which nearly all of the energy beyond noise (N,) lies, where it is much less than the run."""
+    """Return the span, s, that holds nearly all energy in excess of noise (N,), where it is a small part of the run."""
     total = np.cumsum(excess)
     if total[-1] <= 0:
         return None
@@ -102,7 +101,7 @@ def span_of(channels: WhitenedChannels, excess: FloatArray) -> tuple[float, floa
 
 
 def band_of(channels: WhitenedChannels, row: int, variance: float) -> tuple[float, float] | None:
-    """Return the band that holds most of what a row has beyond white noise, where it is not white."""
+    """Return the band, Hz, that holds most power of a row in excess of white noise, where it is not white."""
     covariates = channels.covariates
     if covariates.sample_count < 2 * LEAST_SAMPLES:
         return None
@@ -134,13 +133,13 @@ def locate(
     base : Base
         The nominal calibration.
     causes : list of list of Place
-        Of accepted causes; where there are none, those of the strongest rival without physics are told.
+        Of accepted causes; where there are none, those of the strongest rival without physics are returned.
     rivals : iterable of Evidence
         At the nominal calibration.
     variance : float
         Of the channels' white noise.
     least_evidence : float
-        From which a rival counts.
+        Evidence from which a rival counts.
     """
     channels = base.channels
     noisy, gain = noisy_places(channels)
@@ -165,7 +164,7 @@ def locate(
 
 
 def main_places(base: Base, rival: Evidence) -> list[Place]:
-    """Return where a rival stands: the fewest sensors, or the one axis, that make nearly all of what it explains."""
+    """Return the place of a rival: the single axis, or the fewest sensors, that explain nearly all of its gain."""
     assert isinstance(rival.form, Hypothesis)
     terms = rival.form.terms
     columns = columns_of(terms)

@@ -1,8 +1,8 @@
-"""The whitened channels of a recording at a nominal calibration, and normal equations of what may be added to its rows.
+"""The whitened channels of a recording at a nominal calibration, and normal equations of regressors of its rows.
 
-The field of every sample is eliminated: left are 3K - 3 differential channels between the sensors and one common-mode
-channel, the scalar minus the length of the field that the sensors agree on; white with unit variance under the model.
-Where the attitude tells the field of every sample (``World``), each axis is a channel of its own.
+The field of every sample is eliminated. What remains are 3K - 3 differential channels between the sensors and one
+common-mode channel, the scalar minus the length of the weighted mean field of the sensors; white with unit variance
+under the model. Where the attitude determines the field (``World``), each axis is a channel of its own.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,7 +28,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 _PIECE = 8192
-"""Samples that are worked on at once, and up to which what a design shows is kept: tens of megabytes."""
+"""Samples processed at once, and up to which those of a design are cached: tens of megabytes."""
 
 _LAST_RESIDUALS: "WeakKeyDictionary[WhitenedChannels, WhitenedResiduals]" = WeakKeyDictionary()
 
@@ -42,17 +42,16 @@ class WhitenedChannels:
     recording : Recording
         As read; a scalar channel is NaN or None where there is no reference.
     covariates : Covariates
-        With the field of the world, or that which the sensors agree on, moved to where the intensity wants it as far as
-        it is the surer: its noise is then independent of the residual, which a product of both would take for an error
-        of scale.
+        With the field of the world, or the sensors' weighted mean field, its length combined with the scalar by inverse
+        variance: its noise is then independent of the residual, and no error of scale is imitated.
     directions : (3K, C) array
-        How a shift of each row moves the C differential channels, 1/T: 3K - 3, or 3K in the field of the world.
+        Derivatives of the C differential channels by a shift of each row, 1/T; C is 3K - 3, or 3K with a world.
     differential : (N, C) array
         Residuals of them.
     direction : (N, 4) array
         Of the field in the array frame, and 1.
     turn : (4, 3K + 1) array
-        ``direction @ turn`` is how a shift of each row moves the scalar minus the length of the field.
+        ``direction @ turn`` is the derivative of the scalar minus the length of the field by a shift of each row.
     intensity_residual_T : (N,) array
         That difference; 0 where there is no reference.
     precision : (N,) array
@@ -60,7 +59,7 @@ class WhitenedChannels:
     is_counted : (N,) array of bool
         Whether the sample counts.
     stride : int
-        Normal equations, energy and count take every sample of that distance.
+        Normal equations, energy and count take every stride-th sample.
     """
 
     recording: Recording
@@ -92,7 +91,7 @@ class WhitenedChannels:
         Parameters
         ----------
         recording : Recording
-            With the channels of the situation finite.
+            With finite channels.
         array : Array
             With the noise of sensors and scalar.
         errors : SensorErrors
@@ -100,7 +99,7 @@ class WhitenedChannels:
         intensity_T : float
             Of the field, where the recording has no scalar channel.
         added_T : (N, 3K + 1) array, optional
-            What known effects add to the rows, and what is taken off them.
+            Signal of known effects in the rows, which is subtracted.
         is_counted : (N,) array of bool, optional
             By default every sample counts.
         row_variance : (3K + 1,) array, optional
@@ -125,7 +124,7 @@ class WhitenedChannels:
         )
         residuals = np.where(np.isfinite(scalar), scalar - length, 0.0)
         precision = np.where(np.isfinite(scalar), 1 / (scalar_variance + elimination.variance_along(direction.T)), 0.0)
-        # Along the direction only, so that a turn of the array is seen by no channel.
+        # Along the direction only, so that no channel depends on a rotation of the array.
         moved = length + (1 - precision * scalar_variance) * residuals
         covariates = Covariates(
             recording.time_s,
@@ -150,9 +149,9 @@ class WhitenedChannels:
         )
 
     def whitened(self, spreads_T: Sequence[FloatArray]) -> "WhitenedChannels":
-        """Return the channels with noise that each sample has along a direction of its own made as large as the rest.
+        """Return the channels whitened for further noise that each sample has along one direction of the rows.
 
-        Along d, what a spread (N, 3K + 1) of the rows does to them, their variance is 1 + |d|².
+        A spread (N, 3K + 1) of the rows, tesla, is a direction d of the channels; their variance along it is 1 + |d|².
         """
         channels = self
         for spread in spreads_T:
@@ -291,7 +290,7 @@ class WhitenedChannels:
 
     @property
     def residuals(self) -> WhitenedResiduals:
-        """What effects that are not found by regression look at; it is large, and only that asked for last is kept."""
+        """Input of the effects that are not found by regression; it is large, and only the last one is cached."""
         if self not in _LAST_RESIDUALS:
             _LAST_RESIDUALS.clear()
             _LAST_RESIDUALS[self] = self._whitened_residuals()
@@ -313,8 +312,8 @@ class WhitenedChannels:
     def cross(self, left: Regressors, right: Regressors, part: slice | None = None) -> FloatArray:
         """Return the information (P, Q) between the columns of two designs, from all samples or a slice of them.
 
-        The designs are those of ``design`` and ``calibration``; the slice counts their samples. What all samples tell
-        is kept as long as both designs.
+        The designs are those of ``design`` and ``calibration``; the slice counts their samples. The information from
+        all samples is cached as long as both designs exist.
         """
         if part is not None:
             return self._cross(left, right, part)
@@ -327,7 +326,7 @@ class WhitenedChannels:
         between = np.zeros((left.features.shape[1], right.features.shape[1]))
         common = np.zeros((left.common_width, right.common_width))
         for piece in self._pieces(part):
-            first, second = self.seen(left, piece), self.seen(right, piece)
+            first, second = self.samples_of(left, piece), self.samples_of(right, piece)
             between += first[0] @ second[0].T
             if self._has_reference:
                 common += first[1] @ second[1].T
@@ -344,19 +343,19 @@ class WhitenedChannels:
     def _has_reference(self) -> bool:
         return bool(self.precision.any())
 
-    def seen(self, design: Regressors, piece: slice) -> tuple[FloatArray, FloatArray]:
-        """Return the features (F, n) of a design in samples that count, and what it adds to the whitened common mode.
+    def samples_of(self, design: Regressors, piece: slice) -> tuple[FloatArray, FloatArray]:
+        """Return the features (F, n) of a design, 0 in samples not counted, and its effect on the whitened common mode.
 
-        What a short recording shows of a design is kept as long as the design.
+        For a short recording they are cached as long as the design exists.
         """
         if len(self._taken[0]) > _PIECE:
-            return self._seen_at(design, piece)
+            return self._compute_samples(design, piece)
         if design not in self._known:
-            self._known[design] = self._seen_at(design, slice(None))
+            self._known[design] = self._compute_samples(design, slice(None))
         features, common = self._known[design]
         return features[:, piece], common[:, piece]
 
-    def _seen_at(self, design: Regressors, piece: slice) -> tuple[FloatArray, FloatArray]:
+    def _compute_samples(self, design: Regressors, piece: slice) -> tuple[FloatArray, FloatArray]:
         counted, direction, slope = self._taken[0][piece], self._taken[1][:, piece], self._taken[2][:, piece]
         features = np.ascontiguousarray(design.features[piece].T)
         if not counted.all():
@@ -394,14 +393,14 @@ class WhitenedChannels:
 
     @property
     def slope(self) -> FloatArray:
-        """(3K + 1, n) how a shift of each row moves the whitened common mode, in the samples that are taken."""
+        """(3K + 1, n) derivative of the whitened common mode by a shift of each row, in the samples that are taken."""
         return self._taken[2]
 
     @cached_property
     def taken_residual(self) -> tuple[FloatArray, FloatArray]:
         """Whitened residuals of the samples that are taken: between the sensors (n, 3K - 3), of the common mode (n,).
 
-        Zero in samples that do not count; where there is no reference the last common mode stands.
+        Zero in samples that do not count; without a reference the last common mode is repeated.
         """
         every = slice(None, None, self.stride)
         counted, root = self.is_counted[every], np.sqrt(self.precision[every])
@@ -420,7 +419,7 @@ class WhitenedChannels:
         between[every] = differential
         intensity_residual_T[every] = np.divide(common, root, out=np.zeros_like(common), where=root > 0)
         other = replace(self, differential=between, intensity_residual_T=intensity_residual_T)
-        # What does not depend on the residual is kept.
+        # Caches that do not depend on the residual.
         other.__dict__.update(
             _taken=self._taken, _known=self._known, _crossed=self._crossed, calibration=self.calibration
         )
@@ -471,7 +470,7 @@ def _row_weight(array: KnownNoiseArray, row_variance: FloatArray | None) -> Floa
 
 
 def _row_turn(elimination: Elimination) -> FloatArray:
-    """Return the (4, 3K + 1) matrix by which direction and 1 become how each row moves the scalar minus the length."""
+    """Return the (4, 3K + 1) matrix from direction and 1 to the derivatives by the rows of scalar minus length."""
     turn = np.zeros((4, elimination.unmixing.shape[1] + 1))
     turn[:3, :-1], turn[3, -1] = -elimination.unmixing, 1
     return turn

@@ -1,9 +1,9 @@
-"""A field that stands still in the world, which the attitude turns into the array's frame.
+"""A field that is constant in the world, rotated into the array's frame by the recorded attitude.
 
-One sensor alone tells the length of the field only: any turn of it fits any reading. With the attitude recorded, its
-three axes read y = D Λ Rᵀ h + o, with h the field of the world, Rᵀ the turn from the world to the frame of the
-attitude, Λ how that stands to the sensor's own frame, and D and o the sensor's errors: three channels that hold no
-noise but the sensor's and the attitude's. The scale of D and the length of h are one: det D = 1.
+One sensor alone measures the intensity of the field only: any rotation fits its readings. With the attitude recorded,
+its three axes read y = D Λ Rᵀ h + o, with h the field of the world, Rᵀ the rotation from the world to the frame of the
+attitude, Λ the rotation from that to the sensor's own frame, and D and o the sensor's errors: three channels with no
+other noise than the sensor's and the attitude's. The scale of D and the length of h are not separable: det D = 1.
 """
 
 from dataclasses import dataclass, field, replace
@@ -20,7 +20,7 @@ from tam_calibration.model.units import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """The field of the world, and how the frame of the attitude stands to the array's.
+    """The field of the world, and the rotation from the frame of the attitude to the array's.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class World:
     mount : (3, 3) array
         Rotation that turns vectors of the attitude's frame into the array's, which is the first sensor's own.
     variance_T2 : (3,) array
-        That the noise of the attitude adds to each row of the sensor, T².
+        Variance that the noise of the attitude adds to each row of the sensor, T².
     """
 
     field_T: FloatArray
@@ -101,7 +101,7 @@ class World:
 
 
 def world_design(covariates: Covariates, unit_T: float, stride: int = 1) -> Regressors:
-    """Return the design of the world's field: its three components as the rows read them, in units of the intensity."""
+    """Return the regressors of the world's field: its three components in each row, in units of the intensity."""
     assert covariates.attitude is not None
     read = unit_T * covariates.errors.matrix.reshape(-1, 3) @ turns(covariates.attitude[::stride])
     rows, columns = np.divmod(np.arange(read[0].size), 3)
@@ -109,7 +109,7 @@ def world_design(covariates: Covariates, unit_T: float, stride: int = 1) -> Regr
 
 
 def turns(attitude: FloatArray) -> FloatArray:
-    """Return the matrices (N, 3, 3) that turn vectors of the world into a frame at attitudes (N, 4) to the world."""
+    """Return the rotation matrices (N, 3, 3) from the world to a frame with attitudes (N, 4)."""
     from scipy.spatial.transform import Rotation
 
     matrices: FloatArray = Rotation.from_quat(attitude).inv().as_matrix()

@@ -16,18 +16,18 @@ from tam_calibration.report.recording_plots import cells_on_map, draw_borders
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, FLOOR_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
 
 _SHOWN = 8
-"""Likeliest causes that are drawn: those below share a few per mille."""
+"""Causes that are drawn, the most probable ones: the others share a few per mille."""
 
-_TOLD = 1e-3
-"""Probability that reads as zero in a drawing."""
+_LEAST_DRAWN = 1e-3
+"""Smallest probability that a figure can show."""
 
 
 @matplotlib.rc_context(STYLE)
 def plot_evidence(gap: Gap) -> Figure:
-    """Draw the probabilities of what can be the cause, the likeliest on top, supported ones in full colour."""
+    """Draw the probabilities of the causes, the most probable on top, supported ones in full colour."""
     supported = {cause.fitted.effect for cause in gap.causes}
     ranked = sorted(gap.probabilities.items(), key=lambda each: -each[1])
-    shown = [each for each in ranked[:_SHOWN] if each[1] >= _TOLD or each[0] in supported] or ranked[:1]
+    shown = [each for each in ranked[:_SHOWN] if each[1] >= _LEAST_DRAWN or each[0] in supported] or ranked[:1]
     names, values = [name.replace("_", " ") for name, _ in shown], [value for _, value in shown]
     colors = [AFTER_COLOR if name in supported else QUIET_COLOR for name, _ in shown]
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 0.9 + 0.28 * len(shown)), layout="constrained")
@@ -42,7 +42,7 @@ def plot_evidence(gap: Gap) -> Figure:
 
 @matplotlib.rc_context(STYLE)
 def plot_shares(gap: Gap) -> Figure:
-    """Draw how the energy of the gap falls from the whole to what is left, one step a cause."""
+    """Draw the energy of the gap from all of it to what remains, one step for each cause."""
     closed = gap.size.closed if np.isfinite(gap.size.closed) else 0.0
     steps = [(cause.fitted.effect.replace("_", " "), closed * cause.share) for cause in gap.causes]
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.8), layout="constrained")
@@ -64,7 +64,7 @@ def plot_shares(gap: Gap) -> Figure:
 
 
 _BINS = 12
-"""Of equally many samples each: enough to show a bend, few enough that each mean is sure."""
+"""Bins of equally many samples: enough to show a curve, few enough that each mean is certain."""
 
 
 @matplotlib.rc_context(STYLE)

@@ -1,4 +1,4 @@
-"""The report on a gap, in the order of its questions: is there one, where, why, how far does it shrink."""
+"""The report on a gap, in the order of its questions: whether there is one, where, why, how far it shrinks."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -45,7 +45,7 @@ _HEADER = {
 
 
 def checks_section(view: GapView) -> Section | None:
-    """Return what the causes leave beside the simulated twin, in numbers; None without a verdict."""
+    """Return the statistics of the residual with the causes and their ranges in noise; None without a verdict."""
     checks = view.gap.checks
     if checks is None:
         return None
@@ -135,7 +135,7 @@ def verdict_section(view: GapView) -> Section:
 
 
 def where_section(view: GapView) -> Section | None:
-    """Return which sensors, axes, times and directions hold the gap; None without a verdict."""
+    """Return the sensors, axes, times and directions of the gap; None without a verdict."""
     if view.gap.verdict == "not_identifiable":
         return None
     row = view.rows[0]
@@ -174,7 +174,7 @@ def where_section(view: GapView) -> Section | None:
 
 
 def causes_section(view: GapView) -> Section | None:
-    """Return the causes, ranked, with their numbers; None without a verdict."""
+    """Return the causes, ranked, with their parameters; None without a verdict."""
     gap = view.gap
     if gap.verdict == "not_identifiable":
         return None
@@ -233,7 +233,7 @@ def shrinkage_section(view: GapView) -> Section | None:
 
 
 def considered_section(view: GapView) -> Section | None:
-    """Return what was tried and explained nothing; None where nothing was."""
+    """Return the effects that were tried and have no evidence; None where there are none."""
     others = [each for each in view.gap.considered if each.status != "supported"]
     if not others:
         return None
@@ -259,7 +259,7 @@ SECTIONS: tuple[Callable[[GapView], Section | None], ...] = (
     considered_section,
     next_recording_section,
 )
-"""In the order in which they are read."""
+"""Sections in reading order."""
 
 
 def write_gap_report(path: Path, gap: Gap, source: Provenance | None = None) -> None:
@@ -272,7 +272,7 @@ def write_gap_report(path: Path, gap: Gap, source: Provenance | None = None) -> 
     gap : Gap
         The diagnosis.
     source : Provenance, optional
-        The recording that it is of.
+        The recording diagnosed.
 
     Raises
     ------

@@ -71,13 +71,13 @@ def plot_time(view: GapView, row: int) -> Figure:
 
 
 _FEWEST_BINS, _MOST_BINS = 21, 81
-"""Between which the root of the number of samples is taken."""
+"""Limits of the number of bins, else the root of the number of samples."""
 
 _WIDEST_BIN = 0.5
-"""Noise floors: wider ones blur the Gaussian of the floor."""
+"""Widest bin, in noise floors: wider ones blur the Gaussian of the floor."""
 
 _LOWEST, _HIGHEST = 4.5, 30.0
-"""Noise floors to which the axis reaches: past all white noise, and not so far that the floor becomes a line."""
+"""Least and largest limit of the axis, in noise floors: beyond all white noise, but with the floor visible."""
 
 
 @matplotlib.rc_context(STYLE)
@@ -104,10 +104,10 @@ def plot_histogram(view: GapView, row: int) -> Figure:
 
 
 _BANDS = 250
-"""Evenly in the logarithm of the frequency: about one for each three points of the page."""
+"""Bands, evenly spaced in the logarithm of the frequency: about one for three points of the page."""
 
 _LONGEST = 1 << 21
-"""Points of the grid, six hours at 100 Hz: a record with longer holes is not put on one."""
+"""Longest grid, in samples: six hours at 100 Hz; a record with longer holes is not resampled."""
 
 
 @matplotlib.rc_context(STYLE)
@@ -135,8 +135,8 @@ def plot_spectrum(view: GapView, row: int) -> Figure:
 def spectrum(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return frequencies (Hz) and amplitudes of a series with holes, averaged over bands; white unit noise gives 1.
 
-    The samples are put on a grid of their median step, empty places are zero; where that would be too long, the
-    samples are taken as if they followed one another at that step.
+    The samples are placed on a grid of their median step, with zeros in its gaps; where the grid would be too long, the
+    samples are taken as consecutive.
     """
     step = float(np.median(np.diff(time_s)))
     place = np.rint((time_s - time_s[0]) / step).astype(int)

@@ -14,13 +14,13 @@ from tam_calibration.report.formatting import count, fixed, join, number, with_e
 
 
 def cause_words(cause: Cause) -> list[str]:
-    """Say how a cause stands among its surrogates, and how large it is beside the largest known."""
+    """Return sentences on the surrogate test of a cause, and on its size beside the largest known."""
     surrogate_test = [] if cause.surrogate_test is None else [surrogate_words(cause.surrogate_test)]
     return surrogate_test + [sized_words(sized) for sized in cause.sizes]
 
 
 def surrogate_words(test: SurrogateTest) -> str:
-    """Say how a cause stands among its surrogates."""
+    """Return the result of a surrogate test in words."""
     gains = f"its gain is {number(test.gain)}, that of the best surrogate {number(test.largest)}"
     if test.gain <= test.largest:
         return f"{percent(test.rank)} of its surrogates explain as much or more: {gains}."
@@ -32,7 +32,7 @@ def surrogate_words(test: SurrogateTest) -> str:
 
 
 def sized_words(sized: Sized) -> str:
-    """Say how large a cause is beside the largest known, and who knows."""
+    """Return the size of a cause beside the largest known in words, with the source of the latter."""
     factor, unit = for_people(sized.limit.unit)
     unit = "" if unit == "1" else f" {unit}"
     found, largest = (f"{number(factor * value)}{unit}" for value in (abs(sized.value), sized.limit.largest))
@@ -40,13 +40,13 @@ def sized_words(sized: Sized) -> str:
 
 
 def set_words(gap: Gap) -> list[str]:
-    """Say which answers hold the true one in 95 of 100 recordings, where that is known."""
+    """Return the set of answers that contains the true one in 95 of 100 recordings, where it is known."""
     names = [name.replace("_", " ") for name in gap.set_95]
     return [f"In 95 of 100 such recordings the truth is among: {join(names)}."] if names else []
 
 
 def unseen_words(gap: Gap) -> list[str]:
-    """Say which gap would not have been seen, and what it would do to the calibration's parameters at most."""
+    """Return the smallest detectable gap, and the largest error of the calibration that a smaller one causes."""
     if gap.verdict != "no_gap" or math.isnan(gap.smallest_gap):
         return []
     words = f"A gap of less than {number(gap.smallest_gap, 2)} noise floors would not have been seen."
@@ -84,7 +84,7 @@ def size_rows(size: Size) -> list[list[str]]:
 
 
 def noise_rows(floor: Floor) -> list[list[str]]:
-    """Return the noise of each sensor's axes as differences tell it, as stated, and its lag-one correlation."""
+    """Return the noise of each sensor's axes from differences, as stated, and its lag-1 correlation."""
     level, stated = to_nanotesla(floor.level_T), to_nanotesla(floor.stated_T)
     rows = [
         [
@@ -163,7 +163,7 @@ def number_rows(fitted: FittedEffect, units: Mapping[str, str]) -> list[list[str
 
 
 def considered_row(considered: Considered) -> list[str]:
-    """Return what became of a hypothesis in the order of ``CONSIDERED_HEADER``."""
+    """Return the status of a hypothesis in the order of ``CONSIDERED_HEADER``."""
     evidence = "" if considered.delta_bic is None else fixed(considered.delta_bic, 0)
     return [considered.effect, considered.status.replace("_", " "), considered.why, evidence]
 

@@ -1,4 +1,4 @@
-"""What the figures of a gap are drawn from: the recording, the same without its causes, and its simulated twin."""
+"""Data of the figures of a gap: the recording, the same without its causes, and its simulated twin."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -45,23 +45,23 @@ class GapView:
         return tuple(State(name, color, rows, self._ratio(rows)) for name, color, rows in kinds)
 
     def _ratio(self, rows_T: FloatArray) -> FloatArray:
-        """Return the root mean squares of rows over the floor, NaN for a row that nothing tells."""
+        """Return the root mean squares of rows over the floor, NaN for a row without information."""
         known = np.isfinite(rows_T) & (rows_T != 0)
         squares = np.sum(np.where(known, rows_T, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)
         floor = self.gap.residue.floor_T
-        is_told = known.any(axis=0) & np.isfinite(floor) & (floor > 0)
-        ratio: FloatArray = np.divide(np.sqrt(squares), floor, out=np.full(len(floor), np.nan), where=is_told)
+        is_known = known.any(axis=0) & np.isfinite(floor) & (floor > 0)
+        ratio: FloatArray = np.divide(np.sqrt(squares), floor, out=np.full(len(floor), np.nan), where=is_known)
         return ratio
 
     @cached_property
     def rows(self) -> tuple[int, ...]:
-        """The rows to draw: where the gap is largest in the place that was found, and in that of each cause."""
+        """The rows to draw: those with the largest residual in the place of the gap, and in that of each cause."""
         gap = self.gap
         places = [(gap.where.sensors, gap.where.axes), *((cause.sensors, cause.axes) for cause in gap.causes)]
         return tuple(dict.fromkeys(self._largest(*place) for place in places))[:_SHOWN_ROWS]
 
     def _largest(self, sensors: Sequence[int | str], axes: Sequence[str]) -> int:
-        """Return the row with the largest residual in a place; of all rows where the place is nowhere."""
+        """Return the row with the largest residual in a place; of all rows where there is no place."""
         ratio = np.nan_to_num(self.states[0].ratio)
         is_place = np.zeros(len(ratio), dtype=bool)
         columns = ["xyz".index(axis) for axis in axes] or [0, 1, 2]

@@ -31,7 +31,7 @@ def test_windows_are_found_to_some_samples():
     found = measured.settled(measured.start())
     assert len(found.windows) == 5
     assert np.abs(np.ravel(found.windows) - np.array(EDGES)).max() <= 12
-    assert found.gain > measured.foretold()
+    assert found.gain > measured.predicted()
 
 
 def test_no_noise_leaves_no_doubt():
@@ -51,12 +51,12 @@ def test_noise_has_no_windows(noise):
     assert found.windows == []
 
 
-def test_a_slow_course_is_foretold_better():
+def test_a_slow_course_is_predicted_better():
     """A level that swings smoothly is no switching, though two states explain most of it."""
     measured = level(np.sin(np.arange(COUNT) / 100))
     found = measured.settled(measured.start())
     assert len(found.windows) >= 2
-    assert found.gain < measured.foretold()
+    assert found.gain < measured.predicted()
 
 
 def test_the_rarer_state_is_the_window():

@@ -116,7 +116,7 @@ def test_attitudes_that_leap_tell_no_floor(run):
         scalar_T=made.recording.scalar_T[order],
     )
     found = floor(replace(made, recording=recording), Array(made.array.positions_m))
-    assert not found.is_told and "it is taken from the residual" in found.remarks[0]
+    assert not found.is_determined and "it is taken from the residual" in found.remarks[0]
 
 
 def test_samples_that_fill_lines_are_left_out(run):
@@ -139,15 +139,15 @@ def test_rounding_hides_noise_that_is_far_smaller(run, part, is_seen):
     assert np.median(found.level_T[:-1]) / noise_T == pytest.approx(1 if is_seen else 4, rel=0.1)
 
 
-@pytest.mark.parametrize(("samples", "is_told"), [(820, True), (440, False)])
-def test_turns_of_less_than_six_degrees_tell_the_floor(run, samples, is_told):
+@pytest.mark.parametrize(("samples", "is_determined"), [(820, True), (440, False)])
+def test_turns_of_less_than_six_degrees_tell_the_floor(run, samples, is_determined):
     """From sample to sample the field turns by 0.073 rad, or by 0.135: then differences hold the motion."""
-    assert floor(run(samples, 1, has_scalar=False)).is_told == is_told
+    assert floor(run(samples, 1, has_scalar=False)).is_determined == is_determined
 
 
-@pytest.mark.parametrize(("samples", "is_told"), [(15, False), (28, True)])
-def test_a_dozen_samples_tell_no_floor(run, samples, is_told):
+@pytest.mark.parametrize(("samples", "is_determined"), [(15, False), (28, True)])
+def test_a_dozen_samples_tell_no_floor(run, samples, is_determined):
     """Neither of the sensors nor of the scalar; some thirty do."""
     made = run(3000)
     found = floor(replace(made, recording=made.recording.take(slice(samples))))
-    assert found.is_told == is_told == np.isfinite(found.level_T[-1])
+    assert found.is_determined == is_determined == np.isfinite(found.level_T[-1])

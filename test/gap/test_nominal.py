@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.channel_nominal import without_channels
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.nominal import canonical_correlations, steady_parts, sure_correlation, wild_samples
+from tam_calibration.gap.nominal import canonical_correlations, outlying_samples, significant_correlation, steady_parts
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
@@ -118,15 +118,15 @@ def test_noise_has_no_hand():
 
 
 @pytest.mark.parametrize(
-    ("size", "part", "are_wild"), [(3.0, 0.01, False), (5.6, 0.01, True), (50.0, 0.007, True), (50.0, 0.014, False)]
+    ("size", "part", "are_outliers"), [(3.0, 0.01, False), (5.6, 0.01, True), (50.0, 0.007, True), (50.0, 0.014, False)]
 )
-def test_few_readings_far_beyond_the_others_are_wild(run, size, part, are_wild):
+def test_few_readings_far_beyond_the_others_are_outliers(run, size, part, are_outliers):
     """One in a hundred, and four times as large as they mostly are; what is smaller or more is in the fit."""
     made = run(1000)
     struck = np.arange(1000) < 1000 * part
     readings = np.where(struck[:, None, None], size, 1.0) * made.recording.readings_T
-    wild = wild_samples(replace(made.recording, readings_T=readings))
-    assert np.array_equal(wild, struck if are_wild else np.zeros(1000, dtype=bool))
+    outlying = outlying_samples(replace(made.recording, readings_T=readings))
+    assert np.array_equal(outlying, struck if are_outliers else np.zeros(1000, dtype=bool))
 
 
 def scattered(time, seed=1):
@@ -250,7 +250,7 @@ def test_half_of_noise_leaves_its_part():
 @pytest.mark.parametrize(("samples", "sure"), [(20, 0.5), (900, 0.5), (2500, 0.3), (10000, 0.15)])
 def test_what_is_sure_falls_with_the_root_of_the_samples(samples, sure):
     """Noise stays below."""
-    assert sure_correlation(samples) == pytest.approx(sure)
+    assert significant_correlation(samples) == pytest.approx(sure)
     if samples > 100:
         noise = np.random.default_rng(2).normal(size=(samples, 2, 3))
         assert canonical_correlations(noise)[1].max() < 0.4 * sure

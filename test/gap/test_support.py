@@ -16,7 +16,7 @@ from tam_calibration.gap.support import (
     holds,
     is_new,
     open_part,
-    stands,
+    support_of,
     supported,
 )
 from tam_calibration.gap.surrogates import SurrogateTest
@@ -48,7 +48,7 @@ def test_a_cause_must_explain_its_share(base):
 
 
 def test_weak_evidence_supports_nothing(base):
-    """Below the least evidence a hypothesis does not count, however it stands."""
+    """Below the least evidence a hypothesis does not count, whatever its surrogates."""
     one = replace(examine(base, effect_named("scalar_heading_error")), delta_bic=LEAST_EVIDENCE - 1)
     assert supported(base, [one], (), 0.0) is None
 
@@ -61,27 +61,27 @@ def test_a_product_of_two_axes_is_no_memory(run):
     base = made.with_row(8, 20e-9 * x * y * (1 + 0.5 * z)).model().base()
     cause = evidence_of(base, best_form(base, effect_named("hysteresis")))
     assert cause.delta_bic > LEAST_EVIDENCE
-    assert stands(base, cause) == (False, None)
+    assert support_of(base, cause) == (False, None)
 
 
 def test_a_size_that_nature_does_not_know_is_no_cause(run, monkeypatch):
-    """A delay of half a millisecond stands, and does not where delays are known up to a tenth of that."""
+    """A delay of half a millisecond is supported, and is not where delays are known up to a tenth of that."""
     made = run(600)
     field = made.errors.restore(made.recording.readings_T).mean(axis=1)
     rate = np.gradient(field, made.recording.time_s, axis=0)
     base = made.with_row(4, -2e-3 * rate[:, 1]).model().base()
     effect = effect_named("time_skew")
     cause = evidence_of(base, best_form(base, effect))
-    assert stands(base, cause)[0]
+    assert support_of(base, cause)[0]
     small = {name: replace(limit, largest=5e-5) for name, limit in effect.limits.items()}
     monkeypatch.setattr(type(effect), "limits", small)
-    assert stands(base, replace(cause)) == (False, None)
+    assert support_of(base, replace(cause)) == (False, None)
 
 
 def standing_as(monkeypatch, ratio, left):
     """Let every form stand so many times above its best surrogate, and leave such a part in its sensors."""
     monkeypatch.setattr(support, "_surrogate_test", lambda base, form: SurrogateTest(100.0 * ratio, 100.0, 0.01))
-    monkeypatch.setattr(support, "_left_there", lambda base, cause, form: left)
+    monkeypatch.setattr(support, "_unexplained_part", lambda base, cause, form: left)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_a_form_that_promises_may_come_first(base, monkeypatch, ratio, is_held):
     """Twice above its best surrogate, whatever it leaves to others that are still to be found."""
     cause = examine(base, effect_named("scalar_heading_error"))
     standing_as(monkeypatch, ratio, 0.5)
-    assert stands(base, replace(cause))[0] == is_held
+    assert support_of(base, replace(cause))[0] == is_held
 
 
 def test_a_form_that_gains_no_more_than_its_best_surrogate_is_none(base, monkeypatch):
@@ -110,7 +110,7 @@ def test_a_form_that_gains_no_more_than_its_best_surrogate_is_none(base, monkeyp
     cause = examine(base, effect_named("scalar_heading_error"))
     for gain, is_held in ((110.0, False), (114.0, True)):
         standing_as(monkeypatch, gain / 100, 0.0)
-        assert stands(base, replace(cause))[0] == is_held
+        assert support_of(base, replace(cause))[0] == is_held
 
 
 @pytest.mark.parametrize(("ratio", "left", "is_held"), [(21, 0.12, False), (27, 0.12, True), (21, 0.08, True)])
@@ -152,6 +152,8 @@ def test_a_recorded_channel_with_more_evidence_comes_before_a_change(base, monke
     jump = replace(jump, delta_bic=500.0, gain=520.0)
     current = replace(current, delta_bic=evidence, gain=evidence + 20)
     largest = {jump.effect: 1.0, current.effect: 0.8 * current.gain}
-    monkeypatch.setattr(support, "stands", lambda base, one: (True, SurrogateTest(one.gain, largest[one.effect], 0.01)))
+    monkeypatch.setattr(
+        support, "support_of", lambda base, one: (True, SurrogateTest(one.gain, largest[one.effect], 0.01))
+    )
     found = supported(base, [jump, current], (), 0.0)
     assert found is not None and found[0].effect == first

@@ -47,7 +47,7 @@ def _quaternions(to_world: FloatArray, error: FloatArray) -> FloatArray:
 
 
 def array_of(scene: Scene, sheet: FloatArray) -> dict[str, Any]:
-    """Return what a user knows: the geometry, the data sheet's noise, how it was recorded."""
+    """Return the array file: the geometry, the data sheet's noise, how it was recorded."""
     arm = float(np.abs(scene.positions_m).max())
     geometry = {"baseline_m": 2 * arm} if scene.sensor_count == 4 else {"positions_m": scene.positions_m.tolist()}
     noise = {"vector_noise_nT": to_nanotesla(scene.vector_noise_T) / sheet[0]}
@@ -98,13 +98,13 @@ def _cause_key(cause: Scaled) -> dict[str, Any]:
 
 
 WELL_CONDITIONED = 1e-3
-"""Least singular value of the nominal parameters' design over the largest: below, no calibration tells the errors."""
+"""Least singular value of the nominal parameters' design over the largest: below, the calibration is undetermined."""
 
 HIDDEN = 0.03
-"""A recording in which the nominal fit takes up all but this share of a signal is no recording to see it in."""
+"""Share of a signal that the nominal fit must leave: with less the recording cannot show it."""
 
 FEW_CLIPPED = 4
-"""Fewer clipped samples are outliers to anyone who does not know."""
+"""Least number of clipped samples: fewer cannot be told from outliers."""
 
 LEAST_SPIKE = 4.0
 """Spikes smaller than this many noise floors are noise, not outliers."""
@@ -113,7 +113,7 @@ TRIES = 1000
 """Draws of a recording in which the causes can be seen, before that is given up; they take some twenty seconds."""
 
 ALIKE = 0.6
-"""Two causes whose visible signals have a larger cosine than this are one cause to any diagnosis."""
+"""Largest cosine between the visible signals of two causes: above, no diagnosis can separate them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +197,7 @@ def _draw_noise(rng: Generator, scene: Scene) -> Signal:
 
 
 def _can_be_seen(model: NominalModel, scaled: Scaled) -> bool:
-    """Say whether the nominal fit leaves more than a trace of a signal."""
+    """Whether the nominal fit leaves a visible part of a signal."""
     vectors, scalar = scaled.signal
     whole = np.concatenate([vectors.reshape(len(vectors), -1), scalar[:, None]], axis=1) * model.weights
     struck = np.abs(whole).sum(axis=1) > 0
@@ -211,7 +211,7 @@ def _can_be_seen(model: NominalModel, scaled: Scaled) -> bool:
 
 
 def _is_natural(scaled: Scaled, scene: Scene) -> bool:
-    """Say whether a cause changes no reading by more, nor faster, than it does in nature."""
+    """Whether a cause changes no reading by more, nor faster, than it does in nature."""
     entry = CAUSES[scaled.disturbance.effect]
     largest_T = max(float(np.abs(part).max()) for part in scaled.signal)
     if to_nanotesla(largest_T) > entry.most_nT:
@@ -245,5 +245,5 @@ def _record(seen: Signal, causes: list[Scaled]) -> Signal:
 
 
 def _sheet(rng: Generator) -> FloatArray:
-    """Draw by how much the true noise of vectors and scalar exceeds the data sheet's."""
+    """Draw the ratio of the true noise to that of the data sheet, for vectors and scalar."""
     return np.ones(2) if rng.random() < 0.3 else rng.uniform(0.88, 1.12, 2)

@@ -1,4 +1,4 @@
-"""What one cause adds to a recording, for any size of it, and what the check knows of a kind of cause."""
+"""The signal of one cause in a recording at any amplitude, and the properties of each kind of cause."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -35,12 +35,12 @@ class Disturbance:
         From an amplitude, and the readings and the scalar with their noise, to their `Signal`.
     amplitude_unit : str
     parameters : dict
-        All else that was drawn, for the key.
+        The other values drawn, for the key.
     after_noise : bool
-        True for what the recorder does to the reading with its noise.
+        True for what acts on the reading with its noise, in the recorder.
     coefficients : dict
-        What a diagnosis can state too, for an amplitude of one: from "sensor 2 x offset" and the like to nT, nT/A,
-        nT/°C or s.
+        Coefficients that a diagnosis states too, for an amplitude of one: from names such as "sensor 2 x offset" to
+        values in nT, nT/A, nT/°C or s.
     """
 
     effect: str
@@ -57,7 +57,7 @@ Draw = Callable[[Generator, Scene], Disturbance]
 
 
 def proportional(signal: Signal) -> Callable[[float, Signal], Signal]:
-    """Return a change that grows with the amplitude and does not ask for the readings."""
+    """Return a change proportional to the amplitude that does not depend on the readings."""
     return lambda amplitude, _seen: (amplitude * signal[0], amplitude * signal[1])
 
 
@@ -119,7 +119,7 @@ def draw_direction(rng: Generator) -> FloatArray:
 
 
 def where_strong(scene: Scene, vectors: FloatArray) -> tuple[int | str, ...] | None:
-    """Return the one sensor or all that are disturbed; None when it is neither, and where would be a dispute."""
+    """Return the one sensor, or all, that is disturbed; None when it is neither, so that the place is ambiguous."""
     size = np.abs(vectors - vectors.mean(axis=0)).mean(axis=(0, 2))
     share = size / size.max()
     if scene.sensor_count > 1 and (share > 0.35).all():

@@ -1,4 +1,4 @@
-"""What makes an answer right, and the figures of the score beside what is asked of them."""
+"""Which answers are right, and the figures of the score with their required values."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -20,7 +20,7 @@ def is_nearly_solved(one: Outcome) -> bool:
 
 
 def is_admitted(one: Outcome) -> bool:
-    """Say whether a cause outside the library is left unexplained, or called by a name that it has since, in place."""
+    """Whether a cause outside the library is left unexplained, or named as a later effect of it at the right place."""
     by_name = one.verdict == EXPLAINED and bool(one.causes) and set(one.named) <= one.other_names
     return (one.verdict == UNEXPLAINED or by_name) and one.place_is_right
 
@@ -71,7 +71,7 @@ def names_strangely(one: Outcome) -> bool:
 
 @dataclass(frozen=True)
 class ScoreRow:
-    """A figure beside what is asked of it.
+    """A figure with its required value.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class ScoreRow:
         Of the gaps that count, in words; empty when all do.
     value : float
     least, most : float, optional
-        What is asked.
+        Required values.
     cases : int
     interval : tuple of float, optional
         95 %.
@@ -101,7 +101,7 @@ class ScoreRow:
 
     @property
     def is_met(self) -> bool:
-        """Whether the figure is what is asked; not where there is no case."""
+        """Whether the figure is as required; not where there is no case."""
         low = self.least is None or self.value >= self.least
         return self.cases > 0 and low and (self.most is None or self.value <= self.most)
 
@@ -109,13 +109,13 @@ class ScoreRow:
 def rate_row(
     name: str, size: str, outcomes: Iterable[bool], least: float | None = None, most: float | None = None
 ) -> ScoreRow:
-    """Return how often something is so."""
+    """Return the row of a rate."""
     rate = Rate.of(outcomes)
     return ScoreRow(name, size, rate.value, least, most, rate.cases, rate.interval)
 
 
 def amplitude_rows(size: str, single: Sequence[Outcome], middle: float, worst: float | None) -> list[ScoreRow]:
-    """Return the amplitude left: the median, and where something is asked of it that of the worst effect."""
+    """Return the amplitude left: the median and, where it has a required value, that of the worst effect."""
     groups = defaultdict(list)
     for one in single:
         groups[one.truth[0]].append(one.amplitude_left)
@@ -133,7 +133,7 @@ def amplitude_rows(size: str, single: Sequence[Outcome], middle: float, worst: f
 
 
 def probability_rows(outcomes: Sequence[Outcome]) -> list[ScoreRow]:
-    """Return how much the probabilities of the first answers tell that the verdict alone does not."""
+    """Return the skill of the first answers' probabilities beyond that of the verdict alone."""
     pairs = [(one.verdict, one.first_told) for one in outcomes]
     told = [pair for _, pair in pairs if pair is not None]
     groups = defaultdict(list)

@@ -1,4 +1,4 @@
-"""Effects that are put into real recordings: those that follow a channel or the time have a size that can be told."""
+"""Effects injected into real recordings; those that follow a channel or the time have a size that can be stated."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -30,7 +30,7 @@ from tam_calibration.validation.blind.visible import Scaled, scale_to
 
 TRIES = 20
 SEEN = 0.2
-"""Of the size of what is added to a sensor, the least share that the fit must leave: below, the size depends on it."""
+"""Least share of an injected signal that the fit must leave: below, the size depends on the fit."""
 
 
 def _temperature_drift(rng: Generator, scene: Scene) -> Disturbance:
@@ -135,7 +135,7 @@ class Injected:
 def inject(
     time_s: FloatArray, readings_T: FloatArray, to_world: FloatArray | None, effect: str, times: float, seed: int
 ) -> Injected:
-    """Put an effect into a recording at some times the recording's own residual.
+    """Inject an effect into a recording, at a multiple of the recording's own residual.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ from tam_calibration.validation.blind.disturbance import (
 from tam_calibration.validation.blind.scene import Scene
 
 LEAST_FLIPS = 8
-"""A gain that changes less often steps."""
+"""Least number of changes: a gain with fewer counts as a step."""
 
 
 def gain_switching(rng: Generator, scene: Scene) -> Disturbance:
@@ -183,10 +183,10 @@ def saturation(rng: Generator, scene: Scene) -> Disturbance:
 Index = NDArray[np.integer[Any]]
 
 MOST_STALE = 0.4
-"""Part of the samples at which something stale may begin: with more of it the recording is another one."""
+"""Largest part of the samples at which stale readings may begin."""
 
 MOST_LOST = 0.6
-"""Part of the samples that may be lost: a recording with more of them is none."""
+"""Largest part of the samples that may be lost."""
 
 
 def stale_samples(rng: Generator, scene: Scene) -> Disturbance:

@@ -1,4 +1,4 @@
-"""What a diagnosis answered to a case, held against its key."""
+"""The answer of a diagnosis to a case, compared with its key."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,7 +11,7 @@ EXPLAINED = "explained"
 PARTLY_EXPLAINED = "partly_explained"
 UNEXPLAINED = "unexplained"
 NONE = "none"
-"""The hypothesis that it is none of the library's effects."""
+"""The hypothesis that the cause is none of the library's effects."""
 
 PARTNERS = (
     frozenset({"time_skew", "eddy_current"}),
@@ -25,7 +25,7 @@ Stated here and not read from the effects' classes: a judge who asks the judged 
 """
 
 FEW_CLIPPED = 3
-"""So few clipped samples are outliers to anyone who does not know."""
+"""Clipped samples up to this number cannot be told from outliers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ class Outcome:
 
     @cached_property
     def probabilities(self) -> dict[str, float]:
-        """What the answer gives to each hypothesis: the effects, `NO_GAP` and `NONE`."""
+        """The probability in the answer of each hypothesis: the effects, `NO_GAP` and `NONE`."""
         told = {cause["effect"]: cause["probability"] for cause in self.causes if "probability" in cause}
         told |= self.answer.get("probabilities") or {}
         given = {name: float(value) for name, value in told.items() if value is not None}
@@ -166,17 +166,17 @@ class Outcome:
 
     @property
     def amplitude_left(self) -> float:
-        """What is left of the gap's amplitude by the answer; one when it closes nothing."""
+        """The part of the gap's amplitude that remains by the answer; one when it closes nothing."""
         closed = (self.answer.get("gap") or {}).get("closed")
         return float(max(0.0, 1.0 - (closed or 0.0)) ** 0.5)
 
     @property
     def gap_told(self) -> float:
-        """The gap that the answer tells, in noise floors."""
+        """The gap that the answer states, in noise floors."""
         return float((self.answer.get("gap") or {}).get("before") or 0.0)
 
     def told_and_true(self) -> list[tuple[float, bool]]:
-        """Return every probability that the answer gives, and whether what it is given to is true."""
+        """Return every probability in the answer, and whether its hypothesis is true."""
         return [(value, name in self._true_names) for name, value in self.probabilities.items()]
 
     @property
@@ -190,20 +190,20 @@ class Outcome:
 
     @property
     def first_told(self) -> tuple[float, bool] | None:
-        """The probability that the answer gives to what it says first, and whether that is true."""
+        """The probability of the first answer, and whether it is true."""
         name = {NO_GAP: NO_GAP, UNEXPLAINED: NONE}.get(self.first, self.first)
         told = self.probabilities.get(name)
         return None if told is None else (told, name in self._true_names)
 
     @property
     def set_95(self) -> list[str] | None:
-        """The smallest set of causes that the answer holds the truth to be in with 95 %; none where it tells none."""
+        """The 95 % set of causes of the answer; None where it states none."""
         told = self.answer.get("set_95")
         return None if told is None else [str(name) for name in told]
 
     @property
     def set_holds(self) -> bool:
-        """Whether that set holds the truth: the cause, "unknown" for one outside the library, or "no_gap"."""
+        """Whether that set contains the truth: the cause, "unknown" for one outside the library, or "no_gap"."""
         true = {NO_GAP} if not self.truth else {*self.truth[:1], *self.other_names}
         if self.kind in ("outside", "withheld"):
             true.add("unknown")

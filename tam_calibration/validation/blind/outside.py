@@ -75,7 +75,7 @@ from tam_calibration.validation.blind.processes import draw_wander
 from tam_calibration.validation.blind.scene import Scene
 
 _LEAST_FALLS, _TRIES = 4, 50
-"""What falls less often is a bias that jumps."""
+"""Least number of falls (with fewer it is a bias jump), and attempts to draw so many."""
 
 
 def random_walk_bias(rng: Generator, scene: Scene) -> Disturbance:

@@ -10,16 +10,16 @@ from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray, from_nanotesla
 
 ROUNDS = 30
-"""Turns of fit and weights."""
+"""Iterations of fit and weights."""
 
 CUT = 4.685
-"""Robust standard deviations beyond which Tukey's weights are none: 95 % efficient for normal noise."""
+"""Robust standard deviations beyond which Tukey's weights are zero: 95 % efficient for normal noise."""
 
 NORMAL_MAD = 1 / NormalDist().inv_cdf(0.75)
 """Standard deviation of a normal law over the median of its absolute values."""
 
 EARTH_T = tuple(from_nanotesla(bound) for bound in (15_000.0, 100_000.0))
-"""Bounds of the geomagnetic field: a fit beyond ran away."""
+"""Bounds of the geomagnetic field: a fit beyond them diverged."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""The score of a set of cases: the figures that are asked of a diagnosis, and where it goes wrong."""
+"""The score of a set of cases: the figures required of a diagnosis, and its errors."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
@@ -30,7 +30,7 @@ from tam_calibration.validation.blind.outcome import EXPLAINED, NO_GAP, PARTLY_E
 from tam_calibration.validation.blind.rates import Bin, Rate, calibration_error, reliability_curve
 
 LEAST_PROBABILITY = 0.01
-"""What is given less is no statement; the many that are given nothing would make any curve look good."""
+"""Least probability that counts: the many that are near zero would make any reliability curve look good."""
 
 _KNOWN = ("single", "outside", "clean", "pair", "mixed", "large")
 """Kinds of cases whose key says what is true."""
@@ -40,7 +40,7 @@ LARGE, SMALL = "g ≥ 1", "g = 0.3"
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """What a set of answers is worth."""
+    """The score of a set of answers."""
 
     outcomes: Sequence[Outcome]
     without: Sequence[Outcome] = ()
@@ -51,7 +51,7 @@ class Score:
 
     @cached_property
     def rows(self) -> list[ScoreRow]:
-        """The figures asked for, first those of large gaps."""
+        """The required figures, first those of large gaps."""
         withheld = self.of_kind("withheld")
         known = [one for one in self.outcomes if one.kind in _KNOWN]
         one_truth = [one for one in known if one.kind not in ("pair", "mixed")]
@@ -128,7 +128,7 @@ class Score:
 
     @cached_property
     def reliability(self) -> list[Bin]:
-        """What came true over the probabilities told, where the key knows the truth."""
+        """Frequency of truth over stated probability, where the key knows the truth."""
         known = [one for one in self.outcomes if one.kind in _KNOWN]
         told = [pair for one in known for pair in one.told_and_true() if pair[0] >= LEAST_PROBABILITY]
         return reliability_curve(told) if told else []
@@ -201,7 +201,7 @@ class Score:
 
     @property
     def gap_told(self) -> float:
-        """Median of the gap told over the gap visible, of single effects."""
+        """Median ratio of the stated to the visible gap, of single effects."""
         return median([one.gap_told / one.visible_gap for one in self.of_kind("single")] or [float("nan")])
 
     @property

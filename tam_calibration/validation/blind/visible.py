@@ -1,4 +1,4 @@
-"""How much of a disturbance a recording shows, in noise floors, and the amplitude that makes a wanted gap."""
+"""The visible part of a disturbance, in noise floors, and the amplitude for a wanted gap."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +12,7 @@ from tam_calibration.validation.blind.disturbance import Disturbance, Signal
 from tam_calibration.validation.blind.scene import Scene
 
 CONSTANCY = 0.02
-"""Without a scalar its place is taken by an intensity that is constant to this share of the vectors' noise."""
+"""Standard deviation of the constant intensity that replaces a scalar, over the vectors' noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class NominalModel:
 
     @cached_property
     def field_directions(self) -> FloatArray:
-        """What a change of a sample's field does, orthonormal and whitened (N, 3K + 1, 3)."""
+        """Derivatives by each sample's field, orthonormal and whitened (N, 3K + 1, 3)."""
         scene = self.scene
         samples, sensors = scene.sample_count, scene.sensor_count
         vectors = np.broadcast_to(scene.response.reshape(1, 3 * sensors, 3), (samples, 3 * sensors, 3))
@@ -48,7 +48,7 @@ class NominalModel:
 
     @cached_property
     def tangent(self) -> FloatArray:
-        """What a change of the parameters does beyond the fields, whitened, columns of unit size (N (3K + 1), p)."""
+        """Derivatives by the parameters, fields projected out, whitened, columns of unit size (N (3K + 1), p)."""
         scene = self.scene
         samples, sensors = scene.sample_count, scene.sensor_count
         unit = np.column_stack([scene.field_T / scene.intensity_T.mean(), np.ones(samples)])
@@ -70,7 +70,7 @@ class NominalModel:
 
     @cached_property
     def conditioning(self) -> float:
-        """Smallest singular value of the tangent over its largest; near zero for a motion that tells too little."""
+        """Smallest singular value of the tangent over its largest; near zero for an uninformative motion."""
         values = svd(self.tangent.T @ self.tangent, compute_uv=False)
         return float(np.sqrt(max(values[-1], 0) / values[0]))
 
@@ -79,7 +79,7 @@ class NominalModel:
         return np.asarray(whitened - np.einsum("nij,nj->ni", directions, np.einsum("nkj,nk->nj", directions, whitened)))
 
     def whitened(self, signal: Signal) -> FloatArray:
-        """Return what is left of a signal when every sample's field is free (N, 3K + 1)."""
+        """Return the residual of a signal with every sample's field free (N, 3K + 1)."""
         vectors, scalar = signal
         if not self.scene.with_scalar:
             scalar = np.zeros_like(scalar)
@@ -87,13 +87,13 @@ class NominalModel:
         return self._without_fields(rows)
 
     def left(self, signal: Signal) -> FloatArray:
-        """Return what is left of a signal after the best nominal fit, in noise floors (N, 3K + 1)."""
+        """Return the residual of a signal after the nominal fit, in noise floors (N, 3K + 1)."""
         rows = self.whitened(signal)
         flat = rows.ravel()
         return np.asarray(flat - self.parameters @ (self.parameters.T @ flat)).reshape(rows.shape)
 
     def visible_gap(self, signal: Signal) -> float:
-        """Return the root mean square over the redundant channels of what is left."""
+        """Return the root mean square of that residual over the redundant channels."""
         left = self.left(signal)
         return float(np.sqrt((left**2).sum() / (len(left) * self.channels)))
 
@@ -105,19 +105,19 @@ STEPS = 60
 
 
 class VisibilityModel(Protocol):
-    """What a recording shows of a signal."""
+    """A model of which part of a signal is visible in a recording."""
 
     @property
     def scene(self) -> Scene:
         """The recording."""
 
     def visible_gap(self, signal: Signal) -> float:
-        """Return what is left of a signal by the nominal fit, in noise floors."""
+        """Return the residual of a signal after the nominal fit, in noise floors."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """A disturbance at an amplitude, with what it adds and how much of that is seen."""
+    """A disturbance at an amplitude, with its signal and visible gap."""
 
     disturbance: Disturbance
     amplitude: float
@@ -126,9 +126,9 @@ class Scaled:
 
 
 def scale_to(model: VisibilityModel, disturbance: Disturbance, gap: float, seen: Signal) -> Scaled | None:
-    """Return the disturbance at the amplitude that is seen with a gap; None when none is.
+    """Return the disturbance at the amplitude that has a wanted visible gap; None when none has.
 
-    The gap grows with the amplitude, for most in proportion; the search keeps to the bracket that it knows.
+    The gap grows with the amplitude, for most in proportion; the search stays within the known bracket.
     """
     low, high, amplitude = 0.0, np.inf, _start(model, disturbance)
     for _ in range(STEPS):
