@@ -34,7 +34,7 @@ COMPONENTS = {"axis": ["x", "y", "z"], "quaternion": ["x", "y", "z", "w"]}
 
 
 def reading_columns(sensor_count: int) -> list[str]:
-    """Return the columns of the readings of so many sensors: b1x_T, b1y_T, b1z_T, b2x_T …"""
+    """Return the columns of the readings of so many sensors: b1x_T, b1y_T, b1z_T, b2x_T and so on."""
     return [f"b{sensor}{axis}_T" for sensor in range(1, sensor_count + 1) for axis in "xyz"]
 
 
