@@ -6,6 +6,7 @@ from setuptools import find_packages, setup
 
 NAME = "tam_calibration"
 SHARE = f"share/{NAME}"
+NOTEBOOK = ["pandas>=2", "xarray>=2024.1"]
 DOCS = ["myst-parser", "numpydoc", "sphinx>=7.2", "sphinx-rtd-theme"]
 
 setup(
@@ -43,6 +44,7 @@ setup(
         "bench": ["circuitpython-mag-cal", "magcal", "navlib>=2"],
         "docs": DOCS,
         "fleet": ["distributed>=2024.1"],
+        "notebook": NOTEBOOK,
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
         "test": [
             "click>=8.2",
@@ -56,6 +58,7 @@ setup(
             "ruff",
             "types-PyYAML",
             *DOCS,
+            *NOTEBOOK,
         ],
     },
     entry_points={

@@ -118,7 +118,7 @@ def test_angles_are_converted_in_units_only():
 @pytest.mark.parametrize("statement", ["import tam_calibration", "from tam_calibration.cli.main import main; main()"])
 def test_start_loads_nothing_heavy(statement):
     """The package and ``tam --help`` answer at once: they load no library that takes long."""
-    heavy = {"numpy", "scipy", "matplotlib", "rclpy", "rosbags", "zstandard", "pydantic", "pandas"}
+    heavy = {"numpy", "scipy", "matplotlib", "rclpy", "rosbags", "zstandard", "pydantic", "pandas", "xarray"}
     code = f"""import atexit, sys
 sys.argv = ["tam", "--help"]
 atexit.register(lambda: print("loaded:", *({heavy!r} & set(sys.modules)), file=sys.stderr))

@@ -77,7 +77,8 @@ def test_every_import_is_declared(manifest, arguments):
     }
     depends = {depend.name for depend in manifest.exec_depends}
     ros = {name for name in depends if not name.startswith("python3-")} - {"launch", "launch_ros"}
-    optional = {requirement.split(">")[0] for requirement in arguments["extras_require"]["fleet"]}
+    extras = arguments["extras_require"]
+    optional = {requirement.split(">")[0] for requirement in extras["fleet"] + extras["notebook"]}
     assert third_party_imports() == required | ros | optional
     keys = {name.removeprefix("python3-").removesuffix("-pip") for name in depends if name.startswith("python3-")}
     assert keys == required - {"ppigrf", "pydantic", "zstandard"}  # by pip, as package.xml says

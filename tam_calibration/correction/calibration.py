@@ -124,6 +124,15 @@ class Corrected:
         NaN where the array's geometry has none.
     standard_errors : (9,) array
         Standard error of each column: sensor noise and the calibration's own uncertainty.
+
+    Examples
+    --------
+    >>> from tam_calibration import calibrate, correct, read_scenario, simulate
+    >>> made = simulate(read_scenario("wu_table_1"))
+    >>> corrected = correct(made.recording, calibrate(made.recording, made.scenario.array))
+    >>> field_T, gradient_T_per_m = corrected.outputs[:, :3], corrected.outputs[:, 3:]
+    >>> field_T.shape, gradient_T_per_m.shape
+    ((360, 3), (360, 6))
     """
 
     time_s: FloatArray
@@ -179,6 +188,16 @@ class Calibration:
         Of each effect, where they are known.
     known_source : KnownSource, optional
         What completed the calibration, where a source was recorded.
+
+    Examples
+    --------
+    >>> from tam_calibration import calibrate, read_scenario, simulate
+    >>> made = simulate(read_scenario("wu_table_1"))
+    >>> calibration = calibrate(made.recording, made.scenario.array)
+    >>> (calibration.errors.bias_T[0] * 1e9).round()  # nT, sensor 1; the truth is 36, 22, -24
+    array([ 36.,  22., -24.])
+    >>> calibration.standard_errors.shape, calibration.has_scalar_reference
+    ((4, 12), True)
     """
 
     method: str
@@ -213,7 +232,18 @@ class Calibration:
         return (self.frame, *scale, *gradient, *effects)
 
     def is_of(self, array: Array) -> bool:
-        """Whether it is of an array as stated, whose baselines a known source may have corrected since."""
+        """Whether it is of an array as stated, whose baselines a known source may have corrected since.
+
+        Parameters
+        ----------
+        array : Array
+            As its file states it; its noise does not matter.
+
+        Returns
+        -------
+        bool
+            True where the sensors are at the same places, to a micrometre.
+        """
         if self.known_source is None or self.array.has_geometry_of(array):
             return self.array.has_geometry_of(array)
         stated = self.array.positions_m / self.known_source.baseline_scale
@@ -270,6 +300,16 @@ class Calibration:
     def correct(self, recording: Recording) -> Corrected:
         """Return the centre vector and gradient tensor of raw readings, what the effects of the sensors add taken off.
 
+        Parameters
+        ----------
+        recording : Recording
+            Raw readings (N, K, 3), tesla, of the array that was calibrated.
+
+        Returns
+        -------
+        Corrected
+            (N, 9) outputs in the array frame, tesla and T/m, and the standard error of each column.
+
         Raises
         ------
         InputError
@@ -286,6 +326,16 @@ class Calibration:
     def without_effects(self, recording: Recording) -> Recording:
         """Return the recording as it would be if no effect had added to its sensors and its scalar.
 
+        Parameters
+        ----------
+        recording : Recording
+            Of the array that was calibrated, with the channels that the effects follow.
+
+        Returns
+        -------
+        Recording
+            With readings and scalar that are raw still, tesla; itself where the calibration has no effects.
+
         Raises
         ------
         InputError
@@ -301,7 +351,18 @@ class Calibration:
         return replace(recording, readings_T=readings, scalar_T=scalar)
 
     def apply(self, readings_T: FloatArray) -> FloatArray:
-        """Return the (N, 9) outputs of (N, K, 3) readings without effects; no sample depends on its neighbours."""
+        """Return the outputs of readings that no effect adds to; no sample depends on its neighbours.
+
+        Parameters
+        ----------
+        readings_T : (N, K, 3) array
+            Raw readings along the sensors' own axes, tesla.
+
+        Returns
+        -------
+        (N, 9) array
+            Outputs in the order of ``array.OUTPUT_NAMES``, array frame, tesla and T/m.
+        """
         unbiased = (readings_T - self.errors.bias_T).reshape(len(readings_T), -1)
         outputs: FloatArray = np.einsum("nj,ij->ni", unbiased, self.correction_matrix)
         return outputs

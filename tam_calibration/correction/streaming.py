@@ -51,6 +51,16 @@ def correct(recording: Recording, calibration: Calibration) -> Corrected:
     InputError
         When the recording has another number of sensors or lacks a channel that an effect needs, or its readings are
         not geomagnetic in tesla.
+
+    Examples
+    --------
+    >>> from tam_calibration import calibrate, correct, read_scenario, simulate
+    >>> made = simulate(read_scenario("wu_table_1"))
+    >>> corrected = correct(made.recording, calibrate(made.recording, made.scenario.array))
+    >>> corrected.outputs.shape  # bx by bz [T], gxx gxy gxz gyy gyz gzz [T/m]
+    (360, 9)
+    >>> (corrected.standard_errors[:3] * 1e9).round(1)  # nT: 1 nT of noise in each of four sensors
+    array([0.5, 0.5, 0.5])
     """
     return calibration.correct(recording)
 

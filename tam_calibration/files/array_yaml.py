@@ -82,10 +82,29 @@ class ArrayFile(Document):
 def read_array(path: str | Path) -> Array:
     """Read an array file.
 
+    Parameters
+    ----------
+    path : str or Path
+        The YAML file: ``baseline_m`` of a cross or ``positions_m``, metres, and the noise in nT where it is known.
+
+    Returns
+    -------
+    Array
+        In SI; a noise that the file does not state is None.
+
     Raises
     ------
     InputError
         When it cannot be read, a key is not known, or the values make no array.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tam_calibration import read_array
+    >>> written = Path("cross.yaml").write_text("{baseline_m: 0.5, vector_noise_nT: 1.0}")
+    >>> array = read_array("cross.yaml")
+    >>> array.sensor_count, array.vector_noise_T
+    (4, array([1.e-09, 1.e-09, 1.e-09, 1.e-09]))
     """
     with mapping_in(Path(path)) as content:
         return array_from_mapping(content)

@@ -30,10 +30,28 @@ COVARIANCE_ORDER = (
 def read_calibration(path: str | Path) -> Calibration:
     """Read a calibration file.
 
+    Parameters
+    ----------
+    path : str or Path
+        The YAML file.
+
+    Returns
+    -------
+    Calibration
+        In SI; its numbers are those that were written, to the last bit.
+
     Raises
     ------
     InputError
         When it cannot be read, is of another version, or is damaged.
+
+    Examples
+    --------
+    >>> from tam_calibration import calibrate, read_calibration, read_scenario, simulate, write_calibration
+    >>> made = simulate(read_scenario("wu_table_1"))
+    >>> write_calibration("calibration.yaml", calibrate(made.recording, made.scenario.array))
+    >>> read_calibration("calibration.yaml").method
+    'maximum_likelihood'
     """
     path = Path(path)
     return calibration_from_yaml(read_text(path), str(path))
@@ -42,10 +60,26 @@ def read_calibration(path: str | Path) -> Calibration:
 def write_calibration(path: str | Path, calibration: Calibration) -> None:
     """Write a calibration file.
 
+    Parameters
+    ----------
+    path : str or Path
+        The YAML file; one that is there is replaced once the new one is whole.
+    calibration : Calibration
+        What it shall hold; biases are written in nT, angles in degrees, the covariance in SI.
+
     Raises
     ------
     InputError
         When the file cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tam_calibration import calibrate, read_scenario, simulate, write_calibration
+    >>> made = simulate(read_scenario("wu_table_1"))
+    >>> write_calibration("calibration.yaml", calibrate(made.recording, made.scenario.array))
+    >>> print(Path("calibration.yaml").read_text().splitlines()[0])
+    schema: tam_calibration/calibration/1
     """
     with write_whole(Path(path)) as beside:
         beside.write_text(calibration_to_yaml(calibration), encoding="utf-8")

@@ -77,17 +77,31 @@ def read_recording(path: str | Path, sensor_count: int | None = None, tolerance_
 
     Parameters
     ----------
-    path : Path
-        The file or folder.
+    path : str or Path
+        The file or folder: a bag (sqlite3 or mcap), or a CSV file with the columns time_s, b1x_nT … bKz_nT and those of
+        the channels.
     sensor_count : int, optional
         Number of sensors that there must be; by default as many as there are.
     tolerance_s : float
         Greatest difference of stamps within a sample of a bag, seconds.
 
+    Returns
+    -------
+    Recording
+        In SI.
+
     Raises
     ------
     InputError
         When it cannot be read, or holds no recording.
+
+    Examples
+    --------
+    >>> from tam_calibration import read_recording, read_scenario, simulate
+    >>> simulate(read_scenario("wu_table_1")).recording.to_pandas().to_csv("run.csv")  # fields in T, as b1x_T says
+    >>> recording = read_recording("run.csv", sensor_count=4)
+    >>> recording.sample_count, recording.scalar_count, recording.temperature_C
+    (360, 360, None)
     """
     return read_samples(Path(path), sensor_count, tolerance_s).recording
 

@@ -26,10 +26,27 @@ def shipped_scenarios() -> dict[str, Path]:
 def read_scenario(name_or_path: str | Path) -> Scenario:
     """Read a scenario file, or a shipped scenario by its name.
 
+    Parameters
+    ----------
+    name_or_path : str or Path
+        auv, tumble_100_hz, warming_up, wu_table_1 or wu_turntable, or a YAML file.
+
+    Returns
+    -------
+    Scenario
+        In SI.
+
     Raises
     ------
     InputError
         When there is none, a key is not known or missing, or the values make no scenario.
+
+    Examples
+    --------
+    >>> from tam_calibration import read_scenario
+    >>> scenario = read_scenario("wu_table_1")  # Wu 2025, Table 1
+    >>> scenario.sample_count, scenario.array.sensor_count, scenario.effects
+    (360, 4, ())
     """
     shipped = shipped_scenarios()
     path = shipped.get(str(name_or_path), Path(name_or_path))

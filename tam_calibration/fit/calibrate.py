@@ -50,19 +50,22 @@ def calibrate(
 
     Parameters
     ----------
-    recording : SampleSource
-        Samples in a uniform field, the array turned through many directions.
+    recording : Recording
+        Samples (N, K, 3), tesla, in a uniform field, the array turned through many directions; any ``SampleSource``
+        where it is larger than memory.
     array : Array
-        Geometry and noise.
+        Geometry and noise, of K sensors; a noise that is not stated is estimated.
     method : str
-        A name of ``METHODS``.
+        "maximum_likelihood", "robust", "lossless", "artificial_vector", "fast_rotation", "integrated",
+        "two_step_linear" or "simplified_linear".
     ambient_gradient : bool
         Whether the field had a gradient, which the recorded attitude tells from the errors of the sensors.
 
     Returns
     -------
     Calibration
-        With the residuals of held-out blocks of time where the recording is long enough.
+        Scale factors, non-orthogonality and misalignment [rad] and bias [T] of each sensor, with their covariance, and
+        the residuals of held-out blocks of time where the recording is long enough.
 
     Raises
     ------
@@ -70,6 +73,16 @@ def calibrate(
         When the recording cannot be used, does not belong to the array or leaves parameters open.
     Refused
         When the recording is not one calibration.
+
+    Examples
+    --------
+    >>> from tam_calibration import calibrate, read_scenario, simulate
+    >>> made = simulate(read_scenario("wu_table_1"))
+    >>> calibration = calibrate(made.recording, made.scenario.array)
+    >>> calibration.errors.scale_factor[1].round(3)  # sensor 2, x y z; the truth is 1.02, 0.96, 1.05
+    array([1.02, 0.96, 1.05])
+    >>> calibration.warnings
+    ()
     """
     fit = _fit_of(method, ambient_gradient)
     if recording.sensor_count != array.sensor_count:

@@ -32,7 +32,7 @@ def diagnose(
     Parameters
     ----------
     recording : Recording
-        Of one run; every channel that it has helps.
+        Raw readings (N, K, 3) of one run, tesla; every channel that it has helps.
     array : Array
         Geometry, noise, and what the intensity of the field can be; a noise that is not stated is estimated.
     without : collection of str
@@ -43,12 +43,20 @@ def diagnose(
     Returns
     -------
     Gap
-        The verdict with its evidence.
+        The verdict with its evidence; sizes in tesla, T/m and noise floors.
 
     Raises
     ------
     InputError
         When the recording cannot be used or does not belong to the array.
+
+    Examples
+    --------
+    >>> from tam_calibration import diagnose, read_scenario, simulate
+    >>> made = simulate(read_scenario("wu_table_1"))
+    >>> gap = diagnose(made.recording, made.scenario.array)
+    >>> gap.verdict, gap.causes
+    ('no_gap', ())
     """
     if recording.sensor_count != array.sensor_count:
         raise InputError(

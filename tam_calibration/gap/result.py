@@ -202,6 +202,16 @@ class Gap:
         Whether the residual with the causes looks like the twin's; None without a verdict.
     remainder : str
         Description of the part that no cause explains; empty where there is none.
+
+    Examples
+    --------
+    >>> from tam_calibration import diagnose, read_scenario, simulate
+    >>> made = simulate(read_scenario("wu_table_1"))
+    >>> gap = diagnose(made.recording, made.scenario.array)
+    >>> print(gap.headline)
+    No gap: what the calibration leaves is noise.
+    >>> gap.residue.before.shape  # of each sample: three axes of four sensors, and the scalar
+    (360, 13)
     """
 
     verdict: Verdict

@@ -85,6 +85,18 @@ class Survey:
     ------
     Refused
         When not one sample was located.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tam_calibration.localization.solutions import EulerSolutions, Status
+    >>> from tam_calibration.localization.survey import ARRAY_FRAME, Survey
+    >>> place_m, moment_Am2 = np.array([[3.0, 1.0, -2.0]]), np.array([[0.0, 0.0, 50.0]])
+    >>> covariance = 0.01 * np.eye(3)[None]
+    >>> solutions = EulerSolutions(place_m, covariance, moment_Am2, covariance, np.array([Status.LOCATED]))
+    >>> survey = Survey(ARRAY_FRAME, np.array([0.0]), solutions, center_m=np.zeros((1, 3)))
+    >>> survey.position_standard_errors_m
+    array([[0.1, 0.1, 0.1]])
     """
 
     frame: str

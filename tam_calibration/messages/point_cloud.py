@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.model.array import OUTPUT_NAMES
+from tam_calibration.model.conversion import ATTITUDE_COLUMNS, reading_columns
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
@@ -26,7 +27,7 @@ CHANNEL_COLUMNS = {
     "scalar": ("scalar_T",),
     "temperature": ("temperature_C",),
     "current": ("current_A",),
-    "attitude": ("qx", "qy", "qz", "qw"),
+    "attitude": ATTITUDE_COLUMNS,
 }
 """Columns of the channels beside the sensors, in their order in a sample."""
 
@@ -82,8 +83,8 @@ class SampleLayout:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns in SI: time_s, b1x_T … bKz_T, scalar_T, temperature_C, current_A, qx … qw."""
-        readings = [f"b{sensor}{axis}_T" for sensor in range(1, self.sensor_count + 1) for axis in "xyz"]
-        return ("time_s", *readings, *(column for channel in self.channels for column in CHANNEL_COLUMNS[channel]))
+        channels = (column for channel in self.channels for column in CHANNEL_COLUMNS[channel])
+        return ("time_s", *reading_columns(self.sensor_count), *channels)
 
     @property
     def channels(self) -> tuple[str, ...]:

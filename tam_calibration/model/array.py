@@ -56,6 +56,22 @@ class Array:
     ------
     InputError
         When a position or noise is not finite, not positive or has the wrong shape.
+
+    Examples
+    --------
+    A cross with a baseline of half a metre and 1 nT of noise sees the gradient:
+
+    >>> from tam_calibration import Array
+    >>> cross = Array.cross(0.5, vector_noise_T=1e-9)
+    >>> cross.positions_m.tolist()
+    [[0.25, 0.0, 0.0], [0.0, 0.25, 0.0], [-0.25, 0.0, 0.0], [0.0, -0.25, 0.0]]
+    >>> cross.has_gradient
+    True
+
+    Two sensors do not:
+
+    >>> Array([[0.25, 0, 0], [-0.25, 0, 0]]).has_gradient
+    False
     """
 
     positions_m: FloatArray
@@ -103,6 +119,20 @@ class Array:
         cls, baseline_m: float, vector_noise_T: float | None = None, scalar_noise_T: float | None = None
     ) -> "Array":
         """Make the four-sensor cross: sensors 1, 3 at +x, -x and 2, 4 at +y, -y, half a baseline out.
+
+        Parameters
+        ----------
+        baseline_m : float
+            Distance between opposite sensors, metres.
+        vector_noise_T : float, optional
+            Noise of each axis of all sensors, tesla; None means unknown.
+        scalar_noise_T : float, optional
+            Noise of the scalar magnetometer, tesla; None means unknown.
+
+        Returns
+        -------
+        Array
+            Of four sensors, the scalar magnetometer at the centre.
 
         Raises
         ------
@@ -163,12 +193,30 @@ class Array:
         return operator
 
     def with_noise(self, vector_noise_T: FloatArray, scalar_noise_T: float) -> "KnownNoiseArray":
-        """Return the array with noise of each sensor's axes (K,) and of the scalar magnetometer, tesla."""
+        """Return the array with other noise.
+
+        Parameters
+        ----------
+        vector_noise_T : (K,) array
+            Of each axis of each sensor, tesla.
+        scalar_noise_T : float
+            Of the scalar magnetometer, tesla; 0 where there is none.
+
+        Returns
+        -------
+        KnownNoiseArray
+            The same geometry with this noise.
+        """
         own = {each.name: getattr(self, each.name) for each in fields(self)}
         return KnownNoiseArray(**own | {"vector_noise_T": vector_noise_T, "scalar_noise_T": scalar_noise_T})
 
     def with_stated_noise(self) -> "KnownNoiseArray":
         """Return the array with its noise as stated; that of a scalar magnetometer is zero where there is none.
+
+        Returns
+        -------
+        KnownNoiseArray
+            The same geometry and noise.
 
         Raises
         ------
@@ -180,7 +228,18 @@ class Array:
         return self.with_noise(self.vector_noise_T, self.scalar_noise_T or 0.0)
 
     def has_geometry_of(self, other: "Array") -> bool:
-        """Whether the other array has its sensors at the same places, to a micrometre."""
+        """Whether the other array has its sensors at the same places, to a micrometre.
+
+        Parameters
+        ----------
+        other : Array
+            Which may have another number of sensors; its noise does not matter.
+
+        Returns
+        -------
+        bool
+            True where the element of each axis is at the same place.
+        """
         return self.positions_m.shape == other.positions_m.shape and bool(
             np.allclose(self.element_positions_m, other.element_positions_m, rtol=0, atol=1e-6)
         )

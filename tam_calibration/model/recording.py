@@ -2,13 +2,18 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
+from tam_calibration.model import conversion
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.units import FloatArray
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
 
 CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude")
 """What may be recorded beside the sensors; a channel that holds nothing but NaN is absent."""
@@ -83,6 +88,15 @@ class Recording:
     ------
     InputError
         When a shape is wrong, a value that is needed is not finite, or time does not increase.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tam_calibration import Recording
+    >>> readings_T = np.full((3, 4, 3), 30e-6)  # three samples of four sensors
+    >>> recording = Recording(np.array([0.0, 0.1, 0.2]), readings_T, scalar_T=np.full(3, 52e-6))
+    >>> recording.sample_count, recording.sensor_count, recording.time_span_s
+    (3, 4, (0.0, 0.2))
     """
 
     time_s: FloatArray
@@ -174,25 +188,175 @@ class Recording:
         return float(self.time_s[0]), float(self.time_s[-1])
 
     def blocks(self) -> Iterator[Block]:
-        """Yield all samples in the order of time, ``BLOCK`` at once but for the last."""
+        """Yield all samples in the order of time, ``BLOCK`` at once but for the last.
+
+        Yields
+        ------
+        Block
+            Times (n,) in seconds, readings (n, K, 3) and scalar (n,) in tesla.
+        """
         for start in range(0, self.sample_count, BLOCK):
             part = slice(start, start + BLOCK)
             scalar = None if self.scalar_T is None else self.scalar_T[part]
             yield Block(self.time_s[part], self.readings_T[part], scalar)
 
     def thinned(self, most: int) -> "Recording":
-        """Return every n-th sample, so that there are at most so many."""
+        """Return every n-th sample, so that there are at most so many.
+
+        Parameters
+        ----------
+        most : int
+            The number of samples that there may be.
+
+        Returns
+        -------
+        Recording
+            The first sample and every n-th after it, with the smallest such n; itself where it is short enough.
+        """
         stride = -(-self.sample_count // most)
         return self if stride == 1 else self.take(slice(None, None, stride))
 
     def whole(self) -> "Recording":
-        """Return the recording itself."""
+        """Return the recording itself, which is in memory.
+
+        Returns
+        -------
+        Recording
+            Itself.
+        """
         return self
 
     def take(self, index: slice | np.ndarray) -> "Recording":
-        """Return the recording of the samples that a slice, mask or increasing index selects."""
-        chosen = {field.name: getattr(self, field.name) for field in fields(self)}
-        return replace(self, **{name: value[index] for name, value in chosen.items() if value is not None})
+        """Return the recording of some of the samples.
+
+        Parameters
+        ----------
+        index : slice or array
+            A slice, a mask (N,) or increasing positions.
+
+        Returns
+        -------
+        Recording
+            With every channel that has a value left.
+
+        Raises
+        ------
+        InputError
+            When no sample is selected, or the order of time is not kept.
+        """
+        return replace(self, **{name: value[index] for name, value in self._values().items()})
+
+    def _values(self) -> dict[str, FloatArray]:
+        """Return the fields that are there, by name."""
+        return {field.name: value for field in fields(self) if (value := getattr(self, field.name)) is not None}
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Return the samples as a table, one row each.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index ``time_s``; columns as in a CSV file but SI: b1x_T, b1y_T, b1z_T … bKz_T along the sensors' own axes,
+            then what there is of scalar_T, temperature_C, current_A, qx, qy, qz, qw.
+
+        Raises
+        ------
+        InputError
+            When pandas is not installed.
+
+        Examples
+        --------
+        >>> from tam_calibration import read_scenario, simulate
+        >>> frame = simulate(read_scenario("wu_table_1")).recording.to_pandas()
+        >>> frame.shape
+        (360, 13)
+        >>> list(frame.columns[:4])
+        ['b1x_T', 'b1y_T', 'b1z_T', 'b2x_T']
+        """
+        return conversion.to_pandas(self._values())
+
+    @classmethod
+    def from_pandas(cls, frame: "pandas.DataFrame") -> "Recording":
+        """Make a recording of a table as ``to_pandas`` returns it.
+
+        Parameters
+        ----------
+        frame : pandas.DataFrame
+            Its columns in any order; ``time_s`` is the index or a column. What is missing in a channel is NaN.
+
+        Returns
+        -------
+        Recording
+            Of its rows.
+
+        Raises
+        ------
+        InputError
+            When a column is missing, not known or not of numbers, or the values make no recording.
+
+        Examples
+        --------
+        >>> from tam_calibration import Recording, read_scenario, simulate
+        >>> frame = simulate(read_scenario("wu_table_1")).recording.to_pandas()
+        >>> Recording.from_pandas(frame[frame.index < 100]).readings_T.shape
+        (100, 4, 3)
+        """
+        return cls(**conversion.from_pandas(frame))
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Return the samples as a dataset with labelled dimensions.
+
+        Returns
+        -------
+        xarray.Dataset
+            Variables by the names of the fields that are there: ``readings_T`` over ``time_s``, ``sensor`` (1 to K) and
+            ``axis`` (x, y, z, the sensor's own), ``attitude`` over ``time_s`` and ``quaternion`` (x, y, z, w), the
+            others over ``time_s``; each has its unit as the attribute ``units``.
+
+        Raises
+        ------
+        InputError
+            When xarray is not installed.
+
+        Examples
+        --------
+        >>> from tam_calibration import read_scenario, simulate
+        >>> dataset = simulate(read_scenario("wu_table_1")).recording.to_xarray()
+        >>> dataset["readings_T"].sel(sensor=2, axis="z").shape
+        (360,)
+        >>> dataset["scalar_T"].attrs["units"]
+        'T'
+        """
+        return conversion.to_xarray(self._values())
+
+    @classmethod
+    def from_xarray(cls, dataset: "xarray.Dataset") -> "Recording":
+        """Make a recording of a dataset as ``to_xarray`` returns it.
+
+        Parameters
+        ----------
+        dataset : xarray.Dataset
+            Its dimensions and the labels of ``axis`` and ``quaternion`` in any order, its sensors in that of the array.
+
+        Returns
+        -------
+        Recording
+            Of its samples.
+
+        Raises
+        ------
+        InputError
+            When a variable, dimension or label is missing, a variable is not known or has another unit, or the values
+            make no recording.
+
+        Examples
+        --------
+        >>> from tam_calibration import Recording, read_scenario, simulate
+        >>> dataset = simulate(read_scenario("wu_table_1")).recording.to_xarray()
+        >>> Recording.from_xarray(dataset.isel(time_s=slice(100))).readings_T.shape
+        (100, 4, 3)
+        """
+        return cls(**conversion.from_xarray(dataset))
 
     def check_plausible(self, field: FieldBounds = EARTH_FIELD) -> None:
         """Check that readings and scalar can be those of a field in tesla that the array was turned in.

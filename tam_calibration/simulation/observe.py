@@ -92,6 +92,15 @@ class Simulation:
         True field at the array's centre in the array frame, tesla.
     gradient_T_per_m : (N, 3, 3) array
         True gradient tensor there in the array frame, T/m.
+
+    Examples
+    --------
+    >>> from tam_calibration import read_scenario, simulate
+    >>> made = simulate(read_scenario("wu_table_1"))
+    >>> made.center_field_T.shape, made.attitude.shape, made.gradient_T_per_m.shape
+    ((360, 3), (360, 4), (360, 3, 3))
+    >>> (made.errors.bias_T[0] * 1e9).round(6)  # nT, sensor 1
+    array([ 36.,  22., -24.])
     """
 
     scenario: Scenario
@@ -109,10 +118,29 @@ class Simulation:
 def simulate(scenario: Scenario) -> Simulation:
     """Return the recording of a scenario, with the truth.
 
+    Parameters
+    ----------
+    scenario : Scenario
+        Array, errors, site, motion and seed: the same scenario gives the same recording.
+
+    Returns
+    -------
+    Simulation
+        What the K sensors read, (N, K, 3), tesla, with the field and gradient of the array frame that they read.
+
     Raises
     ------
     InputError
-        When the scenario's drift does not span the run.
+        When the scenario's drift does not span the run, or an effect cannot act in it.
+
+    Examples
+    --------
+    >>> from tam_calibration import read_scenario, simulate
+    >>> made = simulate(read_scenario("wu_table_1"))
+    >>> made.recording.readings_T.shape
+    (360, 4, 3)
+    >>> round(float(1e6 * (made.center_field_T[0] ** 2).sum() ** 0.5), 3)  # µT
+    54.956
     """
     time_s = scenario.time_s
     attitude = scenario.motion.attitudes(time_s, _generator(scenario, "motion"))

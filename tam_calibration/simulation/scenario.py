@@ -37,14 +37,14 @@ class Scenario:
         Of all random numbers.
     drift : Drift, optional
         Of the uniform field.
-    site_gradient_T_per_m : (3, 3) array, optional
-        Gradient of the site's field, symmetric and trace-free, east, north, up, T/m.
     dipole : Dipole, optional
         A magnetic object near the array.
     scalar : ScalarReference, optional
         The scalar magnetometer, where the array has it; None when there is none.
     temperature, current, attitude : optional
         Channels that are recorded beside the sensors.
+    site_gradient_T_per_m : (3, 3) array, optional
+        Gradient of the site's field, symmetric and trace-free, east, north, up, T/m.
     effects : tuple of FittedEffect
         Physical effects beyond the sensors' errors.
 
@@ -52,6 +52,16 @@ class Scenario:
     ------
     InputError
         When counts differ or a value is out of range.
+
+    Examples
+    --------
+    Another seed draws other noise for the same run:
+
+    >>> from dataclasses import replace
+    >>> from tam_calibration import read_scenario, simulate
+    >>> scenario = replace(read_scenario("wu_table_1"), seed=7)
+    >>> simulate(scenario).recording.sample_count
+    360
     """
 
     array: Array

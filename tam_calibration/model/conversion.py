@@ -1,0 +1,148 @@
+"""The values of a recording as a table of pandas or a dataset of xarray; neither is loaded before it is asked for."""
+
+import re
+from collections.abc import Mapping
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+ATTITUDE_COLUMNS = ("qx", "qy", "qz", "qw")
+"""Columns of the attitude in a table; any other channel is one column of its own name."""
+
+SINGLE_CHANNELS = ("scalar_T", "temperature_C", "current_A")
+
+DIMENSIONS = {
+    "readings_T": ("time_s", "sensor", "axis"),
+    **dict.fromkeys(SINGLE_CHANNELS, ("time_s",)),
+    "attitude": ("time_s", "quaternion"),
+}
+"""Dimensions of each variable of a dataset."""
+
+UNITS = {"time_s": "s", "readings_T": "T", "scalar_T": "T", "temperature_C": "degC", "current_A": "A", "attitude": "1"}
+"""Attribute ``units`` of each variable of a dataset."""
+
+COMPONENTS = {"axis": ["x", "y", "z"], "quaternion": ["x", "y", "z", "w"]}
+"""Labels of the dimensions whose order has a meaning."""
+
+
+def reading_columns(sensor_count: int) -> list[str]:
+    """Return the columns of the readings of so many sensors: b1x_T, b1y_T, b1z_T, b2x_T and so on."""
+    return [f"b{sensor}{axis}_T" for sensor in range(1, sensor_count + 1) for axis in "xyz"]
+
+
+def to_pandas(values: Mapping[str, FloatArray]) -> "pandas.DataFrame":
+    """Return the table of a recording's values.
+
+    Parameters
+    ----------
+    values : mapping of str to array
+        The fields of a ``Recording`` that are there, by name.
+
+    Raises
+    ------
+    InputError
+        When pandas is not installed.
+    """
+    table = _library("pandas")
+    readings = values["readings_T"]
+    columns = dict(zip(reading_columns(readings.shape[1]), readings.reshape(len(readings), -1).T, strict=True))
+    columns |= {name: values[name] for name in SINGLE_CHANNELS if name in values}
+    if "attitude" in values:
+        columns |= zip(ATTITUDE_COLUMNS, values["attitude"].T, strict=True)
+    frame: pandas.DataFrame = table.DataFrame(columns, index=table.Index(values["time_s"], name="time_s"))
+    return frame
+
+
+def from_pandas(frame: "pandas.DataFrame") -> dict[str, FloatArray]:
+    """Return the values of a table as ``to_pandas`` makes it, in any order of its columns.
+
+    Raises
+    ------
+    InputError
+        When a column is missing, not known, there twice or not of numbers.
+    """
+    table = frame if "time_s" in frame.columns else frame.reset_index()
+    names = list(table.columns)
+    sensors = sum(bool(re.fullmatch(r"b[1-9]\d*x_T", str(name))) for name in names)
+    attitude = ATTITUDE_COLUMNS if set(ATTITUDE_COLUMNS) & set(names) else ()
+    needed = ["time_s", *reading_columns(max(sensors, 1)), *attitude]
+    if missing := [name for name in needed if name not in names]:
+        raise InputError(f"column {missing[0]!r} is missing: a recording of {sensors} sensors has {', '.join(needed)}")
+    if others := [name for name in names if name not in (*needed, *SINGLE_CHANNELS)]:
+        raise InputError(f"column {others[0]!r} is not known: a recording has {', '.join((*needed, *SINGLE_CHANNELS))}")
+    if len(set(names)) < len(names):
+        raise InputError("a column is there twice")
+    try:
+        columns = {name: table[name].to_numpy(dtype=float, na_value=np.nan) for name in names}
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"the table holds what is not a number: {problem}") from None
+    readings = np.column_stack([columns[name] for name in reading_columns(sensors)]).reshape(-1, sensors, 3)
+    values = {"time_s": columns["time_s"], "readings_T": readings}
+    values |= {name: columns[name] for name in SINGLE_CHANNELS if name in columns}
+    return values | ({"attitude": np.column_stack([columns[name] for name in attitude])} if attitude else {})
+
+
+def to_xarray(values: Mapping[str, FloatArray]) -> "xarray.Dataset":
+    """Return the dataset of a recording's values.
+
+    Parameters
+    ----------
+    values : mapping of str to array
+        The fields of a ``Recording`` that are there, by name.
+
+    Raises
+    ------
+    InputError
+        When xarray is not installed.
+    """
+    numbers = np.arange(1, values["readings_T"].shape[1] + 1)
+    used = {dimension for name in values if name != "time_s" for dimension in DIMENSIONS[name]}
+    labels = {name: label for name, label in COMPONENTS.items() if name in used}
+    variables = {
+        name: (dimensions, values[name], {"units": UNITS[name]})
+        for name, dimensions in DIMENSIONS.items()
+        if name in values
+    }
+    time = ("time_s", values["time_s"], {"units": UNITS["time_s"]})
+    dataset: xarray.Dataset = _library("xarray").Dataset(variables, {"time_s": time, "sensor": numbers, **labels})
+    return dataset
+
+
+def from_xarray(dataset: "xarray.Dataset") -> dict[str, FloatArray]:
+    """Return the values of a dataset as ``to_xarray`` makes it, in any order of its dimensions and components.
+
+    Raises
+    ------
+    InputError
+        When a variable, dimension or label is missing, or a variable or unit is another.
+    """
+    if others := [name for name in dataset.data_vars if name not in DIMENSIONS]:
+        raise InputError(f"variable {others[0]!r} is not known: a recording has {', '.join(DIMENSIONS)}")
+    if missing := [name for name in ("time_s", "readings_T") if name not in dataset.variables]:
+        raise InputError(f"variable {missing[0]!r} is missing: a recording has {', '.join(('time_s', *DIMENSIONS))}")
+    values = {"time_s": np.asarray(dataset["time_s"], dtype=float)}
+    for name in dataset.data_vars:
+        variable = dataset[name]
+        if (unit := variable.attrs.get("units", UNITS[name])) != UNITS[name]:
+            raise InputError(f"variable {name} is in {unit!r} and must be in {UNITS[name]!r}")
+        try:
+            chosen = {each: COMPONENTS[each] for each in DIMENSIONS[name] if each in COMPONENTS}
+            values[str(name)] = np.asarray(variable.transpose(*DIMENSIONS[name]).sel(chosen), dtype=float)
+        except (KeyError, ValueError) as problem:
+            raise InputError(f"variable {name} must have the dimensions {DIMENSIONS[name]}: {problem}") from None
+    return values
+
+
+def _library(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ModuleNotFoundError:
+        raise InputError(f"{name} is not installed: pip install 'tam_calibration[notebook]'") from None

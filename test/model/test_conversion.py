@@ -1,0 +1,128 @@
+import sys
+
+import numpy as np
+import pandas
+import pytest
+import xarray
+
+from tam_calibration import InputError, Recording
+from tam_calibration.messages.point_cloud import SampleLayout
+
+COUNT, SENSORS = 5, 2
+
+
+def recording(**channels):
+    """Return a recording without a value that is there twice."""
+    readings_T = 1e-6 * (1 + np.arange(COUNT * SENSORS * 3.0)).reshape(COUNT, SENSORS, 3)
+    return Recording(0.1 * np.arange(COUNT), readings_T, **channels)
+
+
+FULL = recording(
+    scalar_T=np.array([5e-5, np.nan, 5.1e-5, 5.2e-5, 5.3e-5]),
+    temperature_C=np.linspace(10, 11, COUNT),
+    current_A=np.linspace(0, 1, COUNT),
+    attitude=np.array([[1.0, 2, 3, 4 + index] for index in range(COUNT)]),
+)
+CASES = pytest.mark.parametrize("case", [FULL, recording()], ids=["every channel", "no channel"])
+
+
+def assert_same(one, other):
+    """Check that two recordings hold the same, to the last bit."""
+    for name in ("time_s", "readings_T", "scalar_T", "temperature_C", "current_A", "attitude"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+@CASES
+def test_a_table_holds_the_recording(case):
+    """There and back nothing changes; the columns are those of the samples on the topics, which the CSV's are too."""
+    frame = case.to_pandas()
+    assert ("time_s", *frame.columns) == SampleLayout.of(case).columns
+    np.testing.assert_array_equal(frame.reset_index().to_numpy(), SampleLayout.of(case).rows(case))
+    assert_same(Recording.from_pandas(frame), case)
+
+
+@CASES
+def test_a_dataset_holds_the_recording(case):
+    """There and back nothing changes, and what is labelled is where the label says."""
+    dataset = case.to_xarray()
+    np.testing.assert_array_equal(dataset["readings_T"].sel(sensor=2, axis="z"), case.readings_T[:, 1, 2])
+    assert_same(Recording.from_xarray(dataset), case)
+
+
+def test_columns_may_stand_in_any_order():
+    """Also with the time among them, as in a file that pandas has read."""
+    frame = FULL.to_pandas().reset_index()
+    assert_same(Recording.from_pandas(frame[frame.columns[::-1]]), FULL)
+
+
+def test_dimensions_and_components_may_stand_in_any_order():
+    """A dataset is read by its labels."""
+    dataset = FULL.to_xarray().transpose("axis", "quaternion", "sensor", "time_s")
+    turned = dataset.sel(axis=["z", "x", "y"], quaternion=["w", "x", "y", "z"])
+    assert_same(Recording.from_xarray(turned), FULL)
+
+
+def test_a_missing_value_of_pandas_is_nan():
+    """Such as ``pandas.NA``, which stands where an instrument was silent."""
+    frame = FULL.to_pandas()
+    frame["temperature_C"] = pandas.array([10, None, 11, 12, 13], dtype="Int64")
+    np.testing.assert_array_equal(Recording.from_pandas(frame).temperature_C, [10, np.nan, 11, 12, 13])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda frame: frame.drop(columns="b2y_T"), "'b2y_T' is missing"),
+        (lambda frame: frame.drop(columns="qz"), "'qz' is missing"),
+        (lambda frame: frame.reset_index(drop=True), "'time_s' is missing"),
+        (lambda frame: frame.iloc[:, 6:], "'b1x_T' is missing"),
+        (lambda frame: frame.rename(columns={"scalar_T": "scalar_nT"}), "'scalar_nT' is not known"),
+        (lambda frame: frame.assign(scalar_T="much"), "not a number"),
+        (lambda frame: pandas.concat([frame, frame[["scalar_T"]]], axis=1), "there twice"),
+        (lambda frame: frame.iloc[::-1], "time goes backwards"),
+    ],
+)
+def test_another_table_is_refused(change, words):
+    """In one sentence that says what is wrong with it."""
+    with pytest.raises(InputError, match=words):
+        Recording.from_pandas(change(FULL.to_pandas()))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda dataset: dataset.drop_vars("readings_T"), "'readings_T' is missing"),
+        (lambda dataset: dataset.drop_vars("time_s"), "'time_s' is missing"),
+        (lambda dataset: dataset.drop_vars("axis"), "dimensions"),
+        (lambda dataset: dataset.isel(axis=[0, 1]), "dimensions"),
+        (lambda dataset: dataset.rename(sensor="magnetometer"), "dimensions"),
+        (lambda dataset: dataset.rename(scalar_T="scalar"), "'scalar' is not known"),
+        (lambda dataset: dataset.assign(scalar_T=dataset["scalar_T"].assign_attrs(units="nT")), "must be in 'T'"),
+    ],
+)
+def test_another_dataset_is_refused(change, words):
+    """In one sentence that says what is wrong with it."""
+    with pytest.raises(InputError, match=words):
+        Recording.from_xarray(change(FULL.to_xarray()))
+
+
+@pytest.mark.parametrize("name", ["pandas", "xarray"])
+def test_a_library_that_is_not_installed_is_named(monkeypatch, name):
+    """With what installs it; nothing else needs it."""
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(InputError, match=f"{name} is not installed: pip install"):
+        getattr(FULL, f"to_{name}")()
+
+
+def test_the_dataset_is_of_labelled_arrays():
+    """Every variable tells its unit, so that plots are labelled."""
+    dataset = FULL.to_xarray()
+    assert isinstance(dataset, xarray.Dataset)
+    assert {str(name): dataset[name].attrs["units"] for name in dataset.variables if name in vars(FULL)} == {
+        "time_s": "s",
+        "readings_T": "T",
+        "scalar_T": "T",
+        "temperature_C": "degC",
+        "current_A": "A",
+        "attitude": "1",
+    }
