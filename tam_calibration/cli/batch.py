@@ -16,7 +16,7 @@ from tam_calibration.fleet.task_result import Result
 from tam_calibration.model.exceptions import InputError
 
 
-def print_batch(console: Console, results: Sequence[Result]) -> None:
+def _print_batch(console: Console, results: Sequence[Result]) -> None:
     """Print counts by platform, the drift of each kind of parameter that stands out most, and what is open."""
     console.print(_table("What was found", COUNTS_HEADER, count_rows(results)))
     drifts = [drift_row(found)[:-1] for found in largest(all_drifts(results))]
@@ -82,7 +82,7 @@ def command(
         results = run_batch(
             paths, out, options, run, lambda done, total: progress.update(task, completed=done, total=total)
         )
-    print_batch(stdout(), results)
+    _print_batch(stdout(), results)
     for name in ("summary.html", "summary.csv", "summary.json"):
         click.echo(f"written: {out / name}")
     ctx.exit(0 if all(result.is_settled for result in results) else 1)

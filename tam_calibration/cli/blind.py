@@ -69,8 +69,8 @@ def inject(recording: Path, array: Path, effect: str, times: float, output: Path
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-jobs_option = click.option("--jobs", type=click.IntRange(min=1), default=2, show_default=True, help="Processes.")
-keys_option = click.option("--keys", "keys_path", type=PATH, help="The sealed keys.  [default: DIR/keys.json]")
+_jobs_option = click.option("--jobs", type=click.IntRange(min=1), default=2, show_default=True, help="Processes.")
+_keys_option = click.option("--keys", "keys_path", type=PATH, help="The sealed keys.  [default: DIR/keys.json]")
 
 
 @click.group()
@@ -93,7 +93,7 @@ command.add_command(inject)
     show_default=True,
     help="Causes outside the library: the half to tune on, or the one to judge by.",
 )
-@jobs_option
+@_jobs_option
 def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], outside: str, jobs: int) -> None:
     """Make recordings in OUT, with their sealed keys in keys.json and what commits to those in commitments.json."""
     from tam_calibration.validation.blind.case_plan import plan_cases
@@ -124,9 +124,9 @@ def _make_one(task: tuple[Path, "CasePlan", int, int]) -> tuple[int, dict[str, A
 
 @command.command()
 @click.argument("folder", metavar="DIR", type=PATH)
-@jobs_option
+@_jobs_option
 @click.option("--without-effect", is_flag=True, help="Open the keys, and leave each case's true effect out.")
-@keys_option
+@_keys_option
 def answer(folder: Path, jobs: int, without_effect: bool, keys_path: Path | None) -> None:
     """Diagnose every case in DIR from data.csv and spec.yaml alone; each answer goes to answer.json beside them.
 
@@ -185,7 +185,7 @@ def _run_quietly(main: click.Command, arguments: list[str]) -> str:
 
 @command.command()
 @click.argument("folder", metavar="DIR", type=PATH)
-@keys_option
+@_keys_option
 @click.option("--json", "json_path", type=PATH, help="Write the figures as JSON.")
 @click.option("--report", type=PATH, help="Write an HTML page.")
 @click.option("--failures", is_flag=True, help="List the cases that went wrong, key against answer, one in a line.")

@@ -37,7 +37,7 @@ from tam_calibration.report.calibration_rows import NUMBERS_HEADER, effect_numbe
 from tam_calibration.report.formatting import number, sentence, with_error
 
 
-def print_calibration(console: Console, calibration: Calibration, coverage: Coverage, weakness: Weakness) -> None:
+def _print_calibration(console: Console, calibration: Calibration, coverage: Coverage, weakness: Weakness) -> None:
     """Print parameters, residuals, coverage, what to know, and how to apply the calibration by hand."""
     console.print(_parameters(calibration))
     if calibration.effects:
@@ -247,6 +247,6 @@ def _print(recording: Recording, calibration: Calibration, written: list[Path]) 
 
     console = stdout()
     coverage = measure_coverage(field_of(recording, calibration.errors))
-    print_calibration(console, calibration, coverage, find_weakness(recording, calibration))
+    _print_calibration(console, calibration, coverage, find_weakness(recording, calibration))
     for path in written:
         click.echo(f"written: {path}")

@@ -7,7 +7,7 @@ import click
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes import ros_session
 
-FIND_S = 5.0
+_FIND_S = 5.0
 _NAME = re.compile(r"(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
@@ -20,4 +20,4 @@ def command(service: str) -> None:
     with ros_session(exit_code=1):
         from tam_calibration.nodes.client import call
 
-        click.echo(call(service, FIND_S))
+        click.echo(call(service, _FIND_S))

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from tam_calibration.nodes.client import Client
     from tam_calibration.simulation import Simulation
 
-ACCEPTED_RATIO = 1.05
+_ACCEPTED_RATIO = 1.05
 """Largest tensor error over the noise floor that counts as success."""
 
 
@@ -47,7 +47,7 @@ def errors_of(run: "Simulation", outputs: FloatArray) -> tuple[float, float]:
     return float(np.sqrt(np.mean(intensity**2))), float(np.sqrt(np.mean((tensor**2).sum(axis=1))))
 
 
-def floor_of(run: "Simulation") -> tuple[float, float]:
+def _floor_of(run: "Simulation") -> tuple[float, float]:
     """Return what the sensors' noise alone makes of `errors_of`, whatever the calibration."""
     floor = noise_floor(run.errors, run.scenario.array.with_stated_noise(), scalar_noise_T=0.0)
     return floor.center_intensity_T, floor.tensor_rmse_T_per_m
@@ -60,20 +60,20 @@ def raw_outputs(run: "Simulation") -> FloatArray:
     return raw
 
 
-def gains_table(run: "Simulation", live: FloatArray) -> Table:
+def _gains_table(run: "Simulation", live: FloatArray) -> Table:
     """Return errors before and after, and the noise floor, of the run that the calibration has not seen."""
     table = Table(title=f"{len(live)} samples of the second run against the truth")
     for heading in ("RMS error", "raw", "corrected, live", "noise floor", "ratio"):
         table.add_column(heading, justify="left" if heading == "RMS error" else "right")
     names = ("|B| at the centre, nT", "tensor, 5 components, nT/m")
-    figures = zip(errors_of(run, raw_outputs(run)), errors_of(run, live[:, :9]), floor_of(run), strict=True)
+    figures = zip(errors_of(run, raw_outputs(run)), errors_of(run, live[:, :9]), _floor_of(run), strict=True)
     for name, (before, after, floor) in zip(names, figures, strict=True):
         in_nanotesla = [f"{to_nanotesla(value):.3f}" for value in (before, after, floor)]
         table.add_row(name, *in_nanotesla, f"{after / floor:.4f}")
     return table
 
 
-def parameter_table(truth: SensorErrors, calibration: Calibration) -> Table:
+def _parameter_table(truth: SensorErrors, calibration: Calibration) -> Table:
     """Return size, true error and standard error of each group of parameters, as root mean squares."""
     table = Table(title="Parameters against the truth")
     for heading in ("RMS of", "size", "error of the estimate", "its standard error"):
@@ -103,18 +103,18 @@ def require_success(run: "Simulation", live: FloatArray) -> None:
     """
     if len(live) != run.recording.sample_count:
         raise Refused(f"{len(live)} of {run.recording.sample_count} samples were corrected")
-    ratio = errors_of(run, live[:, :9])[1] / floor_of(run)[1]
-    if not ratio <= ACCEPTED_RATIO:
-        raise Refused(f"the tensor error is {ratio:.3f} times the noise floor, more than {ACCEPTED_RATIO}")
+    ratio = errors_of(run, live[:, :9])[1] / _floor_of(run)[1]
+    if not ratio <= _ACCEPTED_RATIO:
+        raise Refused(f"the tensor error is {ratio:.3f} times the noise floor, more than {_ACCEPTED_RATIO}")
 
 
-SCENARIO = "tumble_100_hz"
+_SCENARIO = "tumble_100_hz"
 CHECK_SAMPLES = 1000
-CHECK_BEGINS_S = 1000.0
+_CHECK_BEGINS_S = 1000.0
 PLAY_RATE = 2.0
-TIMEOUT_S = 30.0
+_TIMEOUT_S = 30.0
 
-STOPPED = 130
+_STOPPED = 130
 """Exit code after Ctrl-C, as shells have it: the demonstration has not shown anything."""
 
 
@@ -140,7 +140,7 @@ def command(output_dir: Path) -> None:
     with console.status("simulating"):
         turned, check = _simulate(output_dir)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")  # other robots shall not meet these nodes
-    with ros_session(exit_code=STOPPED):
+    with ros_session(exit_code=_STOPPED):
         live = _run_nodes(console, output_dir, turned, check)
         _conclude(console, output_dir, turned, check, live)
         console.print(f"{time.monotonic() - begin:.0f} s in all")
@@ -152,10 +152,10 @@ def _simulate(output_dir: Path) -> tuple["Simulation", "Simulation"]:
     from tam_calibration.files.scenario import read_scenario
     from tam_calibration.simulation import simulate
 
-    scenario = read_scenario(SCENARIO)
+    scenario = read_scenario(_SCENARIO)
     turned = simulate(scenario)
     check = simulate(replace(scenario, seed=scenario.seed + 1, sample_count=CHECK_SAMPLES))
-    later = replace(check.recording, time_s=check.recording.time_s + CHECK_BEGINS_S)
+    later = replace(check.recording, time_s=check.recording.time_s + _CHECK_BEGINS_S)
     check = replace(check, recording=later)
     write_recording(output_dir / "turned.mcap", turned.recording)
     write_recording(output_dir / "check.mcap", check.recording)
@@ -171,15 +171,15 @@ def _run_nodes(console: "Console", output_dir: Path, turned: "Simulation", check
         samples = turned.recording.sample_count
         # What is played before a node listens to the collector is lost to it.
         client.wait_until(
-            lambda: client.count("collector", "listeners") == len(NODES) - 1, "the start of the nodes", TIMEOUT_S
+            lambda: client.count("collector", "listeners") == len(NODES) - 1, "the start of the nodes", _TIMEOUT_S
         )
         _play(client, output_dir / "turned.mcap", logs)
-        client.wait_until(lambda: client.count("calibrator", "samples") == samples, f"{samples} samples", TIMEOUT_S)
-        console.print(f"[bold]calibrator/calibrate[/]  {client.call('calibrator/calibrate', TIMEOUT_S)}")
-        console.print(f"[bold]calibrator/save[/]       {client.call('calibrator/save', TIMEOUT_S)}")
+        client.wait_until(lambda: client.count("calibrator", "samples") == samples, f"{samples} samples", _TIMEOUT_S)
+        console.print(f"[bold]calibrator/calibrate[/]  {client.call('calibrator/calibrate', _TIMEOUT_S)}")
+        console.print(f"[bold]calibrator/save[/]       {client.call('calibrator/save', _TIMEOUT_S)}")
         _play(client, output_dir / "check.mcap", logs)
         samples += check.recording.sample_count
-        client.wait_until(lambda: client.count("collector", "samples") == samples, f"{samples} samples", TIMEOUT_S)
+        client.wait_until(lambda: client.count("collector", "samples") == samples, f"{samples} samples", _TIMEOUT_S)
         console.print(f"[bold]collector[/]             {client.figures('collector')['losses']}")
         if lost := client.count("collector", "lost"):
             raise Refused(f"{lost} messages were lost: {client.figures('collector')['losses']}")
@@ -200,7 +200,7 @@ def _watched(console: "Console", children: Children) -> Iterator["Client"]:
 def _play(client: "Client", bag: Path, logs: Path) -> None:
     command = ["-m", "tam_calibration", "play", str(bag), "--rate", str(PLAY_RATE)]
     with Children({"player": command}, logs) as player:
-        client.wait_until(lambda: not player.is_running("player"), f"the end of {bag}", 2 * TIMEOUT_S)
+        client.wait_until(lambda: not player.is_running("player"), f"the end of {bag}", 2 * _TIMEOUT_S)
 
 
 def _conclude(
@@ -222,6 +222,6 @@ def _conclude(
         write_calibration_report(
             page, replace(calibration, source=provenance(output_dir / "turned.mcap")), turned.recording
         )
-    console.print(gains_table(check, live), parameter_table(turned.errors, calibration))
+    console.print(_gains_table(check, live), _parameter_table(turned.errors, calibration))
     console.print(f"page: {page}")
     require_success(check, live)

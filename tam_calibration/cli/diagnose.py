@@ -40,7 +40,7 @@ _ROWS = 12
 _LEFT = "What is left with the causes, and the simulated twin does not have:"
 
 
-def print_gap(console: Console, gap: Gap) -> None:
+def _print_gap(console: Console, gap: Gap) -> None:
     """Print the verdict, the size, where it lies, its causes, what became of each hypothesis, and what to record."""
     sensor_count = len(gap.residue.floor_T) // 3
     for remark in gap.remarks:
@@ -184,6 +184,6 @@ def _diagnosing(progress: Progress) -> Callable[[str, float], None]:
 
 def _print(gap: Gap, written: list[Path]) -> None:
 
-    print_gap(stdout(), gap)
+    _print_gap(stdout(), gap)
     for path in written:
         click.echo(f"written: {path}")

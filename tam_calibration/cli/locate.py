@@ -21,7 +21,7 @@ from tam_calibration.model.units import FloatArray, from_degrees
 from tam_calibration.report.survey_rows import HEADER, overall_rows, sample_rows, statements
 
 
-def print_survey(console: Console, survey: Survey) -> None:
+def _print_survey(console: Console, survey: Survey) -> None:
     """Print the source of all samples, of each, and what holds for them."""
     if survey.overall is not None:
         table = Table("", *_right("x", "y", "z", "size"), title="The source ± standard errors")
@@ -130,6 +130,6 @@ def _print(survey: Survey, as_json: bool, report: Path | None) -> None:
         click.echo(to_json(survey_to_mapping(survey)))
         return
 
-    print_survey(stdout(), survey)
+    _print_survey(stdout(), survey)
     if report is not None:
         click.echo(f"written: {report}")

@@ -70,7 +70,7 @@ class Proposal:
         return bool(self.plan.worst[-1] <= ENOUGH_STANDARD_ERROR)
 
 
-def print_proposal(console: Console, proposal: Proposal) -> None:
+def _print_proposal(console: Console, proposal: Proposal) -> None:
     """Print the poses, the standard errors before and after, and whether they are enough."""
     plan, start = proposal.plan, proposal.start
     if start.note:
@@ -137,7 +137,7 @@ def _size(worst: float) -> str:
     return number(float(worst)) if np.isfinite(worst) else "open"
 
 
-def proposal_to_mapping(proposal: Proposal) -> dict[str, Any]:
+def _proposal_to_mapping(proposal: Proposal) -> dict[str, Any]:
     """Return the content of the JSON; what is open is null."""
     plan, start, reach = proposal.plan, proposal.start, proposal.reach
     before, after = (None if errors is None else _sensors(errors) for errors in _before_and_after(proposal))
@@ -171,7 +171,7 @@ def _sensors(standard_errors: FloatArray) -> list[dict[str, Any]]:
     return blocks
 
 
-ASSUMED_INCLINATION_DEG, ASSUMED_INTENSITY_NT = 60.0, 50_000.0
+_ASSUMED_INCLINATION_DEG, _ASSUMED_INTENSITY_NT = 60.0, 50_000.0
 
 
 @click.command()
@@ -221,9 +221,9 @@ def command(
         plan = make_plan(start, field_T, poses, samples_per_pose, lambda done: progress.update(task, completed=done))
     proposal = Proposal(plan, start, reach, inclination, source, samples_per_pose)
     if as_json:
-        click.echo(to_json(proposal_to_mapping(proposal)))
+        click.echo(to_json(_proposal_to_mapping(proposal)))
     else:
-        print_proposal(stdout(), proposal)
+        _print_proposal(stdout(), proposal)
 
 
 def _field_at(place: str) -> tuple[float, float]:
@@ -259,7 +259,7 @@ def _start(
 
 def _start_from_nothing(array: Array, intensity_nT: float | None) -> PlanStart:
     if intensity_nT is None:
-        start = start_from_nothing(array, from_nanotesla(ASSUMED_INTENSITY_NT))
+        start = start_from_nothing(array, from_nanotesla(_ASSUMED_INTENSITY_NT))
         return replace(start, note="the intensity of the field is assumed: give --place or --intensity-nT")
     if array.scalar_noise_T is None:
         array = replace(array, scalar_noise_T=0.0)
@@ -272,7 +272,7 @@ def _inclination(stated_deg: float | None, start: PlanStart) -> tuple[float, str
         return from_degrees(stated_deg), "given"
     if start.inclination is not None:
         return start.inclination, "from the recorded attitude"
-    return from_degrees(ASSUMED_INCLINATION_DEG), "assumed: give --place or --inclination-deg"
+    return from_degrees(_ASSUMED_INCLINATION_DEG), "assumed: give --place or --inclination-deg"
 
 
 def _reach(turntable: str | None, pitch_deg: float | None, roll_deg: float | None, inclination: float) -> Reach:

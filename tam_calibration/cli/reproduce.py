@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from tam_calibration.validation.papers.sweep import Sweep
 
 RESULTS = Path("benchmarks/results")
-SWEPT = "wu2025"
+_SWEPT = "wu2025"
 """The paper whose figures are sweeps."""
-COIL = "coil"
+_COIL = "coil"
 """Its localisation of a coil, with which errors it takes to reach the printed figures."""
 
 
 @click.command()
 @click.argument("paper", type=click.Choice([*PAPERS, "all"]))
-@click.option("--experiment", type=click.Choice([COIL]), help="This experiment of wu2025 only.")
+@click.option("--experiment", type=click.Choice([_COIL]), help="This experiment of wu2025 only.")
 @click.option("--runs", type=click.IntRange(min=2), default=50, show_default=True, help="Of each point of wu2025.")
 @click.option("--report", type=PATH, help="Write an HTML page with all numbers and the figures redrawn.")
 @click.option("--output-dir", type=PATH, help=f"Of the CSV files.  [default: {RESULTS} if there is one, else here]")
@@ -45,14 +45,14 @@ def command(paper: str, experiment: str | None, runs: int, report: Path | None, 
     folder = _folder(output_dir)
     files = {name: folder / f"reproduce_{name}.csv" for name in papers}
     outputs: dict[str, Path | None] = {**files, "report": report}
-    if SWEPT in papers:
-        outputs["figures"] = folder / f"reproduce_{SWEPT}_figures.csv"
+    if _SWEPT in papers:
+        outputs["figures"] = folder / f"reproduce_{_SWEPT}_figures.csv"
     with write_together(outputs, []) as beside:
         rows, sweeps = _reproduce(papers, runs)
         for name in papers:
             beside[name].write_text(rows_to_csv(rows[name], _command(name, runs)), encoding="utf-8")
         if "figures" in beside:
-            beside["figures"].write_text(sweeps_to_csv(sweeps, _command(SWEPT, runs)), encoding="utf-8")
+            beside["figures"].write_text(sweeps_to_csv(sweeps, _command(_SWEPT, runs)), encoding="utf-8")
         if "report" in beside:
             from tam_calibration.validation.papers.report import write_reproduction_report
 
@@ -72,12 +72,12 @@ def _reproduce_coil(paper: str, report: Path | None, folder: Path) -> None:
     from tam_calibration.validation.papers.tables import coil_sweeps_to_csv, print_rows, rows_to_csv, summary
     from tam_calibration.validation.papers.wu2025_coil_sweeps import sweeps
 
-    if paper != SWEPT:
-        raise InputError(f"the experiment {COIL!r} is one of {SWEPT}, not of {paper}")
-    call = f"tam reproduce {SWEPT} --experiment {COIL}"
+    if paper != _SWEPT:
+        raise InputError(f"the experiment {_COIL!r} is one of {_SWEPT}, not of {paper}")
+    call = f"tam reproduce {_SWEPT} --experiment {_COIL}"
     outputs: dict[str, Path | None] = {
-        "rows": folder / f"reproduce_{SWEPT}_{COIL}.csv",
-        "sweeps": folder / f"reproduce_{SWEPT}_{COIL}_sweeps.csv",
+        "rows": folder / f"reproduce_{_SWEPT}_{_COIL}.csv",
+        "sweeps": folder / f"reproduce_{_SWEPT}_{_COIL}_sweeps.csv",
         "report": report,
     }
     with write_together(outputs, []) as beside:
@@ -92,14 +92,14 @@ def _reproduce_coil(paper: str, report: Path | None, folder: Path) -> None:
         if "report" in beside:
             from tam_calibration.validation.papers.report import write_reproduction_report
 
-            write_reproduction_report(beside["report"], {SWEPT: rows}, {}, grown)
-    print_rows(stdout(), PAPERS[SWEPT], rows)
+            write_reproduction_report(beside["report"], {_SWEPT: rows}, {}, grown)
+    print_rows(stdout(), PAPERS[_SWEPT], rows)
     for path in filter(None, outputs.values()):
         click.echo(f"written: {path}")
     for sweep in grown:
         found = f"{sweep.needed:.3g} {sweep.unit}" if sweep.needed == sweep.needed else "not by it alone"
         click.echo(f"printed distance after calibration reached by {sweep.name}: {found}")
-    click.echo(summary(SWEPT, rows))
+    click.echo(summary(_SWEPT, rows))
     _require_record(rows)
 
 
@@ -112,7 +112,7 @@ def _reproduce(papers: list[str], runs: int) -> tuple[dict[str, list["PrintedNum
     sweeps: dict[str, Sweep] = {}
     with showing_progress() as progress:
         for name in papers:
-            if name == SWEPT:
+            if name == _SWEPT:
                 rows[name], sweeps = _sweep(runs, progress)
             else:
                 progress.add_task(name, total=None)
@@ -124,16 +124,16 @@ def _sweep(runs: int, progress: Progress) -> tuple[list["PrintedNumber"], dict[s
     from tam_calibration.files.scenario import read_scenario
     from tam_calibration.validation.papers import wu2025
 
-    task = progress.add_task(SWEPT, total=None)
+    task = progress.add_task(_SWEPT, total=None)
 
     def show(done: int, total: int) -> None:
-        progress.update(task, completed=done, total=total, description=f"{SWEPT}: {done} of {total} runs")
+        progress.update(task, completed=done, total=total, description=f"{_SWEPT}: {done} of {total} runs")
 
     return wu2025.results(read_scenario("wu_table_1"), read_scenario("wu_turntable"), runs, show)
 
 
 def _command(paper: str, runs: int) -> str:
-    return f"tam reproduce {paper} --runs {runs}" if paper == SWEPT else f"tam reproduce {paper}"
+    return f"tam reproduce {paper} --runs {runs}" if paper == _SWEPT else f"tam reproduce {paper}"
 
 
 def _require_record(rows: list["PrintedNumber"]) -> None:

@@ -16,7 +16,7 @@ from tam_calibration.files.recording_file import TOLERANCE_S
 from tam_calibration.messages.samples import Progress as ProgressCallback
 from tam_calibration.model.exceptions import InputError
 
-PIPE_WIDTH = 120
+_PIPE_WIDTH = 120
 
 PATH = click.Path(path_type=Path, readable=False)
 """A path that is checked where it is used, in one sentence."""
@@ -44,7 +44,7 @@ tolerance_option = click.option(
 
 def stdout() -> Console:
     """Return the console for results; wide enough for tables where it is a file or a pipe."""
-    return Console(width=None if sys.stdout.isatty() else PIPE_WIDTH, highlight=False, markup=False)
+    return Console(width=None if sys.stdout.isatty() else _PIPE_WIDTH, highlight=False, markup=False)
 
 
 @contextmanager

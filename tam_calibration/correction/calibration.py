@@ -96,16 +96,16 @@ FRAME_STATEMENT = (
     "A uniform field cannot see how that frame is turned against the baselines: of the 12 K parameters the three of "
     "this common rotation stay unknown and are taken as zero."
 )
-SCALE_STATEMENT = (
+_SCALE_STATEMENT = (
     "Without a scalar reference the absolute scale is unknown: the determinants of the matrices are given the "
     "geometric mean 1, and the intensity is told on that scale."
 )
-GRADIENT_STATEMENT = (
+_GRADIENT_STATEMENT = (
     "The field of the recording was taken to have a gradient, the same throughout in the world of the attitude; it was "
     "fitted together with the errors, and residuals are those without it."
 )
 
-EFFECTS_STATEMENT = (
+_EFFECTS_STATEMENT = (
     "Effects were fitted together with the errors; residuals are those without what they add, and data are corrected "
     "without it. An effect of the site stays in the data."
 )
@@ -226,9 +226,9 @@ class Calibration:
     @property
     def statements(self) -> tuple[str, ...]:
         """What holds for the frame, and what the data could not determine."""
-        scale = () if self.has_scalar_reference else (SCALE_STATEMENT,)
-        gradient = () if self.ambient_gradient is None else (GRADIENT_STATEMENT,)
-        effects = (EFFECTS_STATEMENT,) if self.effects else ()
+        scale = () if self.has_scalar_reference else (_SCALE_STATEMENT,)
+        gradient = () if self.ambient_gradient is None else (_GRADIENT_STATEMENT,)
+        effects = (_EFFECTS_STATEMENT,) if self.effects else ()
         return (self.frame, *scale, *gradient, *effects)
 
     def is_of(self, array: Array) -> bool:

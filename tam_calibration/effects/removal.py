@@ -102,7 +102,7 @@ def added_to(
     InputError
         When the recording lacks a channel that an effect needs.
     """
-    require_channels(recording, effects)
+    _require_channels(recording, effects)
     recording = filled(recording)
     stream = EffectStream(effects, errors, array)
     count = recording.sample_count
@@ -111,7 +111,7 @@ def added_to(
     return np.concatenate([stream.added(batch).rows_T for batch in batches])
 
 
-def require_channels(recording: Recording, effects: Iterable[FittedEffect]) -> None:
+def _require_channels(recording: Recording, effects: Iterable[FittedEffect]) -> None:
     """Check that a recording has the channels that effects need.
 
     Raises

@@ -112,7 +112,7 @@ def _axis(azimuth: float, elevation: float) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _AxisSearch:
     """Normal equations of the harmonics of degree 3 and more in the common mode, the lower ones eliminated."""
 
     information: FloatArray
@@ -145,7 +145,7 @@ def _axes(residuals: WhitenedResiduals) -> list[tuple[float, float]]:
     score = functions.T @ residuals.common_mode[used]
     information = functions.T @ functions
     left = _without_lower(np.column_stack([information, score]))
-    search = _Search(left[:, :-1], left[:, -1])
+    search = _AxisSearch(left[:, :-1], left[:, -1])
     grid = _spiral(_GRID, 1.0)
     found: list[FloatArray] = []
     for best in np.argsort(-search.gain(grid)):
@@ -156,7 +156,7 @@ def _axes(residuals: WhitenedResiduals) -> list[tuple[float, float]]:
     return [(float(np.arctan2(axis[1], axis[0])), float(np.arcsin(axis[2]))) for axis in found]
 
 
-def _climbed(search: _Search, axis: FloatArray) -> FloatArray:
+def _climbed(search: _AxisSearch, axis: FloatArray) -> FloatArray:
     """Return the axis near another that explains most."""
     for size in _CAPS:
         cap = _spiral(_CAP_GRID, 1 - np.cos(size))

@@ -107,10 +107,10 @@ def read_array(path: str | Path) -> Array:
     (4, array([1.e-09, 1.e-09, 1.e-09, 1.e-09]))
     """
     with mapping_in(Path(path)) as content:
-        return array_from_mapping(content)
+        return _array_from_mapping(content)
 
 
-def array_from_mapping(content: dict[str, Any]) -> Array:
+def _array_from_mapping(content: dict[str, Any]) -> Array:
     """Return the array of the keys and values of an array file.
 
     Raises

@@ -25,7 +25,7 @@ from tam_calibration.model.units import FloatArray
 PATIENCE_NS = 5_000_000_000
 """How far in stamps the topics of a bag may lag behind each other."""
 
-CAPACITY = 1 << 24
+_CAPACITY = 1 << 24
 """More messages of a topic than wait within that patience."""
 
 BATCH = 1 << 16
@@ -180,7 +180,7 @@ def _join(
         hold_patience_ns=PATIENCE_NS,
         scalar_is_held=topics.scalar_is_held,
         expected=topics.layout.channels,
-        capacity=CAPACITY,
+        capacity=_CAPACITY,
     )
     for batch in _batches(reader, topics, progress):
         stamps_ns, values = synchroniser.push_batch(batch)

@@ -14,7 +14,7 @@ from tam_calibration.files.bag_storages import STORAGES, RegisteredStorage, Stor
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.samples import Progress
 
-COUNT, BYTES = 16_384, 8_000_000
+COUNT, _BYTES = 16_384, 8_000_000
 """How much is gathered where messages come one by one."""
 
 
@@ -109,7 +109,7 @@ def _gather(
         times.append(recorded_ns)
         gathered.append(message)
         bytes_gathered += len(message)
-        if len(gathered) == COUNT or bytes_gathered > BYTES:
+        if len(gathered) == COUNT or bytes_gathered > _BYTES:
             yield RawMessages.of(numbers, times, gathered), round(size * len(gathered))
             numbers, times, gathered, bytes_gathered = [], [], [], 0
     if gathered:

@@ -27,9 +27,9 @@ from tam_calibration.messages.samples import pieces as pieces_of
 from tam_calibration.messages.topics import find_topics
 from tam_calibration.model.units import FloatArray
 
-MAGNETIC_FIELD, MULTI_ARRAY = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64MultiArray"
-POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
-TOPIC_TYPES = {"center": MAGNETIC_FIELD, "gradient": MULTI_ARRAY, "field_gradient": POINT_CLOUD}
+_MAGNETIC_FIELD, _MULTI_ARRAY = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64MultiArray"
+_POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+_TOPIC_TYPES = {"center": _MAGNETIC_FIELD, "gradient": _MULTI_ARRAY, "field_gradient": _POINT_CLOUD}
 
 _TYPES = TYPESTORE.types
 
@@ -75,7 +75,7 @@ def write_bag_corrected(
 def _merge(reader: Reader, writer: BlockWriter, results: "_Results", progress: Progress) -> None:
     """Write the source's messages, and each result behind the reading of sensor 1 with its stamp."""
     found = find_topics(reader.connections, None)
-    replaced = {found.namespace + topic for topic in TOPIC_TYPES}
+    replaced = {found.namespace + topic for topic in _TOPIC_TYPES}
     kept = [connection for connection in reader.connections if connection.topic not in replaced]
     copies = np.array([_copy_connection(writer, connection).id for connection in kept])
     topics = _Topics(writer, found.namespace, results.first)
@@ -137,7 +137,7 @@ class _Topics:
         if not np.isfinite(first.outputs[:, 3:]).any():
             del self._templates["gradient"]
         self._ids = {
-            topic: writer.add_connection(namespace + topic, TOPIC_TYPES[topic], typestore=TYPESTORE).id
+            topic: writer.add_connection(namespace + topic, _TOPIC_TYPES[topic], typestore=TYPESTORE).id
             for topic in self._templates
         }
 
@@ -169,14 +169,14 @@ def _copy_connection(writer: BlockWriter, connection: Connection) -> Connection:
 
 def _center_template(standard_errors: FloatArray) -> bytes:
     zero = _TYPES["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
-    message = _TYPES[MAGNETIC_FIELD](header(), zero, center_covariance(standard_errors))
-    return bytes(TYPESTORE.serialize_cdr(message, MAGNETIC_FIELD))
+    message = _TYPES[_MAGNETIC_FIELD](header(), zero, center_covariance(standard_errors))
+    return bytes(TYPESTORE.serialize_cdr(message, _MAGNETIC_FIELD))
 
 
 def _gradient_template() -> bytes:
     dimension, layout = _TYPES["std_msgs/msg/MultiArrayDimension"], _TYPES["std_msgs/msg/MultiArrayLayout"]
-    message = _TYPES[MULTI_ARRAY](layout([dimension(*each) for each in GRADIENT_DIMENSIONS], 0), np.zeros(9))
-    return bytes(TYPESTORE.serialize_cdr(message, MULTI_ARRAY))
+    message = _TYPES[_MULTI_ARRAY](layout([dimension(*each) for each in GRADIENT_DIMENSIONS], 0), np.zeros(9))
+    return bytes(TYPESTORE.serialize_cdr(message, _MULTI_ARRAY))
 
 
 def _cloud_template() -> bytes:
@@ -186,5 +186,5 @@ def _cloud_template() -> bytes:
     ]
     size = FLOAT64_SIZE * len(FIELD_GRADIENT_COLUMNS)
     data = np.zeros(size, np.uint8)
-    message = _TYPES[POINT_CLOUD](header(), 1, 1, fields, False, size, size, data, True)
-    return bytes(TYPESTORE.serialize_cdr(message, POINT_CLOUD))
+    message = _TYPES[_POINT_CLOUD](header(), 1, 1, fields, False, size, size, data, True)
+    return bytes(TYPESTORE.serialize_cdr(message, _POINT_CLOUD))

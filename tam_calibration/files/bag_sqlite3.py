@@ -13,7 +13,7 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader, Sqlite3Writer
 from tam_calibration.messages.cdr import NOT_READ, IntArray, RawMessages
 from tam_calibration.model.exceptions import InputError
 
-ROWS, BYTES = 8_192, 2_000_000
+ROWS, _BYTES = 8_192, 2_000_000
 """How much a query gathers, at most rows, and bytes of messages of mean size: more leaves the caches."""
 
 _SPAN = """
@@ -90,7 +90,7 @@ def _rows(storage: Sqlite3Reader, position: Mapping[int, int], with_times: bool)
     number[list(position)] = list(position.values())
     size = Path(str(storage.path)).stat().st_size
     first, last, count = _fetch(storage, _SPAN)
-    rows = max(min(ROWS, BYTES * count // size), 1) if count else 0
+    rows = max(min(ROWS, _BYTES * count // size), 1) if count else 0
     while count and first <= last:
         following = _fetch(storage, _NEXT, first, rows)
         end = max(following[0], first + 1) if following else last + 1

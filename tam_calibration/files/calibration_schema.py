@@ -26,19 +26,19 @@ SCHEMA = "tam_calibration/calibration/1"
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
 Tensor = tuple[Vector, Vector, Vector]
-StandardErrors = tuple[float, float, float]
+_StandardErrors = tuple[float, float, float]
 
 
-class _Sensor(Document):
+class _CalibratedSensor(Document):
     sensor: int
     scale_factor: Vector
-    scale_factor_standard_error: StandardErrors
+    scale_factor_standard_error: _StandardErrors
     non_orthogonality_deg: Vector
-    non_orthogonality_standard_error_deg: StandardErrors
+    non_orthogonality_standard_error_deg: _StandardErrors
     bias_nT: Vector
-    bias_standard_error_nT: StandardErrors
+    bias_standard_error_nT: _StandardErrors
     misalignment_deg: Vector
-    misalignment_standard_error_deg: StandardErrors
+    misalignment_standard_error_deg: _StandardErrors
     matrix: Tensor
 
 
@@ -143,7 +143,7 @@ class _Calibration(Document):
     frame: str
     statements: list[str]
     warnings: list[str]
-    sensors: list[_Sensor]
+    sensors: list[_CalibratedSensor]
     array: _Array
     field: _Field
     residuals: _AllResiduals

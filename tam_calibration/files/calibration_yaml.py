@@ -21,7 +21,7 @@ FORMULA = (
     "The centre vector b and the gradient tensor G are the least-squares fit of b + G × position to the fields of all "
     "sensors, G symmetric with zero trace; where the positions do not determine G, b is the mean of the fields."
 )
-COVARIANCE_ORDER = (
+_COVARIANCE_ORDER = (
     "For each sensor in turn: scale factors x y z [1], non-orthogonality theta phi psi [rad], bias x y z [T], "
     "misalignment alpha beta gamma [rad]; what the data did not determine was held fixed and is 0."
 )
@@ -140,7 +140,7 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
             "size_bytes": source and source.size_bytes,
             "sha256": source and source.sha256,
         },
-        "covariance_order": COVARIANCE_ORDER,
+        "covariance_order": _COVARIANCE_ORDER,
         "covariance_SI": None if calibration.covariance is None else calibration.covariance.tolist(),
     }
 

@@ -21,7 +21,7 @@ _EMPTY_CELL = re.compile(r"(?<=,)[ \t]*(?=,|\r?$)|^[ \t]*(?=,)", re.MULTILINE)
 _PIECE_CHARACTERS = 1 << 24
 
 
-def read_table(path: Path) -> tuple[list[str], FloatArray]:
+def _read_table(path: Path) -> tuple[list[str], FloatArray]:
     """Return the column names and the (N, columns) numbers; an empty cell is NaN.
 
     Raises
@@ -29,18 +29,18 @@ def read_table(path: Path) -> tuple[list[str], FloatArray]:
     InputError
         When the file cannot be read, has no rows or a cell that is not a number.
     """
-    pieces = list(read_table_pieces(path))
+    pieces = list(_read_table_pieces(path))
     names, first = pieces[0]
     return names, first if len(pieces) == 1 else np.concatenate([table for _, table in pieces])
 
 
-def read_table_pieces(path: Path) -> Iterator[tuple[list[str], FloatArray]]:
+def _read_table_pieces(path: Path) -> Iterator[tuple[list[str], FloatArray]]:
     """Yield the column names with some rows after the other, so that a file may be larger than memory.
 
     Raises
     ------
     InputError
-        As `read_table` does, when the fault is met.
+        As `_read_table` does, when the fault is met.
     """
     with _opened(path) as file:
         header, first_line, is_empty = file.readline(), 2, True
@@ -105,13 +105,13 @@ def _describe_fault(path: Path, names: Sequence[str], lines: list[str], first_li
     return f"{path} is not a table of numbers separated by commas"
 
 
-def write_table(path: Path, names: Sequence[str], rows: FloatArray) -> None:
+def _write_table(path: Path, names: Sequence[str], rows: FloatArray) -> None:
     """Write a table with the shortest decimals that read back as the same numbers."""
-    write_blocks(path, names, [rows])
+    _write_blocks(path, names, [rows])
 
 
-def write_blocks(path: Path, names: Sequence[str], blocks: Iterable[FloatArray]) -> None:
-    """Write a table as `write_table` does, from rows that come block by block."""
+def _write_blocks(path: Path, names: Sequence[str], blocks: Iterable[FloatArray]) -> None:
+    """Write a table as `_write_table` does, from rows that come block by block."""
     with write_whole(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(names) + "\n")
         for rows in blocks:
@@ -130,7 +130,7 @@ def read_csv_recording(path: Path) -> Recording:
     InputError
         When the file is no such table, or the numbers are no recording.
     """
-    names, table = read_table(path)
+    names, table = _read_table(path)
     with in_file(path):
         return _recording(names, table)
 
@@ -146,7 +146,7 @@ def read_csv_pieces(path: Path) -> Iterator[Recording]:
         As `read_csv_recording` does, when the fault is met.
     """
     count = 0
-    for names, table in read_table_pieces(path):
+    for names, table in _read_table_pieces(path):
         with in_file(f"{path}, samples from {count + 1}" if count else path):
             recording = _recording(names, table)
         count += len(table)
@@ -171,7 +171,7 @@ def write_csv_recording(path: Path, recording: Recording) -> None:
     rows = layout.rows(recording)
     is_field = [name.endswith("_T") for name in layout.columns]
     rows[:, is_field] = nanotesla_to_write(rows[:, is_field])
-    write_table(path, [re.sub("_T$", "_nT", name) for name in layout.columns], rows)
+    _write_table(path, [re.sub("_T$", "_nT", name) for name in layout.columns], rows)
 
 
 def _standard_columns(names: list[str], table: FloatArray) -> dict[str, FloatArray]:
@@ -206,7 +206,7 @@ def _layout(columns: dict[str, FloatArray]) -> SampleLayout:
     return layout
 
 
-COLUMNS = ("time_s", *(f"{name}_nT" if name.startswith("b") else f"{name}_nT_per_m" for name in OUTPUT_NAMES))
+_COLUMNS = ("time_s", *(f"{name}_nT" if name.startswith("b") else f"{name}_nT_per_m" for name in OUTPUT_NAMES))
 
 
 def write_csv_corrected(path: Path, pieces: Iterable[Corrected]) -> None:
@@ -218,4 +218,4 @@ def write_csv_corrected(path: Path, pieces: Iterable[Corrected]) -> None:
         When the file cannot be written.
     """
     blocks = (np.column_stack([piece.time_s, nanotesla_to_write(piece.outputs)]) for piece in pieces)
-    write_blocks(path, COLUMNS, blocks)
+    _write_blocks(path, _COLUMNS, blocks)

@@ -27,7 +27,7 @@ _SPECIAL = {"scalar": SCALAR, "all": ALL}
 _PLAIN_UNITS = frozenset({"1", "T", "rad", "s", "Hz", "K", "°C", "A", "m"})
 _WRITTEN = {"T": ("nT", nanotesla_to_write), "rad": ("deg", degrees_to_write)}
 
-Quantity = Annotated[float, Field(allow_inf_nan=False)] | str
+_Quantity = Annotated[float, Field(allow_inf_nan=False)] | str
 
 
 class TermFile(Document):
@@ -36,8 +36,8 @@ class TermFile(Document):
     sensor: Annotated[int, Field(ge=1)] | Literal["scalar", "all"]
     axis: Literal["x", "y", "z"] | None = None
     term: str
-    values: dict[str, Quantity]
-    standard_errors: dict[str, Quantity] = Field(default_factory=dict)
+    values: dict[str, _Quantity]
+    standard_errors: dict[str, _Quantity] = Field(default_factory=dict)
 
     def to_contribution(self) -> Contribution:
         """Return it in SI."""
@@ -50,8 +50,8 @@ class EffectFile(Document):
     """One effect."""
 
     effect: str
-    shape: dict[str, Quantity] = Field(default_factory=dict)
-    shape_standard_errors: dict[str, Quantity] = Field(default_factory=dict)
+    shape: dict[str, _Quantity] = Field(default_factory=dict)
+    shape_standard_errors: dict[str, _Quantity] = Field(default_factory=dict)
     terms: list[TermFile]
 
     def to_fitted(self) -> FittedEffect:
@@ -96,11 +96,11 @@ def _term_to_mapping(part: Contribution, units: Mapping[str, str]) -> dict[str, 
     return mapping
 
 
-def _to_write(values: Mapping[str, float], units: Mapping[str, str]) -> dict[str, Quantity]:
+def _to_write(values: Mapping[str, float], units: Mapping[str, str]) -> dict[str, _Quantity]:
     return {name: _quantity(float(value), units.get(name)) for name, value in values.items()}
 
 
-def _quantity(value: float, unit: str | None) -> Quantity:
+def _quantity(value: float, unit: str | None) -> _Quantity:
     """Return text with a unit for people; the number itself where the unit is not known, or there is none."""
     if unit is None or unit == "1":
         return value
@@ -111,11 +111,11 @@ def _quantity(value: float, unit: str | None) -> Quantity:
     return f"{value!r} {first}{slash}{rest}"
 
 
-def _in_si(values: Mapping[str, Quantity]) -> dict[str, float]:
+def _in_si(values: Mapping[str, _Quantity]) -> dict[str, float]:
     return {name: _number(name, value) for name, value in values.items()}
 
 
-def _number(name: str, value: Quantity) -> float:
+def _number(name: str, value: _Quantity) -> float:
     if not isinstance(value, str):
         return float(value)
     number, _, unit = value.strip().partition(" ")

@@ -10,7 +10,7 @@ from tam_calibration.files.text_files import in_file, read_text
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
-MISSING_NT = 88_888.0
+_MISSING_NT = 88_888.0
 """Values from here on stand for "not reported" (88888) and "missing" (99999)."""
 
 
@@ -59,7 +59,7 @@ def _parse(lines: list[str]) -> ObservatoryRecord:
         raise InputError("the file holds no values")
     stamps = np.array([stamp for stamp, _ in rows], dtype="datetime64[ms]")
     values = np.array([row for _, row in rows])
-    values[values >= MISSING_NT] = np.nan
+    values[values >= _MISSING_NT] = np.nan
     time_s = (stamps - stamps[0]) / np.timedelta64(1, "s")
     if not (np.diff(time_s) > 0).all():
         raise InputError("time repeats or goes backwards: sort the rows by time and keep one of each")

@@ -18,7 +18,7 @@ from tam_calibration.localization.survey import Overall, Survey, standard_errors
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import for_people, to_nanotesla
 
-SCHEMA = "tam_calibration/gap/1"
+_SCHEMA = "tam_calibration/gap/1"
 
 _DIGITS = 14
 
@@ -47,7 +47,7 @@ def write_gap(path: Path, gap: Gap, source: Provenance | None = None) -> None:
 def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]:
     """Return the content of a gap file."""
     return {
-        "schema": SCHEMA,
+        "schema": _SCHEMA,
         "verdict": gap.verdict,
         "statement": gap.statement,
         "remarks": list(gap.remarks),
@@ -218,14 +218,14 @@ def _round(value: float) -> float:
     return float(f"{float(value):.{_DIGITS}g}")
 
 
-SURVEY_SCHEMA = "tam_calibration/source/1"
+_SURVEY_SCHEMA = "tam_calibration/source/1"
 
 
 def survey_to_mapping(survey: Survey) -> dict[str, Any]:
     """Return what `tam locate --json` prints; NaN where a value is not known."""
     line = survey.line
     return {
-        "schema": SURVEY_SCHEMA,
+        "schema": _SURVEY_SCHEMA,
         "frame": survey.frame,
         "frequency_Hz": line and line.frequency_hz,
         "frequency_standard_error_Hz": line and line.standard_error_hz,

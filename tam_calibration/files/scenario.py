@@ -15,7 +15,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.simulation import Scenario, Simulation
 
-TRUTH_SCHEMA = "tam_calibration/truth/1"
+_TRUTH_SCHEMA = "tam_calibration/truth/1"
 
 
 def shipped_scenarios() -> dict[str, Path]:
@@ -68,8 +68,8 @@ def write_truth(path: Path, simulation: Simulation) -> None:
     """
     intensity = np.linalg.norm(simulation.center_field_T, axis=1)
     content = {
-        "schema": TRUTH_SCHEMA,
-        "sensors": sensors_to_mapping(simulation.errors),
+        "schema": _TRUTH_SCHEMA,
+        "sensors": _sensors_to_mapping(simulation.errors),
         "field": {
             "intensity_nT": round(float(to_nanotesla(intensity.mean())), 6),
             "intensity_standard_deviation_nT": round(float(to_nanotesla(intensity.std())), 6),
@@ -82,7 +82,7 @@ def write_truth(path: Path, simulation: Simulation) -> None:
         beside.write_text(dump_mapping(content), encoding="utf-8")
 
 
-def sensors_to_mapping(errors: SensorErrors) -> list[dict[str, Any]]:
+def _sensors_to_mapping(errors: SensorErrors) -> list[dict[str, Any]]:
     """Return the errors in the units of files, one block for each sensor."""
     columns = {
         "scale_factor": errors.scale_factor,

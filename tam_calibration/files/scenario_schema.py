@@ -19,11 +19,11 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.simulation import Scenario, attitude, instruments, sources
 from tam_calibration.sources.dipole import Dipole
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
-class _Sensor(Document):
+class _StatedSensor(Document):
     sensor: int
     scale_factor: Vector = (1.0, 1.0, 1.0)
     non_orthogonality_deg: Vector = (0.0, 0.0, 0.0)
@@ -32,7 +32,7 @@ class _Sensor(Document):
 
 
 class _Site(Document):
-    intensity_nT: Positive
+    intensity_nT: _Positive
     inclination_deg: Annotated[float, Field(ge=-90, le=90)]
     declination_deg: Finite = 0.0
 
@@ -53,8 +53,8 @@ class _Place(Document):
 
 class _Sinusoid(Document):
     kind: Literal["sinusoid"]
-    standard_deviation_nT: NotNegative
-    period_s: Positive
+    standard_deviation_nT: _NotNegative
+    period_s: _Positive
 
     def build(self, folder: Path) -> sources.Drift:
         return sources.SinusoidDrift(from_nanotesla(self.standard_deviation_nT), self.period_s)
@@ -62,7 +62,7 @@ class _Sinusoid(Document):
 
 class _Ramp(Document):
     kind: Literal["ramp"]
-    standard_deviation_nT: NotNegative
+    standard_deviation_nT: _NotNegative
 
     def build(self, folder: Path) -> sources.Drift:
         return sources.RampDrift(from_nanotesla(self.standard_deviation_nT))
@@ -98,7 +98,7 @@ class _Random(Document):
 
 class _RandomEulerAngles(Document):
     kind: Literal["random_euler_angles"]
-    standard_deviation_deg: Positive = 180.0
+    standard_deviation_deg: _Positive = 180.0
 
     def build(self) -> attitude.Motion:
         return attitude.RandomEulerAngles(from_degrees(self.standard_deviation_deg))
@@ -120,7 +120,7 @@ class _Turntable(Document):
 
 class _Tumble(Document):
     kind: Literal["tumble"]
-    turn_rate_deg_per_s: Positive = 90.0
+    turn_rate_deg_per_s: _Positive = 90.0
 
     def build(self) -> attitude.Motion:
         return attitude.Tumble(from_degrees(self.turn_rate_deg_per_s))
@@ -138,25 +138,25 @@ class _Auv(Document):
 
 
 class _Scalar(Document):
-    rate_hz: Positive | None = None
+    rate_hz: _Positive | None = None
     one_error_per_recording: bool = False
 
 
 class _Temperature(Document):
     start_C: Finite
     end_C: Finite
-    noise_C: NotNegative = 0.0
+    noise_C: _NotNegative = 0.0
 
 
 class _Current(Document):
     low_A: Finite
     high_A: Finite
-    period_s: Positive
-    noise_A: NotNegative = 0.0
+    period_s: _Positive
+    noise_A: _NotNegative = 0.0
 
 
 class _Attitude(Document):
-    noise_deg: NotNegative = 0.0
+    noise_deg: _NotNegative = 0.0
 
     def build(self) -> instruments.AttitudeChannel:
         return instruments.AttitudeChannel(from_degrees(self.noise_deg))
@@ -170,7 +170,7 @@ class ScenarioFile(Document):
     """What a scenario file may hold; channels that it does not name are not recorded."""
 
     array: ArrayFile
-    sensors: list[_Sensor] | None = None
+    sensors: list[_StatedSensor] | None = None
     site: _Site | None = None
     place: _Place | None = None
     motion: Annotated[_Motion, Field(discriminator="kind")]
@@ -232,7 +232,7 @@ def scenario_of(content: dict[str, Any], folder: Path) -> Scenario:
     return check(content, ScenarioFile).build(folder)
 
 
-def _errors(sensors: list[_Sensor]) -> SensorErrors:
+def _errors(sensors: list[_StatedSensor]) -> SensorErrors:
     if [block.sensor for block in sensors] != list(range(1, len(sensors) + 1)):
         raise InputError("sensors must be numbered 1, 2, … in this order")
     return SensorErrors(

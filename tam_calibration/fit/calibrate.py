@@ -36,11 +36,11 @@ METHODS: dict[str, Fit] = {
 }
 DEFAULT_METHOD = "maximum_likelihood"
 
-WITH_AMBIENT_GRADIENT = ("maximum_likelihood", "robust")
+_WITH_AMBIENT_GRADIENT = ("maximum_likelihood", "robust")
 """The methods that can fit the gradient of the ambient field with the errors."""
 
-FOLDS = 5
-BLOCKS_PER_FOLD = 10
+_FOLDS = 5
+_BLOCKS_PER_FOLD = 10
 
 
 def calibrate(
@@ -124,19 +124,19 @@ def _fit_of(method: str, ambient_gradient: bool) -> Fit:
         raise InputError(f"there is no method {method!r}: choose one of {', '.join(METHODS)}")
     if not ambient_gradient:
         return METHODS[method]
-    if method not in WITH_AMBIENT_GRADIENT:
-        able = " or ".join(WITH_AMBIENT_GRADIENT)
+    if method not in _WITH_AMBIENT_GRADIENT:
+        able = " or ".join(_WITH_AMBIENT_GRADIENT)
         raise InputError(f"{method} takes the field for uniform: {able} can fit an ambient gradient")
     return partial(maximum_likelihood, robust=method == "robust", ambient_gradient=True)
 
 
 def _held_out(recording: SampleSource, array: Array, fit: Fit) -> Residuals | None:
     """Return the residuals of every sample, each corrected by a fit to the other folds of blocks of time."""
-    block = np.arange(FOLDS * BLOCKS_PER_FOLD)
+    block = np.arange(_FOLDS * _BLOCKS_PER_FOLD)
     starts = -(-np.append(block, len(block)) * recording.sample_count // len(block))
-    fold_of = np.repeat((block % FOLDS).astype(np.int8), np.diff(starts))
+    fold_of = np.repeat((block % _FOLDS).astype(np.int8), np.diff(starts))
     parts, sizes = [], []
-    for fold in range(FOLDS):
+    for fold in range(_FOLDS):
         test = fold_of == fold
         if not test.any() or (~test).sum() < 2 * FEWEST_SAMPLES:
             return None

@@ -16,7 +16,7 @@ from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.residuals import residual_series
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
-PARTS = 10
+_PARTS = 10
 """Of equal length, of which each is long enough for some turns of a usual survey."""
 
 _FEWEST_IN_PART = 10
@@ -126,9 +126,9 @@ def _residual_in_parts(recording: SampleSource, calibration: Calibration) -> _Pa
 
 
 def _in_parts(residual: FloatArray, time: FloatArray) -> _Parts | None:
-    if len(residual) < PARTS * _FEWEST_IN_PART:
+    if len(residual) < _PARTS * _FEWEST_IN_PART:
         return None
-    chunks = np.array_split(np.arange(len(residual)), PARTS)
+    chunks = np.array_split(np.arange(len(residual)), _PARTS)
     return _Parts(
         np.array([np.median(residual[chunk]) for chunk in chunks]),
         np.array([time[chunk[0]] for chunk in chunks]),

@@ -62,7 +62,7 @@ def symmetric(elements: FloatArray) -> FloatArray:
     return elements[..., [0, 3, 4, 3, 1, 5, 4, 5, 2]].reshape(*elements.shape[:-1], 3, 3)
 
 
-def linear_center(moments: FloatArray, right: FloatArray) -> FloatArray:
+def _linear_center(moments: FloatArray, right: FloatArray) -> FloatArray:
     """Return the centres (..., 3) of the ellipsoids pᵀ A p - 2 (A o)ᵀ p = r of Wu 2025 eq. 9.
 
     Parameters
@@ -100,7 +100,7 @@ def center_of(moments: FloatArray) -> FloatArray:
     mean_square = moments[..., 9, 10] / moments[..., 9, 9]
     center, moved = np.zeros((*moments.shape[:-2], 3)), moments
     for _ in range(20):
-        step = linear_center(moved, moved[..., :9, 10] / mean_square[..., None])
+        step = _linear_center(moved, moved[..., :9, 10] / mean_square[..., None])
         center = center + step
         # What is neglected is quadratic in the step.
         if np.abs(step).max() < 1e-8:

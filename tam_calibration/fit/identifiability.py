@@ -91,12 +91,12 @@ def refuse_open(standard_errors: FloatArray, intensity_T: float) -> None:
     open_ = ~(standard_errors.reshape(-1, 12) <= limits)
     if open_.any():
         raise InputError(
-            f"the readings do not determine {name_open(open_)}: "
+            f"the readings do not determine {_name_open(open_)}: "
             "turn the array through directions outside one plane or cone, up and down as well as around"
         )
 
 
-def name_open(open_: np.ndarray) -> str:
+def _name_open(open_: np.ndarray) -> str:
     """Return the names of the parameters, by sensor, that a mask (K, 12) selects."""
     groups: dict[tuple[int, ...], list[str]] = {}
     for parameter, name in enumerate(PARAMETER_NAMES):
@@ -112,7 +112,7 @@ def _name_sensors(sensors: tuple[int, ...], count: int) -> str:
     return f"sensor {', '.join(map(str, sensors))}"
 
 
-WEAK_RELATIVE_ERROR = 5.0
+_WEAK_RELATIVE_ERROR = 5.0
 """Above this ratio to the full sphere's standard error a parameter is badly determined."""
 
 _MOST_NAMES = 3
@@ -132,7 +132,7 @@ class Weakness:
         Cramér–Rao bound of each standard error over that of as many samples over the full sphere, in the order of
         ``errors.PARAMETER_NAMES``; NaN for what is fixed, infinite where undetermined.
     parameters : tuple of str
-        The worst of those above ``WEAK_RELATIVE_ERROR``, worst first, with their sensors and ratios.
+        The worst of those above ``_WEAK_RELATIVE_ERROR``, worst first, with their sensors and ratios.
     reason : str
         Which attitudes are missing, and what to do; empty where nothing is badly determined.
     """
@@ -166,11 +166,11 @@ def find_weakness(recording: Recording, calibration: Calibration) -> Weakness:
 
 
 def _worst(ratio: FloatArray) -> tuple[str, ...]:
-    weak = ratio > WEAK_RELATIVE_ERROR
+    weak = ratio > _WEAK_RELATIVE_ERROR
     largest = np.where(weak, ratio, 0).max(axis=0)
     ordered = np.argsort(-largest)[: min(_MOST_NAMES, int(weak.any(axis=0).sum()))]
     only = np.arange(len(PARAMETER_NAMES)) == ordered[:, None]
-    return tuple(f"{name_open(weak & own)} {_times(largest[index])}" for index, own in zip(ordered, only, strict=True))
+    return tuple(f"{_name_open(weak & own)} {_times(largest[index])}" for index, own in zip(ordered, only, strict=True))
 
 
 def _times(ratio: float) -> str:

@@ -20,7 +20,7 @@ from tam_calibration.fit.reference import InterpolationNoise
 from tam_calibration.fit.scale import Normalized
 from tam_calibration.model.units import FloatArray
 
-BoolArray = NDArray[np.bool_]
+_BoolArray = NDArray[np.bool_]
 
 UNIFORM = np.empty(0)
 """The components of the gradient of a field that has none."""
@@ -100,7 +100,7 @@ class Likelihood:
         channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
         moments = self._moments if weights is None else _second_moments(self._flat, weights)
         reference_count = int(np.isfinite(self.intensity).sum())
-        return linearization(channels, moments, self._common_mode_moments(channels, weights), reference_count)
+        return _linearization(channels, moments, self._common_mode_moments(channels, weights), reference_count)
 
     def energy(self, matrix: FloatArray, bias: FloatArray, ambient_gradient: FloatArray = UNIFORM) -> FloatArray:
         """Return the (N,) sums of the squares of each sample's whitened channels."""
@@ -161,7 +161,7 @@ class CommonMode(NamedTuple):
     direction: FloatArray
     residual: FloatArray
     precision: FloatArray
-    known: slice | BoolArray
+    known: slice | _BoolArray
 
 
 def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: Any) -> CommonMode:
@@ -191,7 +191,7 @@ def whitened(there: CommonMode, features: FloatArray) -> FloatArray:
     return columns
 
 
-def linearization(
+def _linearization(
     channels: ChannelMaps, moments: FloatArray, common: FloatArray, reference_count: int
 ) -> Linearization:
     """Return the normal equations from the second moments of the rows and of the ``whitened`` columns."""
@@ -263,4 +263,4 @@ class UniformLikelihood:
             columns = whitened(there, points[:0])
             common += gram(columns)
             count += columns.shape[1]
-        return linearization(channels, self.data.moments, common, count)
+        return _linearization(channels, self.data.moments, common, count)

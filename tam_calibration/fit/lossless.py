@@ -16,7 +16,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 
-def published_center(moments: Moments) -> FloatArray:
+def _published_center(moments: Moments) -> FloatArray:
     """Return the centres of step 1 as printed: origin at zero reading, intensity constant, SLSQP on eq. 12."""
     quartic = moments.quartic
     origin = -moments.data.origin_T / moments.data.radius_T
@@ -86,7 +86,7 @@ def lossless(recording: SampleSource, array: Array, *, as_published: bool = Fals
     """
     if as_published:
         moments = gather(recording, _NAME)
-        center = published_center(moments)
+        center = _published_center(moments)
         matrix = _matrix_about(moments, center)
         return finish("lossless (as published)", recording, array, moments.data, matrix, center)
     moments, matrix, center = _fit(recording)

@@ -26,14 +26,14 @@ from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
-DEGREES_OF_FREEDOM = 6.0
+_DEGREES_OF_FREEDOM = 6.0
 """With four sensors the standard errors are 1.04 times the bound's without outliers; with 4 they would be 1.05."""
 
 _MOST_STEPS = 200
 _SMALLEST_SQUARE = 1e-4  # below a hundredth of the stated noise lies only rounding
 
 
-def scale_square(energy: FloatArray, channels: FloatArray) -> float:
+def _scale_square(energy: FloatArray, channels: FloatArray) -> float:
     """Return the square of the scale of the noise, in units of the stated one, by maximum likelihood.
 
     Parameters
@@ -53,16 +53,16 @@ def scale_square(energy: FloatArray, channels: FloatArray) -> float:
 
 def weights(energy: FloatArray, channels: FloatArray, square: float) -> FloatArray:
     """Return the (N,) weights of samples: about one for noise, small for outliers."""
-    return (DEGREES_OF_FREEDOM + channels) / (DEGREES_OF_FREEDOM + energy / square)
+    return (_DEGREES_OF_FREEDOM + channels) / (_DEGREES_OF_FREEDOM + energy / square)
 
 
-def variance_factor(energy: FloatArray, channels: FloatArray, square: float) -> float:
+def _variance_factor(energy: FloatArray, channels: FloatArray, square: float) -> float:
     """Return the variance of the weighted estimate over that of the inverse information with the stated noise.
 
     The sandwich of an M-estimate: mean square of the weighted channels over the square of their mean derivative.
     """
     weight = weights(energy, channels, square)
-    slope = -weight / (DEGREES_OF_FREEDOM * square + energy)
+    slope = -weight / (_DEGREES_OF_FREEDOM * square + energy)
     spread = np.sum(weight**2 * energy) / channels.sum()
     derivative = np.sum(weight * channels + 2 * slope * energy) / channels.sum()
     return float(spread / derivative**2)
@@ -188,7 +188,7 @@ def _fit_in_memory(
     point, information = gauss_newton(partial(_linearize, likelihood, robust), point, robust)
     if robust:
         energy, channels = likelihood.energy(*point), likelihood.channel_count
-        factor = variance_factor(energy, channels, scale_square(energy, channels))
+        factor = _variance_factor(energy, channels, _scale_square(energy, channels))
         information = _linearize(likelihood, False, point).information / factor
     return point, information
 
@@ -232,5 +232,5 @@ def _aligned_start(
 
 def _student_weights(likelihood: Likelihood, point: Point) -> FloatArray:
     energy, channels = likelihood.energy(*point), likelihood.channel_count
-    square = scale_square(energy, channels)
+    square = _scale_square(energy, channels)
     return weights(energy, channels, square) / square

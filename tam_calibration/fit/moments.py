@@ -22,8 +22,8 @@ from tam_calibration.model.units import FloatArray
 
 IntArray = NDArray[np.integer[Any]]
 
-JACKKNIFE_GROUPS = 64
-FEWEST_SAMPLES = 10
+_JACKKNIFE_GROUPS = 64
+_FEWEST_SAMPLES = 10
 """An ellipsoid has nine parameters; one sample more lets the jackknife leave one out."""
 
 
@@ -72,7 +72,7 @@ class Moments:
 
 
 def gather(
-    source: SampleSource, method: str, *, with_platform: bool = False, groups: int = JACKKNIFE_GROUPS
+    source: SampleSource, method: str, *, with_platform: bool = False, groups: int = _JACKKNIFE_GROUPS
 ) -> Moments:
     """Return the moments of the samples that have a scalar reading, or of all where none has, in one pass.
 
@@ -93,8 +93,8 @@ def gather(
         When there are too few samples.
     """
     known = source.sample_count if source.scalar_count is None else source.scalar_count
-    if known < FEWEST_SAMPLES:
-        raise InputError(f"{known} samples are too few for the {method} calibration: it needs {FEWEST_SAMPLES}")
+    if known < _FEWEST_SAMPLES:
+        raise InputError(f"{known} samples are too few for the {method} calibration: it needs {_FEWEST_SAMPLES}")
     if source.sample_count <= BLOCK:
         groups = -(-known // _length_of_run(known, min(groups, known)))
     data = normalize(source)

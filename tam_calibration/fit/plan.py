@@ -153,7 +153,7 @@ def make_plan(
     Refused
         When parameters stay open; it names them.
     """
-    search = _Search(start.model, start.information, start.model.rows(field_T), samples_per_pose)
+    search = _PoseSearch(start.model, start.information, start.model.rows(field_T), samples_per_pose)
     chosen: list[int] = []
     for _ in range(pose_count):
         chosen.append(search.best(chosen, _sum))
@@ -182,7 +182,7 @@ def _largest(squares: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _PoseSearch:
     """The candidates, and what is known before."""
 
     model: InformationModel

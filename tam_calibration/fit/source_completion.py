@@ -14,7 +14,7 @@ from tam_calibration.sources.demodulation import background_of, demodulate
 from tam_calibration.sources.dipole import Source
 from tam_calibration.sources.poses import Poses
 
-STILL = from_degrees(0.2)
+_STILL = from_degrees(0.2)
 """An attitude that stays within this angle of its first is one pose, radians."""
 FEWEST_PERIODS = 10.0
 """A pose lasts at least so many periods of the source."""
@@ -86,7 +86,7 @@ def _still(attitude: FloatArray) -> list[slice]:
     unit = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
     stretches, start = [], 0
     while start < len(unit):
-        moved = np.abs(unit[start:] @ unit[start]) < np.cos(STILL / 2)
+        moved = np.abs(unit[start:] @ unit[start]) < np.cos(_STILL / 2)
         length = int(moved.argmax()) if moved.any() else len(moved)
         stretches.append(slice(start, start + length))
         start += length
@@ -100,12 +100,12 @@ def _demodulate(pose: Recording, frequency_hz: float) -> tuple[FloatArray, Float
     return found.amplitude.reshape(shape), found.standard_errors.reshape(shape)
 
 
-FRAME_STATEMENT = (
+_FRAME_STATEMENT = (
     "The array frame is the one whose attitude was recorded: a source of known place, axis and strength showed how the "
     "frame of the calibration in a uniform field is turned against it, how long the baselines are, and where the "
     "elements of the axes sit."
 )
-LARGEST_CHI_SQUARE = 10.0
+_LARGEST_CHI_SQUARE = 10.0
 """Above this many times what noise leaves, the source is not the one that is stated."""
 
 
@@ -135,7 +135,7 @@ def complete(calibration: Calibration, recording: Recording, source: Source, fre
         seen.amplitudes_T, seen.noise_T, source, seen.poses, calibration.errors, calibration.array
     )
     reduced = found.chi_square / found.degrees_of_freedom
-    if reduced > LARGEST_CHI_SQUARE:
+    if reduced > _LARGEST_CHI_SQUARE:
         raise Refused(
             f"the readings differ from those of the stated source by {reduced**0.5:.1f} times their noise: check its "
             "position, axis, strength and radius, and the gain of the sensors at its frequency"
@@ -147,7 +147,7 @@ def complete(calibration: Calibration, recording: Recording, source: Source, fre
         array=found.array_of(calibration.array),
         errors=errors,
         covariance=_turned_covariance(calibration, found, errors),
-        frame=FRAME_STATEMENT,
+        frame=_FRAME_STATEMENT,
         known_source=KnownSource(
             found.baseline_scale,
             float(found.standard_errors[0]),

@@ -12,7 +12,7 @@ from typing import Any
 from tam_calibration.fleet.task import Task, process
 from tam_calibration.model.exceptions import InputError
 
-PRELOADED = (process.__module__, "tam_calibration.files.bag_corrected", "scipy.optimize", "scipy.spatial.transform")
+_PRELOADED = (process.__module__, "tam_calibration.files.bag_corrected", "scipy.optimize", "scipy.spatial.transform")
 """What every task loads sooner or later: loaded once, before the processes are forked."""
 
 
@@ -37,7 +37,7 @@ def run_here(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, str]]:
 def _in_pool(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, BaseException | None]]:
     # Forked from a process that has imported everything once, not from this one with its threads.
     context = get_context("forkserver")
-    context.set_forkserver_preload(list(PRELOADED))
+    context.set_forkserver_preload(list(_PRELOADED))
     pool = ProcessPoolExecutor(jobs, context, initializer=_begin)
     try:
         futures = {pool.submit(process, task): task for task in tasks}

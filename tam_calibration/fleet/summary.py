@@ -78,7 +78,7 @@ _DRIFTS = (
 _RECORDINGS_HEADER = ("recording", "platform", "start (UTC)", "samples", "status", "verdict", "gap (noise floors)")
 
 
-def write_fleet_page(path: Path, results: Sequence[Result]) -> None:
+def _write_fleet_page(path: Path, results: Sequence[Result]) -> None:
     """Write the self-contained HTML page.
 
     Parameters
@@ -144,7 +144,7 @@ def _number(value: int, noun: str) -> str:
     return f"{count(value)} {noun}" + ("" if value == 1 else "s")
 
 
-SCHEMA = "tam_calibration/batch/1"
+_SCHEMA = "tam_calibration/batch/1"
 
 
 def write_summaries(out: Path, results: Sequence[Result]) -> None:
@@ -163,16 +163,16 @@ def write_summaries(out: Path, results: Sequence[Result]) -> None:
         When a file cannot be written.
     """
     with write_whole(out / "summary.json") as beside:
-        beside.write_text(to_json(summary_to_mapping(results)), encoding="utf-8")
+        beside.write_text(to_json(_summary_to_mapping(results)), encoding="utf-8")
     with write_whole(out / "summary.csv") as beside, beside.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows(summary_rows(results))
-    write_fleet_page(out / "summary.html", results)
+        csv.writer(file, lineterminator="\n").writerows(_summary_rows(results))
+    _write_fleet_page(out / "summary.html", results)
 
 
-def summary_to_mapping(results: Sequence[Result]) -> dict[str, Any]:
+def _summary_to_mapping(results: Sequence[Result]) -> dict[str, Any]:
     """Return the content of ``summary.json``: counts, drifts and the recordings without their parameters."""
     return {
-        "schema": SCHEMA,
+        "schema": _SCHEMA,
         "platforms": [
             {"platform": platform}
             | {name.replace(" ", "_"): number for name, number in counts_of(some).items()}
@@ -202,7 +202,7 @@ def _drift_mapping(found: ParameterDrift) -> dict[str, Any]:
     }
 
 
-def summary_rows(results: Sequence[Result]) -> list[list[Any]]:
+def _summary_rows(results: Sequence[Result]) -> list[list[Any]]:
     """Return the header and the rows of ``summary.csv``; a cell is empty where there is nothing."""
     sensors = max((len(result.sensors) for result in results), default=0)
     header = ["platform", "recording", "path", "status", "verdict", "start_s", "end_s", "samples"]

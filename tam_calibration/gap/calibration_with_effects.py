@@ -24,7 +24,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.sensor_errors import SensorErrors
 
-AUTO = "auto"
+_AUTO = "auto"
 """Given instead of names: the effects that a diagnosis finds."""
 
 
@@ -40,7 +40,7 @@ def calibrate_with_effects(
     array : Array
         Geometry and noise.
     effects : collection of str
-        Names of effects, or ``AUTO`` alone for those that a diagnosis finds.
+        Names of effects, or ``_AUTO`` alone for those that a diagnosis finds.
     progress : callable, optional
         Called with the name of the stage and the part that is done, 0 to 1.
 
@@ -57,10 +57,10 @@ def calibrate_with_effects(
     Refused
         When the recording cannot show an effect, or shows none of it.
     """
-    for name in set(effects) - {AUTO}:
+    for name in set(effects) - {_AUTO}:
         effect_named(name)
-    if AUTO in effects and len(effects) > 1:
-        raise InputError(f"{AUTO} stands for all effects that are found: name no others beside it")
+    if _AUTO in effects and len(effects) > 1:
+        raise InputError(f"{_AUTO} stands for all effects that are found: name no others beside it")
     if recording.sensor_count != array.sensor_count:
         raise InputError(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
@@ -68,7 +68,7 @@ def calibrate_with_effects(
         )
     recording.check_plausible(array.field)
     require_determined(recording, array)
-    if AUTO in effects:
+    if _AUTO in effects:
         found = search(recording, array, progress=progress)
         gap = conclude(found)
         model = found.nominal if gap.verdict == "no_gap" else found.model

@@ -26,7 +26,7 @@ from tam_calibration.gap.where import locate, sensors_and_axes
 from tam_calibration.model.fitted_effect import ALL, FittedEffect
 
 
-def noisier_rows(model: Model) -> Excess | None:
+def _noisier_rows(model: Model) -> Excess | None:
     """Return the excess of variance of some rows over the others, whatever its cause; None without evidence."""
     channels = model.channels(model.signal() if model.parts else None)
     excess = best_excess(ChannelMoments.of(channels.residuals), channels.covariates)
@@ -52,7 +52,7 @@ def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> 
 def _is_open_elsewhere(found: Search) -> bool:
     """Whether rows of a sensor without a cause are noisier than the others: no modelling error explains that."""
     own = {sensor for step in found.steps for sensor in sensors_of(places_of(step.accepted.form))}
-    excess = None if ALL in own else noisier_rows(found.model)
+    excess = None if ALL in own else _noisier_rows(found.model)
     return excess is not None and excess.place.sensor not in own
 
 
@@ -93,7 +93,7 @@ def _named(where: Where) -> str:
 def conclude(found: Search) -> Gap:
     """Return the gap that a search found."""
     variance = noise_variance(found.model, found.remaining, LEAST_EVIDENCE)
-    noisier = None if found.steps else noisier_rows(found.nominal)
+    noisier = None if found.steps else _noisier_rows(found.nominal)
     if noisier is not None:
         variance = min(variance, max(noisier.floor, LARGEST_NOISE**-2))
     whole_nominal, whole = found.nominal.of_all_samples(), found.model.of_all_samples()

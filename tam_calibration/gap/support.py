@@ -135,7 +135,7 @@ def support_of(base: Base, candidate: Evidence) -> tuple[bool, SurrogateTest | N
         return False, None
     if candidate.delta_bic < LEAST_EVIDENCE:
         return False, None
-    if form.effect.oversize(base.channels.covariates, fitted_at(base, form)) is not None:
+    if form.effect.oversize(base.channels.covariates, _fitted_at(base, form)) is not None:
         return False, None
     permanent = form.effect.always(form.shape)
     if permanent is not None:
@@ -181,7 +181,7 @@ def _unexplained_part(base: Base, cause: Evidence, form: Hypothesis) -> float:
     return unexplained / (unexplained + base.energy - beside.energy)
 
 
-def fitted_at(base: Base, form: Hypothesis) -> FittedEffect:
+def _fitted_at(base: Base, form: Hypothesis) -> FittedEffect:
     """Return the effect with its least-squares values beside a base."""
     projected = base.project(base.channels.design(form.terms))
     values = projected.inverse()[0] @ projected.score

@@ -96,9 +96,9 @@ def interleave(parts: Sequence[RawMessages], places: Sequence[IntArray]) -> RawM
 _BODY = 4
 """Bytes before the message, which tell the byte order; alignment counts from here."""
 
-ByteOrder = Literal["<", ">"]
+_ByteOrder = Literal["<", ">"]
 
-_KINDS: dict[ByteOrder, int] = {"<": 0x0100, ">": 0x0000}
+_KINDS: dict[_ByteOrder, int] = {"<": 0x0100, ">": 0x0000}
 """The first two bytes by byte order, read as a little-endian number."""
 
 _HEAD = np.dtype([("seconds", "i4"), ("nanoseconds", "u4"), ("length", "u4")])
@@ -173,7 +173,7 @@ def read_float64(message: bytes) -> float:
     return value
 
 
-def _by_byte_order(messages: RawMessages) -> Iterator[tuple[slice | NDArray[np.bool_], RawMessages, ByteOrder]]:
+def _by_byte_order(messages: RawMessages) -> Iterator[tuple[slice | NDArray[np.bool_], RawMessages, _ByteOrder]]:
     kinds = _take(messages, 0, 2).view("<u2")
     for order, kind in _KINDS.items():
         chosen = kinds == kind

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS, SampleLayout
 from tam_calibration.messages.stream import HeldStream, JoinedStream, Losses, Message, Stream, sensor_stream
 
-MAXIMUM_AGE_NS = {
+_MAXIMUM_AGE_NS = {
     "scalar": 2_000_000_000,
     "temperature": 60_000_000_000,
     "current": 2_000_000_000,
@@ -81,7 +81,7 @@ class Synchroniser:
         hold_patience_ns: int = 0,
         scalar_is_held: bool = False,
         expected: Collection[str] = (),
-        maximum_age_ns: Mapping[str, int] = MAXIMUM_AGE_NS,
+        maximum_age_ns: Mapping[str, int] = _MAXIMUM_AGE_NS,
         capacity: int = 65_536,
     ) -> None:
         self.delivered = self.restarts = 0

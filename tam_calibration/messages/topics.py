@@ -22,14 +22,14 @@ CHANNEL_TOPICS = {
     "current": "current",
     "attitude": "imu/data",
 }
-CHANNEL_TYPES = {
+_CHANNEL_TYPES = {
     "scalar": (MAGNETIC_FIELD, FLOAT64),
     "temperature": (TEMPERATURE,),
     "current": (FLOAT64,),
     "attitude": (IMU,),
 }
 
-Decoder = Callable[[RawMessages], tuple[IntArray | None, FloatArray]]
+_Decoder = Callable[[RawMessages], tuple[IntArray | None, FloatArray]]
 """What returns the (n,) stamps, if there are any, and the (n, columns) values of messages."""
 
 
@@ -61,10 +61,10 @@ class StreamTopics:
         """Whether the scalar comes without stamps."""
         return self.layout.scalar and self.connections["scalar"].msgtype == FLOAT64
 
-    def decoders(self) -> dict[str, Decoder]:
+    def decoders(self) -> dict[str, _Decoder]:
         """Return for each stream the function that reads stamps and values of its messages."""
-        decoders: dict[str, Decoder] = dict.fromkeys(self.connections, _vectors)
-        channels: dict[str, Decoder] = {"temperature": _temperatures, "current": read_float64s, "attitude": _attitudes}
+        decoders: dict[str, _Decoder] = dict.fromkeys(self.connections, _vectors)
+        channels: dict[str, _Decoder] = {"temperature": _temperatures, "current": read_float64s, "attitude": _attitudes}
         channels["scalar"] = read_float64s if self.scalar_is_held else _norms
         return decoders | {name: decoder for name, decoder in channels.items() if name in decoders}
 
@@ -95,7 +95,7 @@ def find_topics(connections: Sequence[Connection], sensor_count: int | None) -> 
         chosen[sensor_stream(sensor)] = _require(by_topic, namespace + sensor_topic(sensor), (MAGNETIC_FIELD,))
     for channel, topic in CHANNEL_TOPICS.items():
         if namespace + topic in by_topic:
-            chosen[channel] = _require(by_topic, namespace + topic, CHANNEL_TYPES[channel])
+            chosen[channel] = _require(by_topic, namespace + topic, _CHANNEL_TYPES[channel])
     layout = SampleLayout(sensor_count or highest, *(channel in chosen for channel in CHANNEL_TOPICS))
     return StreamTopics(namespace, layout, chosen)
 

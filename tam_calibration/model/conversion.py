@@ -17,19 +17,19 @@ if TYPE_CHECKING:
 ATTITUDE_COLUMNS = ("qx", "qy", "qz", "qw")
 """Columns of the attitude in a table; any other channel is one column of its own name."""
 
-SINGLE_CHANNELS = ("scalar_T", "temperature_C", "current_A")
+_SINGLE_CHANNELS = ("scalar_T", "temperature_C", "current_A")
 
-DIMENSIONS = {
+_DIMENSIONS = {
     "readings_T": ("time_s", "sensor", "axis"),
-    **dict.fromkeys(SINGLE_CHANNELS, ("time_s",)),
+    **dict.fromkeys(_SINGLE_CHANNELS, ("time_s",)),
     "attitude": ("time_s", "quaternion"),
 }
 """Dimensions of each variable of a dataset."""
 
-UNITS = {"time_s": "s", "readings_T": "T", "scalar_T": "T", "temperature_C": "degC", "current_A": "A", "attitude": "1"}
+_UNITS = {"time_s": "s", "readings_T": "T", "scalar_T": "T", "temperature_C": "degC", "current_A": "A", "attitude": "1"}
 """Attribute ``units`` of each variable of a dataset."""
 
-COMPONENTS = {"axis": ["x", "y", "z"], "quaternion": ["x", "y", "z", "w"]}
+_COMPONENTS = {"axis": ["x", "y", "z"], "quaternion": ["x", "y", "z", "w"]}
 """Labels of the dimensions whose order has a meaning."""
 
 
@@ -54,7 +54,7 @@ def to_pandas(values: Mapping[str, FloatArray]) -> "pandas.DataFrame":
     table = _library("pandas")
     readings = values["readings_T"]
     columns = dict(zip(reading_columns(readings.shape[1]), readings.reshape(len(readings), -1).T, strict=True))
-    columns |= {name: values[name] for name in SINGLE_CHANNELS if name in values}
+    columns |= {name: values[name] for name in _SINGLE_CHANNELS if name in values}
     if "attitude" in values:
         columns |= zip(ATTITUDE_COLUMNS, values["attitude"].T, strict=True)
     frame: pandas.DataFrame = table.DataFrame(columns, index=table.Index(values["time_s"], name="time_s"))
@@ -76,8 +76,9 @@ def from_pandas(frame: "pandas.DataFrame") -> dict[str, FloatArray]:
     needed = ["time_s", *reading_columns(max(sensors, 1)), *attitude]
     if missing := [name for name in needed if name not in names]:
         raise InputError(f"column {missing[0]!r} is missing: a recording of {sensors} sensors has {', '.join(needed)}")
-    if others := [name for name in names if name not in (*needed, *SINGLE_CHANNELS)]:
-        raise InputError(f"column {others[0]!r} is not known: a recording has {', '.join((*needed, *SINGLE_CHANNELS))}")
+    allowed = [*needed, *_SINGLE_CHANNELS]
+    if others := [name for name in names if name not in allowed]:
+        raise InputError(f"column {others[0]!r} is not known: a recording has {', '.join(allowed)}")
     if len(set(names)) < len(names):
         raise InputError("a column is there twice")
     try:
@@ -86,7 +87,7 @@ def from_pandas(frame: "pandas.DataFrame") -> dict[str, FloatArray]:
         raise InputError(f"the table holds what is not a number: {problem}") from None
     readings = np.column_stack([columns[name] for name in reading_columns(sensors)]).reshape(-1, sensors, 3)
     values = {"time_s": columns["time_s"], "readings_T": readings}
-    values |= {name: columns[name] for name in SINGLE_CHANNELS if name in columns}
+    values |= {name: columns[name] for name in _SINGLE_CHANNELS if name in columns}
     return values | ({"attitude": np.column_stack([columns[name] for name in attitude])} if attitude else {})
 
 
@@ -104,14 +105,14 @@ def to_xarray(values: Mapping[str, FloatArray]) -> "xarray.Dataset":
         When xarray is not installed.
     """
     numbers = np.arange(1, values["readings_T"].shape[1] + 1)
-    used = {dimension for name in values if name != "time_s" for dimension in DIMENSIONS[name]}
-    labels = {name: label for name, label in COMPONENTS.items() if name in used}
+    used = {dimension for name in values if name != "time_s" for dimension in _DIMENSIONS[name]}
+    labels = {name: label for name, label in _COMPONENTS.items() if name in used}
     variables = {
-        name: (dimensions, values[name], {"units": UNITS[name]})
-        for name, dimensions in DIMENSIONS.items()
+        name: (dimensions, values[name], {"units": _UNITS[name]})
+        for name, dimensions in _DIMENSIONS.items()
         if name in values
     }
-    time = ("time_s", values["time_s"], {"units": UNITS["time_s"]})
+    time = ("time_s", values["time_s"], {"units": _UNITS["time_s"]})
     dataset: xarray.Dataset = _library("xarray").Dataset(variables, {"time_s": time, "sensor": numbers, **labels})
     return dataset
 
@@ -124,20 +125,20 @@ def from_xarray(dataset: "xarray.Dataset") -> dict[str, FloatArray]:
     InputError
         When a variable, dimension or label is missing, or a variable or unit is another.
     """
-    if others := [name for name in dataset.data_vars if name not in DIMENSIONS]:
-        raise InputError(f"variable {others[0]!r} is not known: a recording has {', '.join(DIMENSIONS)}")
+    if others := [name for name in dataset.data_vars if name not in _DIMENSIONS]:
+        raise InputError(f"variable {others[0]!r} is not known: a recording has {', '.join(_DIMENSIONS)}")
     if missing := [name for name in ("time_s", "readings_T") if name not in dataset.variables]:
-        raise InputError(f"variable {missing[0]!r} is missing: a recording has {', '.join(('time_s', *DIMENSIONS))}")
+        raise InputError(f"variable {missing[0]!r} is missing: a recording has {', '.join(('time_s', *_DIMENSIONS))}")
     values = {"time_s": np.asarray(dataset["time_s"], dtype=float)}
-    for name in dataset.data_vars:
+    for name in map(str, dataset.data_vars):
         variable = dataset[name]
-        if (unit := variable.attrs.get("units", UNITS[name])) != UNITS[name]:
-            raise InputError(f"variable {name} is in {unit!r} and must be in {UNITS[name]!r}")
+        if (unit := variable.attrs.get("units", _UNITS[name])) != _UNITS[name]:
+            raise InputError(f"variable {name} is in {unit!r} and must be in {_UNITS[name]!r}")
         try:
-            chosen = {each: COMPONENTS[each] for each in DIMENSIONS[name] if each in COMPONENTS}
-            values[str(name)] = np.asarray(variable.transpose(*DIMENSIONS[name]).sel(chosen), dtype=float)
+            chosen = {each: _COMPONENTS[each] for each in _DIMENSIONS[name] if each in _COMPONENTS}
+            values[name] = np.asarray(variable.transpose(*_DIMENSIONS[name]).sel(chosen), dtype=float)
         except (KeyError, ValueError) as problem:
-            raise InputError(f"variable {name} must have the dimensions {DIMENSIONS[name]}: {problem}") from None
+            raise InputError(f"variable {name} must have the dimensions {_DIMENSIONS[name]}: {problem}") from None
     return values
 
 

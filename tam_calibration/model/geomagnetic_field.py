@@ -118,10 +118,10 @@ EARTH_FIELD = FieldBounds(15e-6, 100e-6, "the Earth's")
 """Of the geomagnetic field anywhere, with what iron and magnets nearby add to it."""
 
 
-MODEL_YEARS = (1900, 2030)
+_MODEL_YEARS = (1900, 2030)
 """First year of IGRF-14, and the year at whose beginning it ends."""
 
-FARTHEST_FROM_IGRF = 1.5
+_FARTHEST_FROM_IGRF = 1.5
 """Times the model's intensity, or its inverse: twice the 10 µT of 48 that were measured in 55 homes (Swanson 1994,
 static magnetic fields in homes in the UK), for buildings with more steel. Crust away from ore makes some hundred nT."""
 
@@ -158,9 +158,9 @@ def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day
         raise InputError(f"the longitude must lie between -180 and 360 degrees east, not at {longitude_deg}")
     if not -10e3 <= height_m <= 600e3:
         raise InputError(f"the height must lie between -10 and 600 km, not at {height_m} m")
-    if not MODEL_YEARS[0] <= day.year < MODEL_YEARS[1]:
+    if not _MODEL_YEARS[0] <= day.year < _MODEL_YEARS[1]:
         raise InputError(
-            f"the geomagnetic model IGRF-14 holds from {MODEL_YEARS[0]} to {MODEL_YEARS[1] - 1}, not in {day.year}"
+            f"the geomagnetic model IGRF-14 holds from {_MODEL_YEARS[0]} to {_MODEL_YEARS[1] - 1}, not in {day.year}"
         )
     components = ppigrf.igrf(longitude_deg, latitude_deg, height_m / 1e3, datetime(day.year, day.month, day.day))
     return from_nanotesla(np.ravel(components).astype(float))
@@ -192,4 +192,4 @@ def bounds_at(place: str) -> FieldBounds:
         When that is no place and date of the model.
     """
     intensity_T = float(np.linalg.norm(field_at(place)))
-    return FieldBounds(intensity_T / FARTHEST_FROM_IGRF, intensity_T * FARTHEST_FROM_IGRF, "the place's")
+    return FieldBounds(intensity_T / _FARTHEST_FROM_IGRF, intensity_T * _FARTHEST_FROM_IGRF, "the place's")

@@ -84,7 +84,7 @@ class ResidualSums:
 
     def __init__(self, errors: SensorErrors, array: Array, intensity_T: float) -> None:
         self._intensity_T, self._sensors = intensity_T, errors.sensor_count
-        unmix = block_diagonal(inv(errors.matrix))
+        unmix = _block_diagonal(inv(errors.matrix))
         self._map = np.concatenate([unmix, array.operator[[0, 1, 2, *TENSOR_OUTPUTS]] @ unmix])
         self._offset = -self._map @ errors.bias_T.reshape(-1, 1)
         self._intensity, self._known = np.zeros(self._sensors + 1), 0
@@ -120,7 +120,7 @@ def measure_residuals(errors: SensorErrors, array: Array, source: SampleSource, 
     return sums.result()
 
 
-def block_diagonal(matrices: FloatArray) -> FloatArray:
+def _block_diagonal(matrices: FloatArray) -> FloatArray:
     """Return the (3K, 3K) matrix that applies (K, 3, 3) matrices to the vectors of each sensor."""
     count = len(matrices)
     blocks: FloatArray = np.einsum("kl,kij->kilj", np.eye(count), matrices).reshape(3 * count, 3 * count)

@@ -88,7 +88,7 @@ class SampleStore:
         return SampleLayout.from_columns(columns).recording(np.array(rows))
 
 
-RULES = (
+_RULES = (
     ARRAY_FILE,
     Rule("method", DEFAULT_METHOD, "Method of the fit.", choices=tuple(METHODS), read_only=False),
     Rule(
@@ -103,7 +103,7 @@ RULES = (
 )
 
 
-TURN_S = 0.05
+_TURN_S = 0.05
 """Time from one look for samples and requests to the next."""
 
 
@@ -116,7 +116,7 @@ class Calibrator(TamNode):
 
     def __init__(self) -> None:
         self._worked: list[Service] = []
-        super().__init__("calibrator", RULES)
+        super().__init__("calibrator", _RULES)
         self._array = array_of(self)
         self._store = SampleStore(self.value("max_samples"))
         self._problem = ""
@@ -125,13 +125,13 @@ class Calibrator(TamNode):
         self._publisher = self.create_publisher(String, "calibration", LATCHED)
         self._load()
         self._reader = CloudReader(self._refuse_samples)
-        self.listen_in_turns([(PointCloud2, "samples", self._take)], TURN_S, RELIABLE_STREAM)
+        self.listen_in_turns([(PointCloud2, "samples", self._take)], _TURN_S, RELIABLE_STREAM)
         actions = {"calibrate": self._calibrate, "diagnose": self._diagnose, "save": self._save}
         self._worked = [
             self.create_service(Trigger, f"~/{name}", self._answering(action)) for name, action in actions.items()
         ]
         self._worker = ThreadPoolExecutor(max_workers=1)
-        self.create_steady_timer(TURN_S, self._take_requests)
+        self.create_steady_timer(_TURN_S, self._take_requests)
 
     @property
     def services(self) -> Iterator[Service]:

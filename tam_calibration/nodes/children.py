@@ -12,17 +12,17 @@ from types import TracebackType
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.nodes import signals
 
-GRACE_S = 5.0
+_GRACE_S = 5.0
 """Time that a process has to end after SIGINT before it is killed."""
 
-TAIL_LINES = 15
+_TAIL_LINES = 15
 
-BAD_INPUT = 2
+_BAD_INPUT = 2
 """Exit code of a process whose last line says what in its input is not usable."""
 
 
 NODES = ("collector", "calibrator", "corrector", "localizer")
-PROCESSES = ("stream", "calibrator", "localizer")
+_PROCESSES = ("stream", "calibrator", "localizer")
 """The entry points that run them all; ``stream`` runs collector and corrector."""
 
 START = ("-m", "tam_calibration.nodes.start")
@@ -47,7 +47,7 @@ def node_commands(
             *shared,
             *_settings(everywhere | own.get(name, {})),
         ]
-        for name in PROCESSES
+        for name in _PROCESSES
     }
 
 
@@ -129,7 +129,7 @@ class Children:
         process = self._processes.pop(name)
         process.send_signal(signal_number)
         try:
-            return process.wait(GRACE_S)
+            return process.wait(_GRACE_S)
         except subprocess.TimeoutExpired:
             process.kill()
             return process.wait()
@@ -156,7 +156,7 @@ class Children:
 
     def _refuse(self, name: str, code: int) -> None:
         lines = self.log(name).splitlines()
-        if code == BAD_INPUT:
+        if code == _BAD_INPUT:
             raise InputError(lines[-1].removeprefix("tam: "))
-        tail = "\n".join(lines[-TAIL_LINES:])
+        tail = "\n".join(lines[-_TAIL_LINES:])
         raise Refused(f"{name} ended with exit code {code} (see {self._logs[name]}):\n{tail}")

@@ -16,7 +16,7 @@ from tam_calibration.nodes.children import NODES, Children
 from tam_calibration.nodes.cloud import read_cloud
 from tam_calibration.nodes.monitor import TURN_S, Monitor
 
-CALL_TURN_S = 1.0
+_CALL_TURN_S = 1.0
 
 
 def call(service: str, find_s: float) -> str:
@@ -41,7 +41,7 @@ def call(service: str, find_s: float) -> str:
             raise Refused(f"nobody offers the service {service}: are the nodes running (tam nodes), in this namespace?")
         future = client.call_async(Trigger.Request())
         while not future.done() and client.service_is_ready():
-            rclpy.spin_until_future_complete(node, future, timeout_sec=CALL_TURN_S)
+            rclpy.spin_until_future_complete(node, future, timeout_sec=_CALL_TURN_S)
         response = future.result() if future.done() else None
         if response is None:
             raise Refused(f"the node of {service} ended before it answered: its log says why")

@@ -24,13 +24,13 @@ from tam_calibration.nodes.base import ERROR, OK, RELIABLE_STREAM, STALE, STREAM
 from tam_calibration.nodes.cloud import cloud_writer, make_cloud, to_stamp
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 
-SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
-SCALAR_TYPES = {"sensor_msgs/MagneticField": MagneticField, "std_msgs/Float64": Float64}
+_SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
+_SCALAR_TYPES = {"sensor_msgs/MagneticField": MagneticField, "std_msgs/Float64": Float64}
 
-RULES = (
+_RULES = (
     ARRAY_FILE,
     FRAME_ID,
-    Rule("scalar_type", "sensor_msgs/MagneticField", f"Message type of {SCALAR_TOPIC}.", choices=tuple(SCALAR_TYPES)),
+    Rule("scalar_type", "sensor_msgs/MagneticField", f"Message type of {_SCALAR_TOPIC}.", choices=tuple(_SCALAR_TYPES)),
     Rule(
         "tolerance_s",
         TOLERANCE_S,
@@ -45,7 +45,7 @@ class Collector(TamNode):
     """Publishes `samples` of the sensors' topics; /diagnostics tells what is missing, lost or silent."""
 
     def __init__(self) -> None:
-        super().__init__("collector", RULES)
+        super().__init__("collector", _RULES)
         sensor_count = array_of(self).sensor_count
         self._layout = SampleLayout(sensor_count, scalar=True, temperature=True, current=True, attitude=True)
         self._sensors = [sensor_stream(sensor + 1) for sensor in range(sensor_count)]
@@ -85,7 +85,7 @@ class Collector(TamNode):
         if synchroniser.drops_everything:
             return ERROR, f"no samples can be joined: {synchroniser.explain_losses()}; compare stamps and tolerance_s"
         if other := self._other_scalar_type():
-            return WARN, f"{SCALAR_TOPIC} carries {other}: start the collector with scalar_type:={other}"
+            return WARN, f"{_SCALAR_TOPIC} carries {other}: start the collector with scalar_type:={other}"
         if new_losses:
             return WARN, f"{new_losses} messages lost in the last second: {synchroniser.explain_losses()}"
         return None
@@ -96,16 +96,16 @@ class Collector(TamNode):
 
     def _other_scalar_type(self) -> str:
         """Return the type on the scalar's topic where it is not the one that is subscribed, or nothing."""
-        endpoints = self.get_publishers_info_by_topic(self.resolve_topic_name(SCALAR_TOPIC))
+        endpoints = self.get_publishers_info_by_topic(self.resolve_topic_name(_SCALAR_TOPIC))
         types = {endpoint.topic_type.replace("/msg/", "/") for endpoint in endpoints}
         return "" if not types or self.value("scalar_type") in types else types.pop()
 
     def _subscribe(self) -> None:
         for sensor, name in enumerate(self._sensors, start=1):
             self._take_from(MagneticField, sensor_topic(sensor), partial(self._take_sensor, name))
-        scalar_type = SCALAR_TYPES[self.value("scalar_type")]
+        scalar_type = _SCALAR_TYPES[self.value("scalar_type")]
         take_scalar = self._take_norm if scalar_type is MagneticField else partial(self._take_number, "scalar")
-        self._take_from(scalar_type, SCALAR_TOPIC, take_scalar)
+        self._take_from(scalar_type, _SCALAR_TOPIC, take_scalar)
         self._take_from(Imu, CHANNEL_TOPICS["attitude"], self._take_attitude)
         self._take_from(Temperature, CHANNEL_TOPICS["temperature"], self._take_temperature)
         self._take_from(Float64, CHANNEL_TOPICS["current"], partial(self._take_number, "current"))
@@ -156,7 +156,7 @@ class Collector(TamNode):
             self._layout,
             tolerance_ns=round(self.value("tolerance_s") * 1e9),
             scalar_is_held=self.value("scalar_type") == "std_msgs/Float64",
-            expected=("scalar",) if self.count_publishers(SCALAR_TOPIC) else (),
+            expected=("scalar",) if self.count_publishers(_SCALAR_TOPIC) else (),
         )
 
     def _deliver(self, samples: Sequence[Sample]) -> None:

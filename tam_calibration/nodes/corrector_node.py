@@ -27,18 +27,18 @@ from tam_calibration.nodes.calibration_figures import figures
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, Rows, cloud_writer, layout_of
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 
-RULES = (
+_RULES = (
     ARRAY_FILE,
     FRAME_ID,
     Rule("calibration_file", "", "Calibration YAML that is loaded at the start; a newer one comes over `calibration`."),
 )
 
-WINDOW_BATCHES = 500
+_WINDOW_BATCHES = 500
 """Batches, most of a single sample, whose |B| is compared with the scalar."""
 
-SILENCE_S = 2.0
+_SILENCE_S = 2.0
 
-DOUBTFUL_RATIO = 3.0
+_DOUBTFUL_RATIO = 3.0
 """Residual over the noise floor, or over what the fit left, above which a new calibration is advised."""
 
 
@@ -50,7 +50,7 @@ class Corrector(TamNode):
     """
 
     def __init__(self) -> None:
-        super().__init__("corrector", RULES)
+        super().__init__("corrector", _RULES)
         self._array = array_of(self)
         self._calibration: Calibration | None = None
         self._correction: Correction | None = None
@@ -58,7 +58,7 @@ class Corrector(TamNode):
         self._problem_of_calibration = self._problem_of_samples = ""
         self._received = self._corrected = 0
         self._heard_s, self._newest_s = -np.inf, np.nan
-        self._lengths: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=WINDOW_BATCHES)
+        self._lengths: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_WINDOW_BATCHES)
         self._reader = CloudReader(partial(self.refuse, "samples"))
         self._offer_outputs(self.value("frame_id"))
         if path := self.value("calibration_file"):
@@ -96,7 +96,7 @@ class Corrector(TamNode):
             return WARN, self._problem_of_calibration or "no calibration yet: call calibrator/calibrate or give a file"
         if self._problem_of_calibration:
             return WARN, f"a new calibration was not taken, the old one stays: {self._problem_of_calibration}"
-        if time.monotonic() - self._heard_s > SILENCE_S:
+        if time.monotonic() - self._heard_s > _SILENCE_S:
             return STALE, "no samples arrive: see the collector"
         if self._left_in:
             reasons = "; ".join(map(why_left_in, self._left_in))
@@ -105,7 +105,7 @@ class Corrector(TamNode):
             return OK, "samples are corrected; no scalar reference to compare with"
         floor_T = self._calibration.floor.center_intensity_T
         compared = f"|B| − scalar is {to_nanotesla(residual_T):.3g} nT, noise floor {to_nanotesla(floor_T):.3g} nT"
-        if residual_T > DOUBTFUL_RATIO * max(floor_T, self._calibration.in_sample.center_intensity_T):
+        if residual_T > _DOUBTFUL_RATIO * max(floor_T, self._calibration.in_sample.center_intensity_T):
             return WARN, f"{compared}: calibrate again"
         return OK, compared
 

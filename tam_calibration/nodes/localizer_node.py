@@ -27,8 +27,8 @@ from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STAL
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, cloud_writer, from_stamp, layout_of, to_stamp
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 
-FITTED, NONE = "fitted", "none"
-RULES = (
+_FITTED, _NONE = "fitted", "none"
+_RULES = (
     ARRAY_FILE,
     FRAME_ID,
     Rule("calibration_file", "", "Calibration YAML that is loaded at the start; a newer one comes over `calibration`."),
@@ -37,7 +37,7 @@ RULES = (
     ),
     Rule(
         "regional",
-        FITTED,
+        _FITTED,
         "Field beside the source's, taken off with the attitude: fitted to the first samples, LAT,LON,DATE for IGRF "
         "there, or none.",
     ),
@@ -72,7 +72,7 @@ def source_rows(solutions: EulerSolutions) -> FloatArray:
     return np.concatenate(parts, axis=1)
 
 
-SILENCE_S = 2.0
+_SILENCE_S = 2.0
 _ROUNDING = 1e-9
 
 
@@ -83,12 +83,12 @@ class Localizer(TamNode):
     """
 
     def __init__(self) -> None:
-        super().__init__("localizer", RULES)
+        super().__init__("localizer", _RULES)
         self._stated_array = self._array = array_of(self)
         self._calibration: Calibration | None = None
         import_module("scipy.spatial.transform")  # else it would be loaded while the first samples wait
         self._given: str = self.value("regional")
-        known = () if self._given in (FITTED, NONE) else (Regional(field_at(self._given), self._attitude_noise),)
+        known = () if self._given in (_FITTED, _NONE) else (Regional(field_at(self._given), self._attitude_noise),)
         self._regional: Regional | None = next(iter(known), None)
         self._join, self._first = AttitudeJoin(), list[Joined]()
         self._problem_of_calibration = self._problem_of_samples = ""
@@ -118,7 +118,7 @@ class Localizer(TamNode):
 
     @property
     def _needs_attitude(self) -> bool:
-        return self._given != NONE or bool(self.value("fixed_frame"))
+        return self._given != _NONE or bool(self.value("fixed_frame"))
 
     @property
     def _is_heard(self) -> bool:
@@ -136,7 +136,7 @@ class Localizer(TamNode):
             return ERROR, self._problem_of_samples
         if self._problem_of_calibration:
             return WARN, f"a new calibration was not taken: {self._problem_of_calibration}"
-        if time.monotonic() - self._heard_s > SILENCE_S:
+        if time.monotonic() - self._heard_s > _SILENCE_S:
             return STALE, "no field and gradient arrive: see the corrector"
         if not self._is_heard:
             return OK, "nobody listens to the source: it is not located"
@@ -163,7 +163,7 @@ class Localizer(TamNode):
 
     def _start_over(self) -> None:
         self._first = []
-        if self._given == FITTED:
+        if self._given == _FITTED:
             self._regional = None
 
     def _take_samples(self, messages: list[bytes]) -> None:
@@ -202,7 +202,7 @@ class Localizer(TamNode):
                 waiting = []
                 self._start_over()
             self._newest_ns = one.stamp_ns
-            if self._given == FITTED and self._regional is None:
+            if self._given == _FITTED and self._regional is None:
                 self._tell([one], EulerSolutions.refused(1, self._learn(one)))
             else:
                 waiting.append(one)

@@ -11,14 +11,14 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-LEVELS = {
+_LEVELS = {
     DiagnosticStatus.OK: ("OK", "green"),
     DiagnosticStatus.WARN: ("WARN", "yellow"),
     DiagnosticStatus.ERROR: ("ERROR", "red"),
     DiagnosticStatus.STALE: ("WAIT", "cyan"),
 }
 
-BAR_WIDTH = 40
+_BAR_WIDTH = 40
 TURN_S = 0.1
 
 
@@ -45,7 +45,7 @@ class Monitor(Node):
 
     def figures(self, name: str) -> dict[str, str]:
         """Return the figures of a node's status; none before the first."""
-        return figures_of(self.statuses[name])
+        return _figures_of(self.statuses[name])
 
     def count(self, name: str, figure: str) -> int | None:
         """Return a figure of a node's status that counts; None where it is not told yet."""
@@ -76,12 +76,12 @@ def render_statuses(statuses: Mapping[str, DiagnosticStatus | None]) -> Renderab
     """Return bars of the collector's coverage and losses, and a row for each node; None for one that is silent yet."""
     table = Table.grid(padding=(0, 2))
     for name, status in statuses.items():
-        level, colour = LEVELS[status.level] if status else ("…", "dim")
+        level, colour = _LEVELS[status.level] if status else ("…", "dim")
         table.add_row(name, Text(level, colour), Text(status.message if status else "starting"))
-    return Group(*_bars(figures_of(statuses["collector"])), table)
+    return Group(*_bars(_figures_of(statuses["collector"])), table)
 
 
-def figures_of(status: DiagnosticStatus | None) -> dict[str, str]:
+def _figures_of(status: DiagnosticStatus | None) -> dict[str, str]:
     """Return the figures of a status; none before the first."""
     return {value.key: value.value for value in status.values} if status else {}
 
@@ -95,16 +95,16 @@ def _bars(figures: Mapping[str, str]) -> list[RenderableType]:
     grid = Table.grid(padding=(0, 2))
     grid.add_row(
         "sphere of directions",
-        ProgressBar(1.0, fraction, width=BAR_WIDTH, complete_style=colour, finished_style=colour),
+        ProgressBar(1.0, fraction, width=_BAR_WIDTH, complete_style=colour, finished_style=colour),
         f"{fraction:.0%}  {'enough' if is_enough else 'missing: ' + figures['missing']}",
     )
     grid.add_row(
         "synchronised",
-        ProgressBar(max(samples + lost, 1), samples, BAR_WIDTH, complete_style="green", finished_style="green"),
+        ProgressBar(max(samples + lost, 1), samples, _BAR_WIDTH, complete_style="green", finished_style="green"),
         f"{samples} samples, {lost} messages lost",
     )
     return [grid]
 
 
 def _line(name: str, status: DiagnosticStatus | None) -> str:
-    return f"{name} {LEVELS[status.level][0]}: {status.message}" if status else ""
+    return f"{name} {_LEVELS[status.level][0]}: {status.message}" if status else ""

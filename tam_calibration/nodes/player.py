@@ -14,10 +14,10 @@ from rosgraph_msgs.msg import Clock
 from tam_calibration.files.bag import raw_messages
 from tam_calibration.model.exceptions import InputError
 
-CLOCK_PERIOD_NS = 10_000_000
-SENSOR_TYPE = "sensor_msgs/msg/MagneticField"
+_CLOCK_PERIOD_NS = 10_000_000
+_SENSOR_TYPE = "sensor_msgs/msg/MagneticField"
 
-SETTLE_S = 0.3
+_SETTLE_S = 0.3
 """Subscribers match a publisher a little later than it matches them, and take the last messages a little later.
 
 The player sleeps for that, and between messages: it receives nothing that could wake it, and no one tells it of either.
@@ -68,7 +68,7 @@ class Player(Node):
         limit = time.monotonic() + timeout_s
         while self.unheard() and time.monotonic() < limit:
             time.sleep(0.02)
-        time.sleep(SETTLE_S)
+        time.sleep(_SETTLE_S)
         return not self.unheard()
 
     def play(self) -> Iterator[float]:
@@ -81,10 +81,10 @@ class Player(Node):
             time.sleep(max(0.0, begin + (stamp - first) / 1e9 / self._rate - time.monotonic()))
             if self._clock_publisher and stamp >= clock_due:
                 self._clock_publisher.publish(Clock(clock=Time(nanoseconds=stamp).to_msg()))
-                clock_due = stamp + CLOCK_PERIOD_NS
+                clock_due = stamp + _CLOCK_PERIOD_NS
             publisher.publish(bytes(data))
             yield (stamp - first) / 1e9
-        time.sleep(SETTLE_S)
+        time.sleep(_SETTLE_S)
 
     def _advertise(self, connection: Any) -> None:
         if connection.topic == "/clock" and self._clock_publisher:
@@ -95,7 +95,7 @@ class Player(Node):
             return
         publisher = self.create_publisher(message_type, connection.topic, _quality(connection.ext.offered_qos_profiles))
         self._publishers_by_topic[connection.topic] = publisher
-        if connection.msgtype == SENSOR_TYPE:
+        if connection.msgtype == _SENSOR_TYPE:
             self._sensors[connection.topic] = publisher
 
 

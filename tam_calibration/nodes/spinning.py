@@ -13,7 +13,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes import signals
 from tam_calibration.nodes.signals import Startup
 
-BAD_ARGUMENTS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
+_BAD_ARGUMENTS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
 
 
 def spin_nodes(startup: Startup, make_nodes: Sequence[Callable[[], Node]]) -> None:
@@ -34,7 +34,7 @@ def spin_nodes(startup: Startup, make_nodes: Sequence[Callable[[], Node]]) -> No
     try:
         rclpy.init()
         startup.over()
-    except BAD_ARGUMENTS as problem:
+    except _BAD_ARGUMENTS as problem:
         raise InputError(f"the arguments of ROS cannot be used: {str(problem).partition(', at /')[0]}") from problem
     try:
         _spin(make_nodes, _cheapest_executor())

@@ -119,7 +119,7 @@ _SHADES = LinearSegmentedColormap.from_list("signed", [AFTER_COLOR, "#f4f6f8", B
 def plot_sphere(view: GapView, row: int) -> Figure:
     """Draw the mean residual of one row in each cell of the sphere of field directions (Hammer), one map a state."""
     states, cell = view.states, cell_of(view.gap.residue.direction)
-    means = [cell_means(to_nanotesla(state.rows_T[:, row]), cell) for state in states]
+    means = [_cell_means(to_nanotesla(state.rows_T[:, row]), cell) for state in states]
     reach = float(np.nanmax(np.abs(means), initial=0.0)) or 1.0
     longitude, latitude, map_cell = cells_on_map()
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.2), layout="constrained")
@@ -136,7 +136,7 @@ def plot_sphere(view: GapView, row: int) -> Figure:
     return figure
 
 
-def cell_means(values: FloatArray, cell: IntArray) -> FloatArray:
+def _cell_means(values: FloatArray, cell: IntArray) -> FloatArray:
     """Return the mean of the known values in each cell, NaN where there is none."""
     known = np.isfinite(values)
     counts = np.bincount(cell[known], minlength=CELLS)

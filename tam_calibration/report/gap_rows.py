@@ -15,11 +15,11 @@ from tam_calibration.report.formatting import count, fixed, join, number, with_e
 
 def cause_words(cause: Cause) -> list[str]:
     """Return sentences on the surrogate test of a cause, and on its size beside the largest known."""
-    surrogate_test = [] if cause.surrogate_test is None else [surrogate_words(cause.surrogate_test)]
-    return surrogate_test + [sized_words(sized) for sized in cause.sizes]
+    surrogate_test = [] if cause.surrogate_test is None else [_surrogate_words(cause.surrogate_test)]
+    return surrogate_test + [_sized_words(sized) for sized in cause.sizes]
 
 
-def surrogate_words(test: SurrogateTest) -> str:
+def _surrogate_words(test: SurrogateTest) -> str:
     """Return the result of a surrogate test in words."""
     gains = f"its gain is {number(test.gain)}, that of the best surrogate {number(test.largest)}"
     if test.gain <= test.largest:
@@ -31,7 +31,7 @@ def surrogate_words(test: SurrogateTest) -> str:
     )
 
 
-def sized_words(sized: Sized) -> str:
+def _sized_words(sized: Sized) -> str:
     """Return the size of a cause beside the largest known in words, with the source of the latter."""
     factor, unit = for_people(sized.limit.unit)
     unit = "" if unit == "1" else f" {unit}"

@@ -47,7 +47,7 @@ def plot_coverage(coverage: Coverage) -> Figure:
     mesh = axes.pcolormesh(longitude, latitude, visited, cmap=_SHADES, norm=scale, shading="nearest", rasterized=True)
     axes.pcolormesh(longitude, latitude, missing, cmap=_MISSING, shading="nearest", rasterized=True)
     draw_borders(axes)
-    name_directions(axes)
+    _name_directions(axes)
     figure.colorbar(mesh, ax=axes, location="bottom", shrink=0.5, aspect=30, label="samples in a cell", format="%d")
     key = [Patch(color=MISSING_COLOR, label="no sample")]
     axes.legend(handles=key, loc="upper right", bbox_to_anchor=(1.02, 1.05), frameon=False)
@@ -74,7 +74,7 @@ def draw_borders(axes: Axes) -> None:
     axes.set_yticks([])
 
 
-def name_directions(axes: Axes) -> None:
+def _name_directions(axes: Axes) -> None:
     """Write the names of directions on the map."""
     halo = [withStroke(linewidth=2.5, foreground="white")]
     for name, longitude, latitude in _PLACES:

@@ -10,10 +10,10 @@ from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.report.formatting import join, number, ratio, sentence
 
-ACCEPTED_RATIO = 1.1
+_ACCEPTED_RATIO = 1.1
 """Largest residual over noise floor of a calibration that is not doubted, apart from chance."""
 
-ACCEPTED_GROWTH = np.sqrt(2)
+_ACCEPTED_GROWTH = np.sqrt(2)
 """Largest standard error of a corrected sample over what sensor noise alone makes: both have an equal part in it."""
 
 
@@ -86,7 +86,7 @@ def _conclusion(calibration: Calibration, doubts: tuple[Doubt, ...]) -> str:
 
 def _doubt_residuals(calibration: Calibration) -> Doubt | None:
     """Compare with the floor, leaving room for three standard deviations of an RMS of so many samples."""
-    accepted = ACCEPTED_RATIO + 3 / np.sqrt(2 * calibration.samples)
+    accepted = _ACCEPTED_RATIO + 3 / np.sqrt(2 * calibration.samples)
     residuals, floor = best_evidence(calibration), calibration.floor
     sensors = residuals.sensor_intensity_T / floor.sensor_intensity_T
     ratios = {f"|B| of sensor {sensor + 1}": float(value) for sensor, value in enumerate(sensors)}
@@ -114,7 +114,7 @@ def _doubt_standard_errors(calibration: Calibration) -> Doubt | None:
     """Compare the standard error of corrected samples, all directions alike, with what sensor noise alone makes."""
     noise = np.sqrt(calibration.correction_matrix**2 @ np.repeat(calibration.array.vector_noise_T**2, 3))
     growth = float(np.nanmax(calibration.output_standard_errors / noise))
-    if growth <= ACCEPTED_GROWTH:
+    if growth <= _ACCEPTED_GROWTH:
         return None
     detail = (
         "Over all directions of the field, the parameters' uncertainty makes the standard error of a corrected sample "

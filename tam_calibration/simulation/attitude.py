@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, from_degrees
 
-GOLDEN_RATIO = (1 + np.sqrt(5)) / 2
+_GOLDEN_RATIO = (1 + np.sqrt(5)) / 2
 
 
 class Motion(Protocol):
@@ -91,7 +91,7 @@ class Tumble:
 
     def attitudes(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
         """Return the (N, 4) quaternions x, y, z, w at times (N,)."""
-        rates = self.turn_rate / GOLDEN_RATIO ** np.arange(3)
+        rates = self.turn_rate / _GOLDEN_RATIO ** np.arange(3)
         quaternions: FloatArray = Rotation.from_euler("XYZ", np.outer(time_s, rates)).as_quat()
         return quaternions
 
@@ -127,8 +127,8 @@ class Manoeuvre:
     def attitudes(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
         """Return the (N, 4) quaternions x, y, z, w at times (N,)."""
         yaw = 2 * np.pi * time_s / self.turn_period_s
-        pitch = self.pitch_limit * np.sin(GOLDEN_RATIO * yaw)
-        roll = self.roll_limit * np.sin(GOLDEN_RATIO**2 * yaw)
+        pitch = self.pitch_limit * np.sin(_GOLDEN_RATIO * yaw)
+        roll = self.roll_limit * np.sin(_GOLDEN_RATIO**2 * yaw)
         return _from_angles(np.stack([roll, pitch, yaw], axis=1))
 
 

@@ -72,7 +72,7 @@ def _check(effect: Effect, fitted: FittedEffect, covariates: Covariates) -> None
             )
 
 
-RANDOM_PARTS = ("motion", "vector", "scalar", "temperature", "current", "attitude", "effect")
+_RANDOM_PARTS = ("motion", "vector", "scalar", "temperature", "current", "attitude", "effect")
 """What draws random numbers; each has a generator of its own, so that one more channel changes no other's noise."""
 
 
@@ -163,7 +163,7 @@ def simulate(scenario: Scenario) -> Simulation:
 
 
 def _generator(scenario: Scenario, part: str, number: int = 0) -> np.random.Generator:
-    key = (RANDOM_PARTS.index(part), number)
+    key = (_RANDOM_PARTS.index(part), number)
     return np.random.default_rng(np.random.SeedSequence(scenario.seed, spawn_key=key))
 
 

@@ -38,7 +38,7 @@ class Source(ABC):
         return self.from_offset(points_m - self.position_m)[1]
 
 
-STRENGTH = mu_0 / (4 * np.pi)
+_STRENGTH = mu_0 / (4 * np.pi)
 """μ₀/4π, T m/A."""
 
 
@@ -73,12 +73,12 @@ def dipole_field(offset_m: FloatArray, moment_Am2: FloatArray) -> tuple[FloatArr
     distance = norm(offset_m, axis=-1)[..., None, None]
     unit = offset_m / distance[..., 0]
     squared = unit[..., :, None] * unit[..., None, :]
-    by_moment = STRENGTH * (3 * squared - np.eye(3)) / distance**3
+    by_moment = _STRENGTH * (3 * squared - np.eye(3)) / distance**3
     field = (by_moment @ np.asarray(moment_Am2)[..., None])[..., 0]
     along = np.sum(unit * moment_Am2, axis=-1)[..., None, None]
     crossed = unit[..., :, None] * np.asarray(moment_Am2)[..., None, :]
     shape = crossed + np.swapaxes(crossed, -1, -2) + along * (np.eye(3) - 5 * squared)
-    return field, 3 * STRENGTH * shape / distance**4, by_moment
+    return field, 3 * _STRENGTH * shape / distance**4, by_moment
 
 
 def moment_of_field(offset_m: FloatArray, field_T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -92,10 +92,10 @@ def moment_of_field(offset_m: FloatArray, field_T: FloatArray) -> tuple[FloatArr
     row = np.swapaxes(column, -1, -2)
     unit = row / distance
     along = row @ field
-    by_field = (1.5 * distance * column @ row - distance**3 * np.eye(3)) / STRENGTH
+    by_field = (1.5 * distance * column @ row - distance**3 * np.eye(3)) / _STRENGTH
     by_offset = (
         1.5 * distance * (along * np.eye(3) + column @ np.swapaxes(field, -1, -2))
         + 1.5 * along * column @ unit
         - 3 * distance**2 * field @ unit
-    ) / STRENGTH
+    ) / _STRENGTH
     return (by_field @ field)[..., 0], by_offset, by_field

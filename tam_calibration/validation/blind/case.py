@@ -97,22 +97,22 @@ def _cause_key(cause: Scaled) -> dict[str, Any]:
     }
 
 
-WELL_CONDITIONED = 1e-3
+_WELL_CONDITIONED = 1e-3
 """Least singular value of the nominal parameters' design over the largest: below, the calibration is undetermined."""
 
-HIDDEN = 0.03
+_HIDDEN = 0.03
 """Share of a signal that the nominal fit must leave: with less the recording cannot show it."""
 
 FEW_CLIPPED = 4
 """Least number of clipped samples: fewer cannot be told from outliers."""
 
-LEAST_SPIKE = 4.0
+_LEAST_SPIKE = 4.0
 """Spikes smaller than this many noise floors are noise, not outliers."""
 
-TRIES = 1000
+_TRIES = 1000
 """Draws of a recording in which the causes can be seen, before that is given up; they take some twenty seconds."""
 
-ALIKE = 0.6
+_ALIKE = 0.6
 """Largest cosine between the visible signals of two causes: above, no diagnosis can separate them."""
 
 
@@ -134,7 +134,7 @@ def make_case(plan: CasePlan, seed: int, number: int) -> Case:
         When no recording can be found that shows the causes.
     """
     rng = np.random.default_rng([seed, number])
-    for _ in range(TRIES):
+    for _ in range(_TRIES):
         made = _try(rng, plan)
         if made is not None:
             return made
@@ -145,7 +145,7 @@ def _try(rng: Generator, plan: CasePlan) -> Case | None:
     """Draw a recording and its causes; None when the causes cannot be seen or told apart in it."""
     scene = draw_scene(rng, _draw_wish(rng, plan))
     model = NominalModel(scene)
-    if model.conditioning < WELL_CONDITIONED:
+    if model.conditioning < _WELL_CONDITIONED:
         return None
     noise = _draw_noise(rng, scene)
     seen = (scene.readings_T + noise[0], scene.intensity_T + noise[1])
@@ -204,10 +204,10 @@ def _can_be_seen(model: NominalModel, scaled: Scaled) -> bool:
     effect = scaled.disturbance.effect
     if effect == "saturation" and struck.sum() < FEW_CLIPPED:
         return False
-    if effect == "outliers" and norm(whole[struck], axis=1).min() < LEAST_SPIKE:
+    if effect == "outliers" and norm(whole[struck], axis=1).min() < _LEAST_SPIKE:
         return False
     whole = whole - whole.mean(axis=0)
-    return float(norm(model.left(scaled.signal))) > HIDDEN * float(norm(whole))
+    return float(norm(model.left(scaled.signal))) > _HIDDEN * float(norm(whole))
 
 
 def _is_natural(scaled: Scaled, scene: Scene) -> bool:
@@ -230,7 +230,7 @@ def _differ(model: NominalModel, causes: list[Scaled], apart: bool) -> bool:
     if (apart or len(families) == 1) and (places[0] & places[1] or ALL in places[0] | places[1]):
         return False
     first, second = (model.left(cause.signal).ravel() for cause in causes)
-    return bool(abs(first @ second) < ALIKE * norm(first) * norm(second))
+    return bool(abs(first @ second) < _ALIKE * norm(first) * norm(second))
 
 
 def _record(seen: Signal, causes: list[Scaled]) -> Signal:

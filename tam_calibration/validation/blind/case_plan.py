@@ -12,10 +12,10 @@ from tam_calibration.validation.blind.outside_sealed import SEALED
 GAPS = (0.3, 1.0, 3.0)
 """In noise floors: hidden in the noise, as large, and plain to see; figures are asked for at each."""
 
-MIXED = (2.0, 1.0)
+_MIXED = (2.0, 1.0)
 """Gaps of the known cause and of the unknown one beside it."""
 
-SHARES = {
+_SHARES = {
     "single": 0.42,
     "pair": 0.08,
     "outside": 0.12,
@@ -27,13 +27,13 @@ SHARES = {
 }
 """Of the kinds in a set: of 600 cases three or four are of each effect and gap, and 36 to 72 of each other kind."""
 
-EVERYWHERE = ("ambient_gradient",)
+_EVERYWHERE = ("ambient_gradient",)
 """What disturbs all sensors leaves none to an unknown cause."""
 
 OF_SCALAR = ("geomagnetic_drift", "scalar_heading_error")
 """What disturbs the scalar leaves no place of its own to an unknown cause that needs one."""
 
-OUTSIDES = {"open": tuple(OUTSIDE), "sealed": tuple(SEALED), "both": (*OUTSIDE, *SEALED)}
+_OUTSIDES = {"open": tuple(OUTSIDE), "sealed": tuple(SEALED), "both": (*OUTSIDE, *SEALED)}
 """The causes outside the library, by the half that is asked for."""
 
 
@@ -58,11 +58,11 @@ def plan_cases(kinds: tuple[str, ...], count: int, seed: int, outside: str = "op
         The half of the causes outside the library that is used: open, sealed or both.
     """
     rng = np.random.default_rng([seed, 0])
-    others = [str(name) for name in rng.permutation(OUTSIDES[outside])]
-    total = sum(SHARES[kind] for kind in kinds)
+    others = [str(name) for name in rng.permutation(_OUTSIDES[outside])]
+    total = sum(_SHARES[kind] for kind in kinds)
     plans: list[CasePlan] = []
     for kind in kinds:
-        plans += _plan_kind(rng, kind, round(count * SHARES[kind] / total), others)
+        plans += _plan_kind(rng, kind, round(count * _SHARES[kind] / total), others)
     plans = (plans + _plan_kind(rng, kinds[0], count, others))[:count]
     return [plans[i] for i in rng.permutation(count)]
 
@@ -78,10 +78,10 @@ def _plan_kind(rng: Generator, kind: str, count: int, others: list[str]) -> list
         drawn = [CasePlan(kind, (str(rng.choice(names)),), (GAPS[1 + number % 2],)) for number in range(count)]
         return [CasePlan(kind, (), ()) if number % 4 == 3 else plan for number, plan in enumerate(drawn)]
     if kind == "mixed":
-        known = [str(name) for name in rng.permutation([name for name in quiet if name not in EVERYWHERE])]
+        known = [str(name) for name in rng.permutation([name for name in quiet if name not in _EVERYWHERE])]
         # Each time around, the known ones meet others, also where there are as many of either.
         beside = [(known[i % len(known)], others[(i + i // len(known)) % len(others)]) for i in range(2 * count)]
-        return [CasePlan(kind, both, MIXED) for both in beside if _can_meet(*both) and not _are_of_scalar(*both)][
+        return [CasePlan(kind, both, _MIXED) for both in beside if _can_meet(*both) and not _are_of_scalar(*both)][
             :count
         ]
     cycles = {

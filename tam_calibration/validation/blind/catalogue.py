@@ -25,10 +25,10 @@ from tam_calibration.validation.blind.surroundings import (
     scalar_heading_error,
 )
 
-ANY = (1, 2, 3, 4, 6)
+_ANY = (1, 2, 3, 4, 6)
 
 CATALOGUE = {
-    "temperature_drift": Entry(temperature_drift, "slow", channel="temperature", sensor_counts=ANY, most_nT=5000),
+    "temperature_drift": Entry(temperature_drift, "slow", channel="temperature", sensor_counts=_ANY, most_nT=5000),
     "hysteresis": Entry(hysteresis, "transfer", sensor_counts=SEVERAL, most_nT=2000),
     "nonlinearity": Entry(nonlinearity, "transfer", sensor_counts=SEVERAL, most_nT=3000),
     "time_skew": Entry(time_skew, "motion", motions=MOVING),
@@ -40,14 +40,14 @@ CATALOGUE = {
     "geomagnetic_drift": Entry(
         geomagnetic_drift, "slow", sensor_counts=(2, *SEVERAL), most_nT=300, most_nT_per_s=8.0, large=(30.0,)
     ),
-    "bias_jump": Entry(bias_jump, "slow", sensor_counts=ANY, most_nT=50_000),
+    "bias_jump": Entry(bias_jump, "slow", sensor_counts=_ANY, most_nT=50_000),
     "current_interference": Entry(current_interference, "slow", channel="current"),
     "flexure": Entry(flexure, "bending", channel="attitude", sensor_counts=SEVERAL, most_nT=3000),
     "periodic_interference": Entry(periodic_interference, "disorder"),
     "outliers": Entry(outliers, "disorder", sensor_counts=SEVERAL, most_nT=100_000),
     "noise_excess": Entry(noise_excess, "disorder", sensor_counts=SEVERAL, large=(30.0,)),
     "quantization": Entry(quantization, "disorder", most_nT=1000),
-    "saturation": Entry(saturation, "transfer", sensor_counts=ANY),
+    "saturation": Entry(saturation, "transfer", sensor_counts=_ANY),
     "stale_samples": Entry(stale_samples, "timing", motions=MOVING, sensor_counts=SEVERAL, most_nT=50_000, coarse=True),
     "timing_jitter": Entry(timing_jitter, "timing", motions=MOVING, sensor_counts=SEVERAL),
     "interpolated_samples": Entry(

@@ -72,7 +72,7 @@ def _dipole(moment: FloatArray, away: FloatArray) -> FloatArray:
     return np.asarray((3 * unit * (unit @ moment) - moment) / distance**3)
 
 
-Place = tuple[tuple[int | str, ...], tuple[str, ...], Signal]
+_Place = tuple[tuple[int | str, ...], tuple[str, ...], Signal]
 
 
 def periodic_interference(rng: Generator, scene: Scene) -> Disturbance:
@@ -131,7 +131,7 @@ def noise_excess(rng: Generator, scene: Scene) -> Disturbance:
     return Disturbance("noise_excess", sensors, axes, proportional(signal), "nT", parameters)
 
 
-def _put(rng: Generator, scene: Scene, draw: Callable[[int], FloatArray], everywhere: float) -> Place:
+def _put(rng: Generator, scene: Scene, draw: Callable[[int], FloatArray], everywhere: float) -> _Place:
     """Disturb all sensors by some chance, or the scalar, or one sensor, or one axis of it."""
     chance = rng.random()
     if scene.sensor_count > 1 and chance < everywhere:

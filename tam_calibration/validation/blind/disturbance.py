@@ -14,7 +14,7 @@ from tam_calibration.validation.blind.scene import Scene
 Signal = tuple[FloatArray, FloatArray]
 """Change of the readings (N, K, 3) and of the scalar (N,) in tesla."""
 
-AXES = ("x", "y", "z")
+_AXES = ("x", "y", "z")
 SCALAR = "scalar"
 ALL = "all"
 
@@ -89,7 +89,7 @@ def in_one_sensor(
 
 def by_axis(sensor: int, quantity: str, values: FloatArray) -> dict[str, float]:
     """Return the coefficients of a sensor's axes (3,) by their names, those of axes that are not disturbed left out."""
-    named_values = zip(AXES, numbers(values), strict=True)
+    named_values = zip(_AXES, numbers(values), strict=True)
     return {f"sensor {sensor + 1} {axis} {quantity}": value for axis, value in named_values if value}
 
 
@@ -109,7 +109,7 @@ def draw_axes(rng: Generator, chance_of_one: float) -> FloatArray:
 
 def named(mask: FloatArray) -> tuple[str, ...]:
     """Return the name of the one axis of a mask; nothing when there are more."""
-    return tuple(AXES[i] for i in np.flatnonzero(mask)) if np.count_nonzero(mask) == 1 else ()
+    return tuple(_AXES[i] for i in np.flatnonzero(mask)) if np.count_nonzero(mask) == 1 else ()
 
 
 def draw_direction(rng: Generator) -> FloatArray:

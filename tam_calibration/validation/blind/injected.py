@@ -28,8 +28,8 @@ from tam_calibration.validation.blind.recorded import RecordedScene, model_of, o
 from tam_calibration.validation.blind.scene import Scene
 from tam_calibration.validation.blind.visible import Scaled, scale_to
 
-TRIES = 20
-SEEN = 0.2
+_TRIES = 20
+_SEEN = 0.2
 """Least share of an injected signal that the fit must leave: below, the size depends on the fit."""
 
 
@@ -158,7 +158,7 @@ def inject(
     model = model_of(scene)
     own_nT = own_residual(model, scene.fit, readings_T)
     seen = (readings_T, scene.intensity_T)
-    for _ in range(TRIES):
+    for _ in range(_TRIES):
         scaled = scale_to(model, INJECTED[effect](rng, scene), times * own_nT, seen)
         if scaled is not None and _is_seen(scene, scaled):
             break
@@ -188,7 +188,7 @@ def _is_seen(scene: RecordedScene, scaled: Scaled) -> bool:
     added_nT = to_nanotesla(float(np.sqrt(((change - change.mean(axis=0)) ** 2).mean() * 3)))
     spikes = scaled.disturbance.effect in ("outliers", "noise_excess")
     within = spikes or float(np.abs(change).max()) < float(scene.intensity_T.mean())
-    return within and scaled.visible_gap > SEEN * added_nT
+    return within and scaled.visible_gap > _SEEN * added_nT
 
 
 def _made_up(rng: Generator, scene: RecordedScene, effect: str) -> tuple[FloatArray | None, FloatArray | None]:

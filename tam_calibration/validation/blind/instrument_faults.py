@@ -180,12 +180,12 @@ def saturation(rng: Generator, scene: Scene) -> Disturbance:
     )
 
 
-Index = NDArray[np.integer[Any]]
+_Index = NDArray[np.integer[Any]]
 
-MOST_STALE = 0.4
+_MOST_STALE = 0.4
 """Largest part of the samples at which stale readings may begin."""
 
-MOST_LOST = 0.6
+_MOST_LOST = 0.6
 """Largest part of the samples that may be lost."""
 
 
@@ -200,7 +200,7 @@ def stale_samples(rng: Generator, scene: Scene) -> Disturbance:
     index = np.arange(scene.sample_count)
 
     def change(amplitude: float, seen: Signal) -> Signal:
-        stale = _covered(np.flatnonzero(chances < min(amplitude, MOST_STALE)), lengths)
+        stale = _covered(np.flatnonzero(chances < min(amplitude, _MOST_STALE)), lengths)
         source = np.where(stale, index - lag, index) if behind else np.where(stale, 0, index)
         source = np.maximum(source, 0) if behind else np.maximum.accumulate(source)
         reading = seen[0][:, sensor]
@@ -210,7 +210,7 @@ def stale_samples(rng: Generator, scene: Scene) -> Disturbance:
     return Disturbance("stale_samples", (sensor + 1,), (), change, "of the samples", parameters, after_noise=True)
 
 
-def _covered(starts: Index, lengths: Index) -> NDArray[np.bool_]:
+def _covered(starts: _Index, lengths: _Index) -> NDArray[np.bool_]:
     """Return which samples (N,) lie in the stretches that begin at some of them; never the first."""
     ends = np.minimum(starts + lengths[starts], len(lengths))
     steps = np.zeros(len(lengths) + 1)
@@ -248,7 +248,7 @@ def interpolated_samples(rng: Generator, scene: Scene) -> Disturbance:
         apart = np.abs(index[:, None] - middles) < amplitude * lengths / 2
         lost = apart.any(axis=1) & (index > 0) & (index < index[-1])
         reading = seen[0][:, sensor]
-        if lost.mean() > MOST_LOST:
+        if lost.mean() > _MOST_LOST:
             return of_sensors(scene, {})
         filled = np.stack([np.interp(index, index[~lost], one[~lost]) for one in reading.T], axis=1)
         return of_sensors(scene, {sensor: filled - reading})

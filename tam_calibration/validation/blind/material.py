@@ -20,19 +20,19 @@ from tam_calibration.validation.blind.disturbance import (
 )
 from tam_calibration.validation.blind.scene import Scene
 
-FINE = 8000
+_FINE = 8000
 """Steps of the heat's integration."""
 
-MODES = 40
+_MODES = 40
 """Of the diffusion of heat; faster ones follow at once."""
 
-SMALL_STEP = 0.02
+_SMALL_STEP = 0.02
 """Of the field that magnetises, as a share of the intensity."""
 
 
 def temperature_drift(rng: Generator, scene: Scene) -> Disturbance:
     """Heat warms the housing and diffuses into the sensor; bias and gain follow, with a quadratic part."""
-    fine_s = np.linspace(-0.2 * scene.duration_s, scene.duration_s, FINE)
+    fine_s = np.linspace(-0.2 * scene.duration_s, scene.duration_s, _FINE)
     outside_C = scene.temperature(fine_s)
     everywhere = scene.sensor_count > 1 and rng.random() < 0.25
     chosen = range(scene.sensor_count) if everywhere else [draw_sensor(rng, scene)]
@@ -64,7 +64,7 @@ def _low_pass(values: FloatArray, time_constant_s: float, time_s: FloatArray) ->
 
 def _diffused(values: FloatArray, delay_s: float, time_s: FloatArray) -> FloatArray:
     """Let a temperature diffuse through a slab whose far side loses no heat, by its modes (Carslaw & Jaeger, § 3.4)."""
-    order = np.arange(MODES)
+    order = np.arange(_MODES)
     time_constant_s = 2 * delay_s / ((order + 0.5) * np.pi) ** 2
     part = (-1.0) ** order * 2 / ((order + 0.5) * np.pi)
     modes = sum(one * _low_pass(values, tau, time_s) for one, tau in zip(part, time_constant_s, strict=True))
@@ -110,7 +110,7 @@ def _preisach(rng: Generator, drive: FloatArray) -> tuple[FloatArray, dict[str, 
 def _bouc_wen(rng: Generator, drive: FloatArray) -> tuple[FloatArray, dict[str, object]]:
     """Integrate dz = (1 - |z|^n (beta sign(du z) + gamma)) du / width."""
     width, sharpness, beta = rng.uniform(0.15, 0.5), rng.uniform(1, 2.5), rng.uniform(0.5, 0.95)
-    steps = int(np.ceil(np.abs(np.diff(drive)).max() / SMALL_STEP))
+    steps = int(np.ceil(np.abs(np.diff(drive)).max() / _SMALL_STEP))
     fine = np.interp(np.arange((len(drive) - 1) * steps + 1) / steps, np.arange(len(drive)), drive)
     z, path = 0.0, [0.0]
     for step in np.diff(fine).tolist():

@@ -10,10 +10,10 @@ NO_GAP = "no_gap"
 EXPLAINED = "explained"
 PARTLY_EXPLAINED = "partly_explained"
 UNEXPLAINED = "unexplained"
-NONE = "none"
+_NONE = "none"
 """The hypothesis that the cause is none of the library's effects."""
 
-PARTNERS = (
+_PARTNERS = (
     frozenset({"time_skew", "eddy_current"}),
     frozenset({"nonlinearity", "hysteresis"}),
     frozenset({"crosstalk", "eddy_current"}),
@@ -24,7 +24,7 @@ time, a misalignment, and a multiple of the field's change.
 Stated here and not read from the effects' classes: a judge who asks the judged what is alike would pass its mistakes.
 """
 
-FEW_CLIPPED = 3
+_FEW_CLIPPED = 3
 """Clipped samples up to this number cannot be told from outliers."""
 
 
@@ -88,17 +88,17 @@ class Outcome:
 
     @cached_property
     def probabilities(self) -> dict[str, float]:
-        """The probability in the answer of each hypothesis: the effects, `NO_GAP` and `NONE`."""
+        """The probability in the answer of each hypothesis: the effects, `NO_GAP` and `_NONE`."""
         told = {cause["effect"]: cause["probability"] for cause in self.causes if "probability" in cause}
         told |= self.answer.get("probabilities") or {}
         given = {name: float(value) for name, value in told.items() if value is not None}
-        return {NONE if name.startswith(NONE) else name: value for name, value in given.items()}
+        return {_NONE if name.startswith(_NONE) else name: value for name, value in given.items()}
 
     @cached_property
     def ranked(self) -> list[str]:
         """Effects in the answer's order: the causes that it names, then the others by their probability."""
         others = sorted(self.probabilities.items(), key=lambda item: -item[1])
-        effects = [name for name, value in others if value > 0 and name not in (NO_GAP, NONE)]
+        effects = [name for name, value in others if value > 0 and name not in (NO_GAP, _NONE)]
         return list(dict.fromkeys(self.named + effects))
 
     @property
@@ -119,8 +119,8 @@ class Outcome:
         return any(effect in alike or name in self._partners(effect) for effect in true)
 
     def _partners(self, effect: str) -> set[str]:
-        partners = {other for pair in PARTNERS if effect in pair for other in pair}
-        if effect == "saturation" and self.key["effects"][0]["samples_changed"] <= FEW_CLIPPED:
+        partners = {other for pair in _PARTNERS if effect in pair for other in pair}
+        if effect == "saturation" and self.key["effects"][0]["samples_changed"] <= _FEW_CLIPPED:
             partners.add("outliers")
         if effect == "temperature_drift" and self.key["withheld_channel"] == "temperature":
             partners |= {"bias_jump", "geomagnetic_drift"}
@@ -182,16 +182,16 @@ class Outcome:
     @property
     def _true_names(self) -> set[str]:
         if self.kind == "outside":
-            return self.other_names & {self.first} or {NONE}
+            return self.other_names & {self.first} or {_NONE}
         if not self.truth:
             return {NO_GAP}
         # Without the channel that decides for it, none of what can be told apart is as right.
-        return {*self.truth, *self.other_names, *([NONE] if self.kind == "withheld" else [])}
+        return {*self.truth, *self.other_names, *([_NONE] if self.kind == "withheld" else [])}
 
     @property
     def first_told(self) -> tuple[float, bool] | None:
         """The probability of the first answer, and whether it is true."""
-        name = {NO_GAP: NO_GAP, UNEXPLAINED: NONE}.get(self.first, self.first)
+        name = {NO_GAP: NO_GAP, UNEXPLAINED: _NONE}.get(self.first, self.first)
         told = self.probabilities.get(name)
         return None if told is None else (told, name in self._true_names)
 

@@ -26,10 +26,10 @@ from tam_calibration.validation.blind.visible import NominalModel
 FEWEST = 60
 """Samples; fewer show neither the fit nor what it leaves."""
 
-SMOOTHED_S = 0.25
+_SMOOTHED_S = 0.25
 """Within this time, a tenth of the quickest turn of a hand, a reading without attitude is taken to be a cubic."""
 
-ONE_NANOTESLA = 1e-9
+_ONE_NANOTESLA = 1e-9
 """Noise of the scene's sensors, so that its noise floors are nanoteslas: a real recording's own noise is not known."""
 
 
@@ -62,7 +62,7 @@ class RecordedScene(Scene):
     def _waveform(self) -> CubicSpline:
         smooth = self.fit.readings_T
         if self.attitudes is None:
-            window = 2 * int(SMOOTHED_S / self.step_s / 2) + 1
+            window = 2 * int(_SMOOTHED_S / self.step_s / 2) + 1
             smooth = savgol_filter(smooth, window, 3, axis=0) if window > 3 else smooth
         return CubicSpline(self.time_s, smooth)
 
@@ -146,8 +146,8 @@ def scene_of(rng: Generator, time_s: FloatArray, readings_T: FloatArray, attitud
         positions_m=np.zeros((readings_T.shape[1], 3)),
         response=fit.response,
         bias_T=fit.bias_T,
-        vector_noise_T=ONE_NANOTESLA,
-        scalar_noise_T=ONE_NANOTESLA,
+        vector_noise_T=_ONE_NANOTESLA,
+        scalar_noise_T=_ONE_NANOTESLA,
         with_scalar=False,
         channels=(),
         temperature=draw_weather(rng, duration_s),

@@ -9,16 +9,16 @@ from numpy.linalg import LinAlgError, cholesky, det, inv, lstsq, norm, svd
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray, from_nanotesla
 
-ROUNDS = 30
+_ROUNDS = 30
 """Iterations of fit and weights."""
 
-CUT = 4.685
+_CUT = 4.685
 """Robust standard deviations beyond which Tukey's weights are zero: 95 % efficient for normal noise."""
 
-NORMAL_MAD = 1 / NormalDist().inv_cdf(0.75)
+_NORMAL_MAD = 1 / NormalDist().inv_cdf(0.75)
 """Standard deviation of a normal law over the median of its absolute values."""
 
-EARTH_T = tuple(from_nanotesla(bound) for bound in (15_000.0, 100_000.0))
+_EARTH_T = tuple(from_nanotesla(bound) for bound in (15_000.0, 100_000.0))
 """Bounds of the geomagnetic field: a fit beyond them diverged."""
 
 
@@ -77,7 +77,7 @@ def _ellipsoid(reading_T: FloatArray, number: int) -> tuple[FloatArray, FloatArr
     point = (reading_T - middle) / scale
     upper, bias = _algebraic(point, number)
     places = np.triu_indices(3)
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         turned = (point - bias) @ upper.T
         length = norm(turned, axis=1)
         unit = turned / length[:, None]
@@ -87,7 +87,7 @@ def _ellipsoid(reading_T: FloatArray, number: int) -> tuple[FloatArray, FloatArr
         upper[places] += step[:6]
         bias = bias + step[6:]
     size_T = scale * abs(det(upper)) ** (-1 / 3)
-    if not (EARTH_T[0] < size_T < EARTH_T[1] and (np.diag(upper) > 0).all()):
+    if not (_EARTH_T[0] < size_T < _EARTH_T[1] and (np.diag(upper) > 0).all()):
         raise Refused(
             f"the readings of sensor {number} lie on no ellipsoid of the size of the Earth's field: the recording "
             "covers too few directions, or was disturbed"
@@ -128,7 +128,7 @@ def fit_attitude(readings_T: FloatArray, to_world: FloatArray) -> Fit:
     answers = lstsq(general, flat, rcond=None)[0][:9].T.reshape(-1, 3)
     field = svd(answers)[2][0]
     weight = np.ones_like(flat)
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         features = np.column_stack([np.einsum("nji,j->ni", to_world, field), np.ones(samples)])
         solved = np.array([_weighted(features, one, w) for one, w in zip(flat.T, weight.T, strict=True)])
         matrix, bias = solved[:, :3], solved[:, 3]
@@ -139,7 +139,7 @@ def fit_attitude(readings_T: FloatArray, to_world: FloatArray) -> Fit:
     response = matrix.reshape(count, 3, 3)
     size = abs(det(response[0])) ** (1 / 3)
     intensity_T = size * norm(field)
-    if not EARTH_T[0] < intensity_T < EARTH_T[1]:
+    if not _EARTH_T[0] < intensity_T < _EARTH_T[1]:
         raise Refused("the recorded attitudes and readings are those of no field of the Earth's size")
     turned = np.einsum("nji,j->ni", to_world, field)
     return Fit(turned * size, response / size, bias.reshape(count, 3))
@@ -152,5 +152,5 @@ def _weighted(features: FloatArray, values: FloatArray, weight: FloatArray) -> F
 
 def _tukey(left: FloatArray) -> FloatArray:
     """Return Tukey's weights (N,) of residuals."""
-    scale = NORMAL_MAD * np.median(np.abs(left))
-    return np.asarray(np.maximum(1 - (left / (CUT * max(scale, 1e-12 * np.abs(left).max() + 1e-30))) ** 2, 0) ** 2)
+    scale = _NORMAL_MAD * np.median(np.abs(left))
+    return np.asarray(np.maximum(1 - (left / (_CUT * max(scale, 1e-12 * np.abs(left).max() + 1e-30))) ** 2, 0) ** 2)

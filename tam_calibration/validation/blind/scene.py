@@ -12,7 +12,7 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.validation.blind.continuous_motion import ContinuousMotion, about, draw_motion
 from tam_calibration.validation.blind.processes import draw_load, draw_wander, draw_weather
 
-TimeFunction = Callable[[FloatArray], FloatArray]
+_TimeFunction = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Scene:
     duration_s: float
     step_s: float
     motion: ContinuousMotion
-    world_field: TimeFunction
+    world_field: _TimeFunction
     positions_m: FloatArray
     response: FloatArray
     bias_T: FloatArray
@@ -79,8 +79,8 @@ class Scene:
     scalar_noise_T: float
     with_scalar: bool
     channels: tuple[str, ...]
-    temperature: TimeFunction = field(repr=False)
-    current: TimeFunction = field(repr=False)
+    temperature: _TimeFunction = field(repr=False)
+    current: _TimeFunction = field(repr=False)
 
     @property
     def sensor_count(self) -> int:
@@ -165,7 +165,7 @@ def _cut_holes(rng: Generator, time_s: FloatArray, wanted: bool) -> FloatArray:
     return time_s[keep]
 
 
-def _draw_field(rng: Generator, duration_s: float, drifts: bool) -> TimeFunction:
+def _draw_field(rng: Generator, duration_s: float, drifts: bool) -> _TimeFunction:
     """Draw a field of the Earth that drifts a little, which a scalar magnetometer sees as the vectors do."""
     dip = from_degrees(rng.uniform(-75, 75))
     heading = rng.uniform(0, 2 * np.pi)

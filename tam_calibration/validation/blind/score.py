@@ -29,7 +29,7 @@ from tam_calibration.validation.blind.figures import (
 from tam_calibration.validation.blind.outcome import EXPLAINED, NO_GAP, PARTLY_EXPLAINED, UNEXPLAINED, Outcome
 from tam_calibration.validation.blind.rates import Bin, Rate, calibration_error, reliability_curve
 
-LEAST_PROBABILITY = 0.01
+_LEAST_PROBABILITY = 0.01
 """Least probability that counts: the many that are near zero would make any reliability curve look good."""
 
 _KNOWN = ("single", "outside", "clean", "pair", "mixed", "large")
@@ -130,7 +130,7 @@ class Score:
     def reliability(self) -> list[Bin]:
         """Frequency of truth over stated probability, where the key knows the truth."""
         known = [one for one in self.outcomes if one.kind in _KNOWN]
-        told = [pair for one in known for pair in one.told_and_true() if pair[0] >= LEAST_PROBABILITY]
+        told = [pair for one in known for pair in one.told_and_true() if pair[0] >= _LEAST_PROBABILITY]
         return reliability_curve(told) if told else []
 
     @cached_property

@@ -20,7 +20,7 @@ from tam_calibration.validation.blind.disturbance import (
 )
 from tam_calibration.validation.blind.scene import Scene
 
-PERMEABILITY = 1e-7
+_PERMEABILITY = 1e-7
 """μ0 / 4π in SI."""
 
 
@@ -50,7 +50,7 @@ def _dipole(moment: FloatArray, away: FloatArray) -> FloatArray:
     """Return a dipole's field (…, 3) at distances (…, 3) from it."""
     distance = norm(away, axis=-1, keepdims=True)
     unit = away / distance
-    return np.asarray(PERMEABILITY * (3 * unit * (unit @ moment)[..., None] - moment) / distance**3)
+    return np.asarray(_PERMEABILITY * (3 * unit * (unit @ moment)[..., None] - moment) / distance**3)
 
 
 def current_interference(rng: Generator, scene: Scene) -> Disturbance:
@@ -94,7 +94,7 @@ def _wire(start: FloatArray, end: FloatArray, at: FloatArray) -> FloatArray:
     from_start, from_end = at - start, at - end
     across = np.cross(along, from_start)
     cosines = from_start @ along / norm(from_start, axis=1) - from_end @ along / norm(from_end, axis=1)
-    return np.asarray(PERMEABILITY * cosines[:, None] * across / (across**2).sum(axis=1, keepdims=True))
+    return np.asarray(_PERMEABILITY * cosines[:, None] * across / (across**2).sum(axis=1, keepdims=True))
 
 
 def geomagnetic_drift(rng: Generator, scene: Scene) -> Disturbance:

@@ -11,7 +11,7 @@ from tam_calibration.model.units import FloatArray
 from tam_calibration.validation.blind.disturbance import Disturbance, Signal
 from tam_calibration.validation.blind.scene import Scene
 
-CONSTANCY = 0.02
+_CONSTANCY = 0.02
 """Standard deviation of the constant intensity that replaces a scalar, over the vectors' noise."""
 
 
@@ -34,7 +34,7 @@ class NominalModel:
     def weights(self) -> FloatArray:
         """One over the noise of what is read, sensor by sensor, the scalar last (3K + 1,)."""
         scene = self.scene
-        scalar = scene.scalar_noise_T if scene.with_scalar else CONSTANCY * scene.vector_noise_T
+        scalar = scene.scalar_noise_T if scene.with_scalar else _CONSTANCY * scene.vector_noise_T
         return 1 / np.append(np.full(3 * scene.sensor_count, scene.vector_noise_T), scalar)
 
     @cached_property
@@ -98,10 +98,10 @@ class NominalModel:
         return float(np.sqrt((left**2).sum() / (len(left) * self.channels)))
 
 
-NEAR = 0.01
+_NEAR = 0.01
 """Share by which the gap may differ from the one wanted."""
 
-STEPS = 60
+_STEPS = 60
 
 
 class VisibilityModel(Protocol):
@@ -131,10 +131,10 @@ def scale_to(model: VisibilityModel, disturbance: Disturbance, gap: float, seen:
     The gap grows with the amplitude, for most in proportion; the search stays within the known bracket.
     """
     low, high, amplitude = 0.0, np.inf, _start(model, disturbance)
-    for _ in range(STEPS):
+    for _ in range(_STEPS):
         signal = disturbance.change(amplitude, seen)
         visible = model.visible_gap(signal)
-        if abs(visible / gap - 1) < NEAR:
+        if abs(visible / gap - 1) < _NEAR:
             return Scaled(disturbance, amplitude, signal, visible)
         low, high = (amplitude, high) if visible < gap else (low, amplitude)
         guess = amplitude * (np.clip(gap / visible, 0.1, 10) if visible > 0 else 10)

@@ -17,9 +17,9 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.validation.papers.cross import COMPONENTS, SENSORS, SetUp, grid_of_turns, record, site_field
 from tam_calibration.validation.papers.row import PrintedNumber, compare, correct_paper
 
-TURNS = 18
-BASELINE_M = 0.5
-NOISE_T = from_nanotesla(1 / np.sqrt(3))
+_TURNS = 18
+_BASELINE_M = 0.5
+_NOISE_T = from_nanotesla(1 / np.sqrt(3))
 
 # Rows θ, φ, ψ [°], c_x, c_y, c_z, i_x, i_y, i_z [nT], α, β, γ [°] of Table 3, columns the four sensors.
 PRESET = np.array(
@@ -30,7 +30,7 @@ PRESET = np.array(
         [-2.93, 2.64, 2.92, 1.64], [1.75, 3.19, 1.88, 0.89], [2.28, 0.82, -3.05, -2.54],
     ]
 )  # fmt: skip
-ESTIMATED = np.array(
+_ESTIMATED = np.array(
     [
         [-2.458, -3.879, 1.690, -2.618], [3.529, 1.730, 1.438, -1.450], [1.140, 1.553, 3.621, 2.309],
         [1.3120, 0.9250, 0.8970, 1.1850], [0.9150, 0.9430, 1.2310, 1.0440], [0.8810, 1.3150, 0.8880, 0.8180],
@@ -39,41 +39,41 @@ ESTIMATED = np.array(
         [-2.928, 2.641, 2.922, 1.639], [1.748, 3.191, 1.879, 0.888], [2.280, 0.819, -3.048, -2.538],
     ]
 )  # fmt: skip
-PARAMETERS = ("θ", "φ", "ψ", "c_x", "c_y", "c_z", "i_x", "i_y", "i_z", "α", "β", "γ")
-UNITS = ("°",) * 3 + ("1",) * 3 + ("nT",) * 3 + ("°",) * 3
-TOLERANCES = (0.004,) * 3 + (1e-4,) * 3 + (0.05,) * 3 + (0.004,) * 3
+_PARAMETERS = ("θ", "φ", "ψ", "c_x", "c_y", "c_z", "i_x", "i_y", "i_z", "α", "β", "γ")
+_UNITS = ("°",) * 3 + ("1",) * 3 + ("nT",) * 3 + ("°",) * 3
+_TOLERANCES = (0.004,) * 3 + (1e-4,) * 3 + (0.05,) * 3 + (0.004,) * 3
 
-TABLE_1 = {
+_TABLE_1 = {
     "before": (6685.23, 6638.08, 6548.99, 4951.23),
     "Zhang": (1003.92, 927.04, 827.88, 690.39),
     "Yin": (0.5835, 0.5767, 0.5706, 0.5703),
     "theirs": (0.5837, 0.5768, 0.5710, 0.5704),
 }
-TABLE_2 = {
+_TABLE_2 = {
     "before": (24411.4, 15523.2, 6791.5, 25222.8, 8000.2, 29176.6),
     "Zhang": (2166.6, 1243.5, 286.5, 1615.5, 595.0, 970.3),
     "Yin": (1.7692, 1.7361, 1.7594, 1.7945, 1.6692, 1.7999),
     "theirs": (1.6287, 1.6102, 1.6221, 1.6313, 1.6285, 1.6282),
 }
-TOLERANCE = {"before": 1e-4, "Zhang": 1e-4, "Yin": 0.03, "theirs": 0.03}
+_TOLERANCE = {"before": 1e-4, "Zhang": 1e-4, "Yin": 0.03, "theirs": 0.03}
 """Relative; 0.03 is three times the sampling error of a root mean square of 18³ draws."""
-ALIGNED_BY_ONE_TURN = {"Zhang": 2e-3, "Yin": 0.15}
+_ALIGNED_BY_ONE_TURN = {"Zhang": 2e-3, "Yin": 0.15}
 """Relative; the alignment of these rows is from the 18 noisy samples of the first turn."""
 
 
-ARTIFICIAL_FRAME_DEG = (1.21, 2.04, -0.85)
+_ARTIFICIAL_FRAME_DEG = (1.21, 2.04, -0.85)
 """By what angles α, β, γ the artificial vector is turned from the platform."""
 
 
 def set_up(seed: int = 0) -> SetUp:
     """Return the cross of Table 3 and its readings."""
     site = site_field(from_nanotesla(55_000.0), 60.0, -7.0)
-    field = grid_of_turns("YXZ", TURNS, site)
+    field = grid_of_turns("YXZ", _TURNS, site)
     errors = errors_of(PRESET)
-    noise = NOISE_T * np.random.default_rng(seed).normal(size=(len(field), 4, 3))
+    noise = _NOISE_T * np.random.default_rng(seed).normal(size=(len(field), 4, 3))
     readings = errors.distort(field[:, None] + noise)
-    array = Array.cross(BASELINE_M, NOISE_T, 0.0)
-    return SetUp(array, BASELINE_M, errors, field, record(readings, float(np.linalg.norm(site))))
+    array = Array.cross(_BASELINE_M, _NOISE_T, 0.0)
+    return SetUp(array, _BASELINE_M, errors, field, record(readings, float(np.linalg.norm(site))))
 
 
 def errors_of(table: FloatArray) -> SensorErrors:
@@ -95,28 +95,28 @@ def table_of(errors: SensorErrors) -> FloatArray:
 def results() -> list[PrintedNumber]:
     """Return every number of the simulation, the paper's beside ours."""
     case = set_up()
-    fitted = errors_from_true_field(case)
+    fitted = _errors_from_true_field(case)
     fields = {
         "before": case.recording.readings_T,
-        "Zhang": align_by_first_turn(case, simplified_linear(case.recording, case.array).errors),
-        "Yin": align_by_first_turn(case, two_step_linear(case.recording, case.array).errors),
+        "Zhang": _align_by_first_turn(case, simplified_linear(case.recording, case.array).errors),
+        "Yin": _align_by_first_turn(case, two_step_linear(case.recording, case.array).errors),
         "theirs": fitted.restore(case.recording.readings_T),
     }
     rows = []
     for stage, values in fields.items():
         names = [f"Table 1, TMI, {stage}, {sensor}" for sensor in SENSORS]
         ours = to_nanotesla(case.intensity_rms_T(values))
-        rows += compare(names, TABLE_1[stage], ours, "nT", relative=TOLERANCE[stage])
+        rows += compare(names, _TABLE_1[stage], ours, "nT", relative=_TOLERANCE[stage])
     for stage, values in fields.items():
         names = [f"Table 2, {component}, {stage}" for component in COMPONENTS]
         ours = to_nanotesla(case.tensor_rms_T_per_m(values))
-        tolerance = ALIGNED_BY_ONE_TURN.get(stage, TOLERANCE[stage])
+        tolerance = _ALIGNED_BY_ONE_TURN.get(stage, _TOLERANCE[stage])
         reason = "the alignment of this row is from 18 noisy samples, other than ours"
-        rows += compare(names, TABLE_2[stage], ours, "nT/m", relative=tolerance, reason=reason)
+        rows += compare(names, _TABLE_2[stage], ours, "nT/m", relative=tolerance, reason=reason)
     return rows + _parameter_rows(fitted) + _frame_rows(case)
 
 
-def align_by_first_turn(case: SetUp, errors: SensorErrors) -> FloatArray:
+def _align_by_first_turn(case: SetUp, errors: SensorErrors) -> FloatArray:
     """Return the (N, 4, 3) fields of calibrated sensors, each aligned to the platform by regression on the first turn.
 
     Tables 1 and 2 show that this is how the paper aligned the methods it compares itself with.
@@ -124,13 +124,13 @@ def align_by_first_turn(case: SetUp, errors: SensorErrors) -> FloatArray:
     zero = np.zeros_like(errors.misalignment)
     own = SensorErrors(errors.scale_factor, errors.non_orthogonality, errors.bias_T, zero)
     fields = own.restore(case.recording.readings_T)
-    first = slice(0, TURNS)
+    first = slice(0, _TURNS)
     regression = [np.linalg.lstsq(fields[first, sensor], case.field_T[first], rcond=None)[0].T for sensor in range(4)]
     aligned: FloatArray = np.einsum("kji,nkj->nki", rotation_by_regression(np.array(regression)), fields)
     return aligned
 
 
-def errors_from_true_field(case: SetUp) -> SensorErrors:
+def _errors_from_true_field(case: SetUp) -> SensorErrors:
     """Return the twelve parameters of each sensor fitted to the true field, which served as reference in Table 3."""
     readings = case.recording.readings_T / case.intensity_T
     rows = np.concatenate([readings, np.ones((*readings.shape[:2], 1))], axis=2)
@@ -155,7 +155,7 @@ def artificial_frame(case: SetUp) -> FloatArray:
 def _parameter_rows(fitted: SensorErrors) -> list[PrintedNumber]:
     rows = []
     for name, unit, tolerance, printed, ours in zip(
-        PARAMETERS, UNITS, TOLERANCES, ESTIMATED, table_of(fitted), strict=True
+        _PARAMETERS, _UNITS, _TOLERANCES, _ESTIMATED, table_of(fitted), strict=True
     ):
         names = [f"Table 3, {name}, {sensor}" for sensor in SENSORS]
         rows += compare(names, printed.tolist(), ours, unit, absolute=tolerance)
@@ -169,4 +169,4 @@ def _frame_rows(case: SetUp) -> list[PrintedNumber]:
         "reached with the true field as reference only"
     )
     ours = to_degrees(artificial_frame(case))
-    return correct_paper(names, (0.0, 0.0, 0.0), ours, "°", reason, right=ARTIFICIAL_FRAME_DEG, absolute=0.01)
+    return correct_paper(names, (0.0, 0.0, 0.0), ours, "°", reason, right=_ARTIFICIAL_FRAME_DEG, absolute=0.01)

@@ -16,34 +16,34 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.validation.papers.cross import COMPONENTS, SENSORS, SetUp, grid_of_turns, record, site_field
 from tam_calibration.validation.papers.row import PrintedNumber, compare, correct_paper
 
-TURNS = 12
-BASELINE_M = 0.4
-NOISE_T = from_nanotesla(1.0)
+_TURNS = 12
+_BASELINE_M = 0.4
+_NOISE_T = from_nanotesla(1.0)
 
 # Rows φ, θ, ψ [°], c_x, c_y, c_z, i_x, i_y, i_z [nT] of Table 1, columns the four sensors.
-PRESET = np.array(
+_PRESET = np.array(
     [
         [3.56, -2.74, 1.86, -3.28], [-1.85, 3.11, -2.95, 2.44], [2.27, 1.66, 3.02, -1.88],
         [1.253, 0.951, 1.110, 0.853], [1.175, 1.202, 0.799, 1.235], [0.859, 1.105, 1.308, 1.186],
         [357, -253, 169, 256], [160, 183, -364, 169], [-213, 97, 245, -166],
     ]
 )  # fmt: skip
-ESTIMATED = np.array(
+_ESTIMATED = np.array(
     [
         [3.5601, -2.7398, 1.8599, -3.2800], [-1.8501, 3.1100, -2.9499, 2.4399], [2.2699, 1.6599, 3.0199, -1.8801],
         [1.2530, 0.9510, 1.1100, 0.8530], [1.1750, 1.2020, 0.7990, 1.2350], [0.8590, 1.1050, 1.3080, 1.1860],
         [357.07, -252.96, 168.97, 256.03], [160.00, 183.07, -363.97, 168.99], [-212.95, 97.037, 245.07, -165.98],
     ]
 )  # fmt: skip
-PARAMETERS = ("φ", "θ", "ψ", "c_x", "c_y", "c_z", "i_x", "i_y", "i_z")
-UNITS = ("°",) * 3 + ("1",) * 3 + ("nT",) * 3
-TOLERANCES = (5e-4,) * 3 + (1e-5,) * 3 + (0.3,) * 3
+_PARAMETERS = ("φ", "θ", "ψ", "c_x", "c_y", "c_z", "i_x", "i_y", "i_z")
+_UNITS = ("°",) * 3 + ("1",) * 3 + ("nT",) * 3
+_TOLERANCES = (5e-4,) * 3 + (1e-5,) * 3 + (0.3,) * 3
 """Absolute; four times the sampling error, or more."""
 
-MISALIGNMENT_DEG = np.array(
+_MISALIGNMENT_DEG = np.array(
     [[-21.97, 12.88, 13.64], [12.51, -3.96, 21.42], [-11.77, 7.46, -13.03], [12.17, 13.39, 9.64]]
 )
-TABLE_3 = {
+_TABLE_3 = {
     3: (
         (-0.383450, 0.224800, 0.238060), (0.218349, -0.069113, 0.373839),
         (-0.205428, 0.130201, -0.227415), (0.212410, 0.233697, 0.168247),
@@ -55,56 +55,56 @@ TABLE_3 = {
 }  # fmt: skip
 """α, β, γ of the four sensors [rad], by the number of samples of the first turn."""
 
-TABLE_2_BEFORE = (8994.31, 6714.99, 9041.56, 8723.06)
-TABLE_2_REFERENCE_9 = (1119.60, 593.20, 1521.64, 1087.99)
-TABLE_2_REFERENCE_10 = (374.50, 312.74, 361.48, 322.18)
-TABLE_2_THEIRS = (0.9803, 0.9941, 1.0192, 0.9835)
-TABLE_4_BEFORE = (52171, 28115, 42346, 53898, 21816, 30940)
-TABLE_4_UNALIGNED = (34764, 24375, 13835, 36119, 15338, 21053)
-TABLE_4_ALIGNED = (3.7537, 3.4655, 3.8518, 3.9604, 3.5570, 3.5281)
+_TABLE_2_BEFORE = (8994.31, 6714.99, 9041.56, 8723.06)
+_TABLE_2_REFERENCE_9 = (1119.60, 593.20, 1521.64, 1087.99)
+_TABLE_2_REFERENCE_10 = (374.50, 312.74, 361.48, 322.18)
+_TABLE_2_THEIRS = (0.9803, 0.9941, 1.0192, 0.9835)
+_TABLE_4_BEFORE = (52171, 28115, 42346, 53898, 21816, 30940)
+_TABLE_4_UNALIGNED = (34764, 24375, 13835, 36119, 15338, 21053)
+_TABLE_4_ALIGNED = (3.7537, 3.4655, 3.8518, 3.9604, 3.5570, 3.5281)
 
-ONE_TURN = (
+_ONE_TURN = (
     "the ten samples of one turn that the paper names determine 5 of the 9 parameters of a sensor; ours is from all "
     "1728 poses"
 )
 
 
-def set_up(seed: int = 0) -> SetUp:
+def _set_up(seed: int = 0) -> SetUp:
     """Return the cross of Tables 1 and 3 and its readings."""
     site = site_field(from_nanotesla(60_000.0), 57.0, -5.0)
-    grid = grid_of_turns("ZYX", TURNS, site).reshape(TURNS, TURNS, TURNS, 3)
+    grid = grid_of_turns("ZYX", _TURNS, site).reshape(_TURNS, _TURNS, _TURNS, 3)
     field = grid.transpose(2, 1, 0, 3).reshape(-1, 3)
-    errors = true_errors()
-    noise = NOISE_T * np.random.default_rng(seed).normal(size=(len(field), 4, 3))
+    errors = _true_errors()
+    noise = _NOISE_T * np.random.default_rng(seed).normal(size=(len(field), 4, 3))
     readings = errors.distort(field[:, None] + noise)
-    array = Array.cross(BASELINE_M, NOISE_T, 0.0)
-    return SetUp(array, BASELINE_M, errors, field, record(readings, float(np.linalg.norm(site))))
+    array = Array.cross(_BASELINE_M, _NOISE_T, 0.0)
+    return SetUp(array, _BASELINE_M, errors, field, record(readings, float(np.linalg.norm(site))))
 
 
-def true_errors() -> SensorErrors:
+def _true_errors() -> SensorErrors:
     """Return the preset errors; the paper's θ is our φ, its φ our θ, and its rotation is from the sensor."""
-    angles = from_degrees(PRESET[:3].T)
+    angles = from_degrees(_PRESET[:3].T)
     zero = np.zeros((4, 3))
-    from_sensor = SensorErrors(zero + 1, zero, zero, from_degrees(MISALIGNMENT_DEG)).rotation
-    measurement = SensorErrors(PRESET[3:6].T, angles, zero, zero).measurement
-    return SensorErrors.from_matrix(measurement @ np.swapaxes(from_sensor, 1, 2), from_nanotesla(PRESET[6:].T))
+    from_sensor = SensorErrors(zero + 1, zero, zero, from_degrees(_MISALIGNMENT_DEG)).rotation
+    measurement = SensorErrors(_PRESET[3:6].T, angles, zero, zero).measurement
+    return SensorErrors.from_matrix(measurement @ np.swapaxes(from_sensor, 1, 2), from_nanotesla(_PRESET[6:].T))
 
 
 def turns_about(axes: str, seed: int = 0) -> SetUp:
     """Return the same cross turned once about each of some axes, 36 samples a turn."""
     from scipy.spatial.transform import Rotation
 
-    case = set_up(seed)
+    case = _set_up(seed)
     steps = 2 * np.pi * np.arange(36)[:, None] / 36
     field = np.concatenate([Rotation.from_euler(axis, steps).apply(case.field_T[0]) for axis in axes])
-    noise = NOISE_T * np.random.default_rng(seed).normal(size=(len(field), 4, 3))
+    noise = _NOISE_T * np.random.default_rng(seed).normal(size=(len(field), 4, 3))
     readings = case.errors.distort(field[:, None] + noise)
-    return SetUp(case.array, BASELINE_M, case.errors, field, record(readings, case.intensity_T))
+    return SetUp(case.array, _BASELINE_M, case.errors, field, record(readings, case.intensity_T))
 
 
 def results() -> list[PrintedNumber]:
     """Return every number of the simulation, the paper's beside ours."""
-    case = set_up()
+    case = _set_up()
     raw = case.recording.readings_T
     errors = fast_rotation(case.recording, case.array).errors
     zero = np.zeros((4, 3))
@@ -119,9 +119,9 @@ def results() -> list[PrintedNumber]:
     ]
 
 
-def rotations(case: SetUp, own_fields_T: FloatArray, samples: int) -> FloatArray:
-    """Return the rotations (4, 3, 3) from the platform to calibrated sensors, from samples of the first turn."""
-    chosen = slice(0, TURNS, TURNS // samples)
+def _rotations(case: SetUp, own_fields_T: FloatArray, samples: int) -> FloatArray:
+    """Return the _rotations (4, 3, 3) from the platform to calibrated sensors, from samples of the first turn."""
+    chosen = slice(0, _TURNS, _TURNS // samples)
     return procrustes(np.einsum("nki,nj->kij", own_fields_T[chosen], case.field_T[chosen]))
 
 
@@ -130,10 +130,10 @@ def _parameter_rows(errors: SensorErrors) -> list[PrintedNumber]:
     rows = []
     ours_by_name = np.concatenate(columns, axis=1).T
     for name, unit, tolerance, printed, ours, preset in zip(
-        PARAMETERS, UNITS, TOLERANCES, ESTIMATED.tolist(), ours_by_name, PRESET, strict=True
+        _PARAMETERS, _UNITS, _TOLERANCES, _ESTIMATED.tolist(), ours_by_name, _PRESET, strict=True
     ):
         names = [f"Table 1, {name}, {sensor}" for sensor in SENSORS]
-        rows += correct_paper(names, printed, ours, unit, ONE_TURN, right=preset, absolute=tolerance)
+        rows += correct_paper(names, printed, ours, unit, _ONE_TURN, right=preset, absolute=tolerance)
     return rows
 
 
@@ -145,28 +145,28 @@ def _intensity_rows(case: SetUp, first_order: FloatArray, own: FloatArray) -> li
     simplified = to_nanotesla(case.intensity_rms_T(first_order))
     calibrated = to_nanotesla(case.intensity_rms_T(own))
     # Four times the sampling error of a root mean square of 1728 draws is 0.07.
-    noise = [to_nanotesla(NOISE_T)] * len(SENSORS)
+    noise = [to_nanotesla(_NOISE_T)] * len(SENSORS)
     mislabelled = "the first-order model of reference [10] gives the row labelled [9]; what gave this row is not said"
     return [
-        *compare(names("before"), TABLE_2_BEFORE, before, "nT", relative=1e-4),
-        *compare(names("method of [9]"), TABLE_2_REFERENCE_9, simplified, "nT", relative=1e-4),
+        *compare(names("before"), _TABLE_2_BEFORE, before, "nT", relative=1e-4),
+        *compare(names("method of [9]"), _TABLE_2_REFERENCE_9, simplified, "nT", relative=1e-4),
         *compare(
             names("method of [10]"),
-            TABLE_2_REFERENCE_10,
+            _TABLE_2_REFERENCE_10,
             simplified,
             "nT",
             relative=1e-4,
             reason=mislabelled,
             recorded="not reproduced",
         ),
-        *correct_paper(names("theirs"), TABLE_2_THEIRS, calibrated, "nT", ONE_TURN, right=noise, relative=0.07),
+        *correct_paper(names("theirs"), _TABLE_2_THEIRS, calibrated, "nT", _ONE_TURN, right=noise, relative=0.07),
     ]
 
 
 def _misalignment_rows(case: SetUp, own: FloatArray) -> list[PrintedNumber]:
     rows = []
-    for samples, table in TABLE_3.items():
-        from_sensor = np.swapaxes(rotations(case, own, samples), 1, 2)
+    for samples, table in _TABLE_3.items():
+        from_sensor = np.swapaxes(_rotations(case, own, samples), 1, 2)
         angles = SensorErrors.from_matrix(from_sensor, np.zeros((4, 3))).misalignment
         for sensor, printed, ours in zip(SENSORS, table, angles, strict=True):
             names = [f"Table 3, {angle} from {samples} samples, {sensor}" for angle in "αβγ"]
@@ -179,18 +179,18 @@ def _tensor_rows(case: SetUp, own: FloatArray) -> list[PrintedNumber]:
     def names(stage: str) -> list[str]:
         return [f"Table 4, {component}, {stage}" for component in COMPONENTS]
 
-    aligned = np.einsum("kji,nkj->nki", rotations(case, own, 3), own)
+    aligned = np.einsum("kji,nkj->nki", _rotations(case, own, 3), own)
     stages = [case.recording.readings_T, own, aligned]
     before, unaligned, after = (to_nanotesla(case.tensor_rms_T_per_m(stage)) for stage in stages)
     baseline = "the printed row is 0.8 of ours: it was divided by a baseline of 0.5 m, not by the 0.4 m that are stated"
-    mended = np.array(TABLE_4_UNALIGNED) * 0.5 / BASELINE_M
+    mended = np.array(_TABLE_4_UNALIGNED) * 0.5 / _BASELINE_M
     noise = "the noise of the three samples that align the sensors is another than the paper's"
     return [
-        *compare(names("before"), TABLE_4_BEFORE, before, "nT/m", relative=1e-4),
+        *compare(names("before"), _TABLE_4_BEFORE, before, "nT/m", relative=1e-4),
         *correct_paper(
-            names("calibrated"), TABLE_4_UNALIGNED, unaligned, "nT/m", baseline, right=mended, relative=1e-4
+            names("calibrated"), _TABLE_4_UNALIGNED, unaligned, "nT/m", baseline, right=mended, relative=1e-4
         ),
-        *compare(names("aligned by 3 samples"), TABLE_4_ALIGNED, after, "nT/m", relative=0.3, reason=noise),
+        *compare(names("aligned by 3 samples"), _TABLE_4_ALIGNED, after, "nT/m", relative=0.3, reason=noise),
     ]
 
 

@@ -72,7 +72,7 @@ def _needed(sweep: CoilSweep) -> str:
     return number(sweep.needed) if sweep.needed == sweep.needed else f"more than {number(float(abs(sweep.size).max()))}"
 
 
-COLORS = {PUBLISHED: BEFORE_COLOR, CORRECTED: MISSING_COLOR, BEST: AFTER_COLOR}
+_COLORS = {PUBLISHED: BEFORE_COLOR, CORRECTED: MISSING_COLOR, BEST: AFTER_COLOR}
 _LINES = {PUBLISHED: "-", CORRECTED: "--", BEST: "-"}
 _LOGARITHMIC_FROM = 3
 _FEW_DECADES = 30
@@ -85,8 +85,8 @@ def plot_relative_errors(sweep: Sweep, with_bound: bool) -> Figure:
     figure = Figure(figsize=_SIZE, layout="constrained")
     for axes, letter, (group, columns) in zip(figure.subplots(2, 2).flat, "abcd", GROUPS.items(), strict=True):
         percent = 100 * sweep.mean(PUBLISHED, RELATIVE_ERROR)[:, columns]
-        axes.plot(sweep.points, percent, color=COLORS[PUBLISHED], alpha=0.25, linewidth=0.6)
-        for method, color in COLORS.items():
+        axes.plot(sweep.points, percent, color=_COLORS[PUBLISHED], alpha=0.25, linewidth=0.6)
+        for method, color in _COLORS.items():
             curve = 100 * sweep.mean(method, RELATIVE_ERROR)[:, columns].mean(axis=1)
             axes.plot(sweep.points, curve, _LINES[method], color=color, marker=".", linewidth=1.4, label=method)
         if with_bound:
@@ -120,7 +120,7 @@ def plot_residuals(sweep: Sweep) -> Figure:
 
 def _draw_after(axes: Axes, sweep: Sweep, quantity: str) -> None:
     drawn = []
-    for method, color in COLORS.items():
+    for method, color in _COLORS.items():
         if method == CORRECTED and _is_published(sweep):
             continue
         for data, shape, face in ((IN_SAMPLE, ".-", color), (HELD_OUT, "o:", "white")):

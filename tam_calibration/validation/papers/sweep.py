@@ -15,7 +15,7 @@ from tam_calibration.simulation import Scenario
 
 Figures = Mapping[tuple[str, str], FloatArray]
 """What one run gives, by (source, quantity)."""
-Score = Callable[[Scenario, int], Figures]
+_Score = Callable[[Scenario, int], Figures]
 """Simulates a scenario and scores what it is for; the number of the run makes its random numbers."""
 Progress = Callable[[int, int], None]
 """Is told the number of runs that are done, and of all."""
@@ -75,7 +75,7 @@ class Sweep:
         return float(np.polyfit(np.log(self.points[chosen]), np.log(curve[chosen]), 1)[0])
 
 
-def run(plans: Sequence[SweepPlan], score: Score, runs: int, progress: Progress) -> list[Sweep]:
+def run(plans: Sequence[SweepPlan], score: _Score, runs: int, progress: Progress) -> list[Sweep]:
     """Return the sweeps of plans, simulated on all cores.
 
     Parameters

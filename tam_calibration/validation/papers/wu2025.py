@@ -27,16 +27,16 @@ from tam_calibration.validation.papers.wu2025_sweeps import (
     score,
 )
 
-RUNS = 50
-INTENSITY_NT, HORIZONTAL_NT, VERTICAL_NT, INCLINATION_DEG = 54955.83, 25_560.0, 48_650.0, 62 + 18 / 60
-THRESHOLD_SAMPLES = 720
+_RUNS = 50
+_INTENSITY_NT, _HORIZONTAL_NT, _VERTICAL_NT, _INCLINATION_DEG = 54955.83, 25_560.0, 48_650.0, 62 + 18 / 60
+_THRESHOLD_SAMPLES = 720
 """From where on more samples are looked at for what they still bring."""
 _HIGH_SCALAR_NOISE_NT = 1.0
 _OUTGROWN_NT = 3.0  # scalar noise beside which 1 nT of the sensors hardly counts
 
 
 def results(
-    table_1: Scenario, turntable: Scenario, runs: int = RUNS, progress: Progress = lambda done, total: None
+    table_1: Scenario, turntable: Scenario, runs: int = _RUNS, progress: Progress = lambda done, total: None
 ) -> tuple[list[PrintedNumber], dict[str, Sweep]]:
     """Return every number of the paper beside ours, and the sweeps that its figures show.
 
@@ -80,15 +80,15 @@ def bias_rmse(sweep: Sweep, source: str) -> FloatArray:
 
 
 def _site_rows() -> list[PrintedNumber]:
-    ours = np.hypot(HORIZONTAL_NT, VERTICAL_NT)
-    inclination = to_degrees(np.arctan2(VERTICAL_NT, HORIZONTAL_NT))
+    ours = np.hypot(_HORIZONTAL_NT, _VERTICAL_NT)
+    inclination = to_degrees(np.arctan2(_VERTICAL_NT, _HORIZONTAL_NT))
     reason = "the printed H and Z give 62°17′, rounding included"
     return [
         # H and Z are printed to 10 nT.
-        *compare(["Section 4.1, intensity from H and Z"], [INTENSITY_NT], [ours], "nT", absolute=5),
+        *compare(["Section 4.1, intensity from H and Z"], [_INTENSITY_NT], [ours], "nT", absolute=5),
         *correct_paper(
             ["Section 4.1, inclination from H and Z"],
-            [INCLINATION_DEG],
+            [_INCLINATION_DEG],
             [inclination],
             "°",
             reason,
@@ -142,8 +142,8 @@ def _sample_rows(sweep: Sweep) -> list[PrintedNumber]:
     scatter = sweep.values[BEFORE, f"e_B {IN_SAMPLE}"].mean(axis=2).std(axis=1)
     reason = "the errors of the parameters fall as 1/√N without end; only e_B and e_T have a floor, the sensors' noise"
     falling = {group: _group_exponent(sweep, group) for group in GROUPS}
-    late = [_group_exponent(sweep, group, THRESHOLD_SAMPLES) for group in GROUPS]
-    names = [f"Fig. 8, {group} with N from {THRESHOLD_SAMPLES}" for group in GROUPS]
+    late = [_group_exponent(sweep, group, _THRESHOLD_SAMPLES) for group in GROUPS]
+    names = [f"Fig. 8, {group} with N from {_THRESHOLD_SAMPLES}" for group in GROUPS]
     rows = []
     for group, exponent in falling.items():
         rows += _sign_rows(f"Fig. 8, {group} with N", -1, exponent)
@@ -188,7 +188,7 @@ def _sign_rows(name: str, printed: int, slope: float, note: str = "") -> list[Pr
 def _slack(sweep: Sweep) -> float:
     """Return by how much tolerances are wider than those for 50 runs, which are three sampling errors or more."""
     runs = sweep.values[PUBLISHED, ERROR].shape[1]
-    return max(1.0, float(np.sqrt(RUNS / runs)))
+    return max(1.0, float(np.sqrt(_RUNS / runs)))
 
 
 def _signed(value: float) -> str:

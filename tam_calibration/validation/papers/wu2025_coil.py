@@ -143,14 +143,14 @@ def printed(stage: str) -> FloatArray:
     return np.array([PRINTED_M[stage][axis] for axis in AXES])
 
 
-def nearest_axis(experiment: Experiment) -> FloatArray:
+def _nearest_axis(experiment: Experiment) -> FloatArray:
     """Return the direction (1, 3) of the coil with which the figures before calibration come nearest to the printed."""
     axes = directions()
     residuals = np.log(experiment.rmse_m("before", axes) / printed("before"))
     return axes[[int(norm(residuals, axis=1).argmin())]]
 
 
-def explain(experiment: Experiment) -> tuple[FloatArray, Fault]:
+def _explain(experiment: Experiment) -> tuple[FloatArray, Fault]:
     """Return the direction (1, 3) of the coil, and baselines and headings, that come nearest to all printed figures."""
     from scipy.optimize import least_squares
 
@@ -175,7 +175,7 @@ def _assumed(unknowns: FloatArray) -> tuple[FloatArray, Fault]:
 
 def rows(experiment: Experiment) -> list[PrintedNumber]:
     """Return the eight figures of Fig. 12 beside ours: loop, ideal dipole, and with what explains them best."""
-    axis, (other, fault) = nearest_axis(experiment), explain(experiment)
+    axis, (other, fault) = _nearest_axis(experiment), _explain(experiment)
     faulty = (
         f"with baselines of {_signed(100 * (fault.baseline_scale - 1))} %, headings that start "
         f"{_signed(to_degrees(fault.heading))}° off and the coil in another direction, "

@@ -14,7 +14,7 @@ from numpy.linalg import norm
 from tam_calibration.model.units import FloatArray, from_degrees
 from tam_calibration.validation.papers.wu2025_coil import AXES, PRINTED_M, Experiment, Fault, directions
 
-STAGE = "after"
+_STAGE = "after"
 _DIRECTIONS, _DRAWS = 24, 24
 _SENSORS = 4
 
@@ -47,7 +47,7 @@ class CoilSweep:
     @property
     def needed(self) -> float:
         """The smallest size at which the median error of the distance is the printed one; NaN where it never is."""
-        printed, median = PRINTED_M[STAGE]["r"], self.distance_rmse_m[:, 1]
+        printed, median = PRINTED_M[_STAGE]["r"], self.distance_rmse_m[:, 1]
         crossings = [
             np.interp(printed, median[pair], self.size[pair])
             for first in range(len(self.size) - 1)
@@ -111,5 +111,5 @@ def _sweep(
     make: Callable[[float, FloatArray], Fault],
 ) -> CoilSweep:
     axes = directions(_DIRECTIONS)
-    rmse = [[experiment.rmse_m(STAGE, axes, make(value, shape)) for shape in shapes] for value in size]
+    rmse = [[experiment.rmse_m(_STAGE, axes, make(value, shape)) for shape in shapes] for value in size]
     return CoilSweep(name, unit, size, np.array(rmse).reshape(len(size), -1, len(AXES)))

@@ -21,10 +21,10 @@ from tam_calibration.validation.papers import wu2025_coil
 from tam_calibration.validation.papers.cross import SENSORS
 from tam_calibration.validation.papers.row import PrintedNumber, compare, compare_together
 
-BEFORE_NT = (339.2, 277.2, 283.2, 320.5)
-AFTER_NT = (91.9, 94.4, 98.5, 97.1)
-ORIENTATIONS = 72
-PARAMETERS = 45
+_BEFORE_NT = (339.2, 277.2, 283.2, 320.5)
+_AFTER_NT = (91.9, 94.4, 98.5, 97.1)
+_ORIENTATIONS = 72
+_PARAMETERS = 45
 
 # Rows δSx, δSy, δSz, B0x, B0y, B0z [nT], θ, φ, ψ, α, β, γ [°] of Table 2, columns the four sensors.
 TABLE_2 = {
@@ -53,8 +53,8 @@ def rows(turntable: Scenario) -> list[PrintedNumber]:
     directions = np.unique(np.round(run.attitude, 9), axis=0)
     determined, _ = count_determined(run.recording, turntable.array)
     return [
-        *compare(["Section 4.2, different orientations"], [ORIENTATIONS], [len(directions)], "1"),
-        *compare(["Table 2, parameters that these determine"], [PARAMETERS], [determined], "1"),
+        *compare(["Section 4.2, different orientations"], [_ORIENTATIONS], [len(directions)], "1"),
+        *compare(["Table 2, parameters that these determine"], [_PARAMETERS], [determined], "1"),
         *_before_rows(run),
         *_after_rows(run),
         *_parameter_rows(run),
@@ -62,7 +62,7 @@ def rows(turntable: Scenario) -> list[PrintedNumber]:
     ]
 
 
-def before_in_any_mounting(run: Simulation) -> tuple[FloatArray, FloatArray]:
+def _before_in_any_mounting(run: Simulation) -> tuple[FloatArray, FloatArray]:
     """Return the errors (M, 4) of the raw intensity, RMS and mean absolute, of M random mountings, tesla.
 
     A mounting is how the array is turned on the table, and the table about the vertical; the paper states neither.
@@ -83,8 +83,8 @@ def before_in_any_mounting(run: Simulation) -> tuple[FloatArray, FloatArray]:
 def _before_rows(run: Simulation) -> list[PrintedNumber]:
     none = SensorErrors.none(len(SENSORS))
     ours = measure_residuals(none, run.scenario.array, run.recording, 0.0).sensor_intensity_T
-    square, absolute = before_in_any_mounting(run)
-    nearest = np.abs(to_nanotesla(absolute) / BEFORE_NT - 1).max(axis=1).min()
+    square, absolute = _before_in_any_mounting(run)
+    nearest = np.abs(to_nanotesla(absolute) / _BEFORE_NT - 1).max(axis=1).min()
     reason = (
         "the RMS of eq. 14 with the errors of Table 2; the mounting on the table is not printed, but in none does "
         f"sensor 1 come below {to_nanotesla(square[:, 0].min()):.0f} nT; as means of the absolute errors one mounting "
@@ -92,7 +92,7 @@ def _before_rows(run: Simulation) -> list[PrintedNumber]:
     )
     names = [f"Section 4.2, e_B before, {sensor}" for sensor in SENSORS]
     return compare_together(
-        names, BEFORE_NT, to_nanotesla(ours), "nT", relative=0.02, reason=reason, recorded="not reproduced"
+        names, _BEFORE_NT, to_nanotesla(ours), "nT", relative=0.02, reason=reason, recorded="not reproduced"
     )
 
 
@@ -109,12 +109,12 @@ def _after_rows(run: Simulation) -> list[PrintedNumber]:
         "gradient of the site or the magnetism of the table"
     )
     names = [f"Section 4.2, e_B after, {sensor}" for sensor in SENSORS]
-    return compare_together(names, AFTER_NT, ours, "nT", relative=0.1, reason=reason, recorded="not reproduced")
+    return compare_together(names, _AFTER_NT, ours, "nT", relative=0.1, reason=reason, recorded="not reproduced")
 
 
 def _parameter_rows(run: Simulation) -> list[PrintedNumber]:
     # Noise that leaves the printed residuals, after the nine parameters of an ellipsoid have taken their part.
-    noise = np.array(AFTER_NT) / to_nanotesla(1.0) / np.sqrt(1 - _ELLIPSOID / ORIENTATIONS)
+    noise = np.array(_AFTER_NT) / to_nanotesla(1.0) / np.sqrt(1 - _ELLIPSOID / _ORIENTATIONS)
     array = run.scenario.array.with_noise(noise, run.scenario.array.scalar_noise_T or 0.0)
     variance = np.diag(bound(run.center_field_T, run.errors, array, has_scalar=True))
     deviation = np.sqrt(variance).reshape(len(SENSORS), 12)

@@ -22,7 +22,7 @@ from tam_calibration.simulation.sources import SinusoidDrift
 from tam_calibration.validation.papers.sweep import Figures, SweepPlan
 
 PUBLISHED, CORRECTED, BEST = "lossless, as published", "lossless, step 1 corrected", "maximum likelihood"
-METHODS: dict[str, Callable[[Recording, Array], Calibration]] = {
+_METHODS: dict[str, Callable[[Recording, Array], Calibration]] = {
     PUBLISHED: partial(lossless, as_published=True),
     CORRECTED: lossless,
     BEST: maximum_likelihood,
@@ -38,10 +38,10 @@ GROUPS = {
 }
 """Columns of the 45 parameters that a uniform field determines."""
 
-VECTOR_NOISE_NT = (0.1, 0.2, 0.5, 1, 2, 5, 10)
-SCALAR_NOISE_NT = (0.01, 0.03, 0.1, 0.3, 1, 3, 10)
-SAMPLES = (60, 90, 180, 360, 720, 1440, 2880)
-DRIFT_NT = 8.26
+_VECTOR_NOISE_NT = (0.1, 0.2, 0.5, 1, 2, 5, 10)
+_SCALAR_NOISE_NT = (0.01, 0.03, 0.1, 0.3, 1, 3, 10)
+_SAMPLES = (60, 90, 180, 360, 720, 1440, 2880)
+_DRIFT_NT = 8.26
 _SWINGS = 3
 
 
@@ -49,20 +49,20 @@ def plans(table_1: Scenario) -> dict[str, SweepPlan]:
     """Return the sweeps; the scalar magnetometer is silent where the paper gives it the intensity of the site."""
     silent = _with_noise(table_1, scalar_nT=0.0)
     once = replace(table_1, scalar=ScalarReference(one_error_per_recording=True))
-    swing = SinusoidDrift(from_nanotesla(DRIFT_NT), table_1.sample_count / table_1.rate_hz / _SWINGS)
-    by_vector = [_with_noise(silent, vector_nT=noise) for noise in VECTOR_NOISE_NT]
-    by_one_draw = [_with_noise(once, scalar_nT=noise) for noise in SCALAR_NOISE_NT]
-    by_many_draws = [_with_noise(table_1, scalar_nT=noise) for noise in SCALAR_NOISE_NT]
-    by_count = [replace(silent, sample_count=count) for count in SAMPLES]
+    swing = SinusoidDrift(from_nanotesla(_DRIFT_NT), table_1.sample_count / table_1.rate_hz / _SWINGS)
+    by_vector = [_with_noise(silent, vector_nT=noise) for noise in _VECTOR_NOISE_NT]
+    by_one_draw = [_with_noise(once, scalar_nT=noise) for noise in _SCALAR_NOISE_NT]
+    by_many_draws = [_with_noise(table_1, scalar_nT=noise) for noise in _SCALAR_NOISE_NT]
+    by_count = [replace(silent, sample_count=count) for count in _SAMPLES]
     return {
-        "vector": SweepPlan("noise of the sensors", "σ_VM", "nT", VECTOR_NOISE_NT, by_vector),
-        "scalar": SweepPlan("scalar noise, one draw per data set", "σ_SM", "nT", SCALAR_NOISE_NT, by_one_draw),
+        "vector": SweepPlan("noise of the sensors", "σ_VM", "nT", _VECTOR_NOISE_NT, by_vector),
+        "scalar": SweepPlan("scalar noise, one draw per data set", "σ_SM", "nT", _SCALAR_NOISE_NT, by_one_draw),
         "scalar per sample": SweepPlan(
-            "scalar noise, one draw per sample", "σ_SM", "nT", SCALAR_NOISE_NT, by_many_draws
+            "scalar noise, one draw per sample", "σ_SM", "nT", _SCALAR_NOISE_NT, by_many_draws
         ),
-        "samples": SweepPlan("number of samples", "N", "", SAMPLES, by_count),
+        "samples": SweepPlan("number of samples", "N", "", _SAMPLES, by_count),
         "drift": SweepPlan(
-            "drift of the field", "drift", "nT", (0, DRIFT_NT), [table_1, replace(table_1, drift=swing)]
+            "drift of the field", "drift", "nT", (0, _DRIFT_NT), [table_1, replace(table_1, drift=swing)]
         ),
     }
 
@@ -86,7 +86,7 @@ def score(scenario: Scenario, number: int) -> Figures:
     # The mean of |x| of a Gaussian x is √(2/π) standard deviations.
     figures = {(BOUND, RELATIVE_ERROR): np.sqrt(2 / np.pi) * deviation / scale}
     candidates = {BEFORE: SensorErrors.none(scenario.array.sensor_count), FLOOR: scenario.errors}
-    for name, fit in METHODS.items():
+    for name, fit in _METHODS.items():
         candidates[name] = fit(seen.recording, scenario.array).errors
         error = _parameters(candidates[name]) - truth
         figures |= {(name, ERROR): error, (name, RELATIVE_ERROR): np.abs(error) / scale}
