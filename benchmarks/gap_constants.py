@@ -41,7 +41,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.validation.blind.case import make_case
 from tam_calibration.validation.blind.case_plan import CasePlan
-from tam_calibration.validation.blind.figures import is_mixture_told
+from tam_calibration.validation.blind.figures import is_mixture_found
 from tam_calibration.validation.blind.folder import write_case
 from tam_calibration.validation.blind.outcome import Outcome
 
@@ -185,7 +185,7 @@ def answer(given: Given) -> Answer:
     size = (told.get("gap") or {}).get("before"), (told.get("gap") or {}).get("closed")
     said = (one.verdict, *one.named, *(f"{value:.3g}" for value in size if value is not None and not isnan(value)))
     is_clean = one.kind == "clean"
-    is_right = is_mixture_told(one) if one.kind == "mixed" else one.verdict == VERDICTS[one.kind]
+    is_right = is_mixture_found(one) if one.kind == "mixed" else one.verdict == VERDICTS[one.kind]
     first = one.first_is_right if one.kind in ("single", "pair", "mixed") else None
     return Answer(said, first, is_right, is_right if is_clean else None, process_time() - began)
 

@@ -78,7 +78,7 @@ def key_of(own: Mapping[str, Any]) -> dict[str, Any]:
 
 def is_right(outcome: Outcome) -> bool:
     """Whether no gap, or an unknown cause, is the truth."""
-    told = outcome.first_told
+    told = outcome.first_forecast
     return told is not None and told[1]
 
 

@@ -210,12 +210,11 @@ def _calibrate(
 
     A large recording is kept in files and read anew for each pass; every n-th of its samples is shown.
     """
-    told = reading(progress)
     samples: SampleSource
     if is_large(path):
-        samples = read_stream(path, array.sensor_count, tolerance_s, told)
+        samples = read_stream(path, array.sensor_count, tolerance_s, reading(progress))
     else:
-        samples = read_samples(path, array.sensor_count, tolerance_s, told).recording
+        samples = read_samples(path, array.sensor_count, tolerance_s, reading(progress)).recording
     if place is not None:
         samples = _with_intensity(samples.whole(), place)
     progress.add_task(f"fitting {samples.sample_count} samples", total=None)

@@ -56,7 +56,7 @@ class Limit:
     source: str
     unit: str = "1"
 
-    def told(self, value: float) -> str:
+    def with_unit(self, value: float) -> str:
         """Return a value in this unit as people read it."""
         is_field = self.unit.startswith("T")
         number = np.format_float_positional(to_nanotesla(value) if is_field else value, 3, fractional=False, trim="-")
@@ -66,7 +66,8 @@ class Limit:
         """Return that a value of some name is larger than any in nature, in one clause; None where it is not."""
         if abs(value) <= self.largest:
             return None
-        return f"its {name} of {self.told(value)} is more than the {self.told(self.largest)} known ({self.source})"
+        size, known = self.with_unit(value), self.with_unit(self.largest)
+        return f"its {name} of {size} is more than the {known} known ({self.source})"
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from tam_calibration.effects.effect import Finding, FoundEffect, Limit
 from tam_calibration.effects.excess_variance import LARGEST_NOISE, ChannelMoments, Excess, best_excess
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
 from tam_calibration.effects.quantization import find_lattices
-from tam_calibration.effects.regularity import alike, objection_to
+from tam_calibration.effects.regularity import neighbour_covariance, objection_to
 from tam_calibration.effects.saturation import inside_range
 from tam_calibration.effects.spikes import without_spikes
 from tam_calibration.effects.term import WhitenedResiduals, row_deviations, rows_of
@@ -74,7 +74,7 @@ class NoiseExcess(FoundEffect):
             return "no row is noisier than the others, spikes and readings at the end of the range left out"
         deviations = row_deviations(residuals)[counted]
         surplus, chance = variance - 1, CERTAIN * variance / float(np.sqrt(len(deviations)))
-        if any(alike(deviation) > max(NOTABLE * surplus, chance) for deviation in deviations.T):
+        if any(neighbour_covariance(deviation) > max(NOTABLE * surplus, chance) for deviation in deviations.T):
             return "the excess follows a course in time"
         shared = np.append(surplus * np.repeat(noise_T**2, 3), 0.0)
         if _is_rounding(residuals, shared):

@@ -33,7 +33,7 @@ def objection_to(residuals: WhitenedResiduals, excess: Excess) -> str | None:
     variance = float(np.mean(deviation**2))
     surplus = max(variance - excess.floor, 1e-3 * variance)
     chance = CERTAIN * variance / float(np.sqrt(len(deviation)))
-    if alike(deviation) > max((1 - NOTABLE) * surplus, chance):
+    if neighbour_covariance(deviation) > max((1 - NOTABLE) * surplus, chance):
         return "the excess follows a course in time"
     if _line_part(deviation, excess.floor) > MOST:
         return "the excess stands in a line of the spectrum"
@@ -72,7 +72,7 @@ def _of_size(deviation: FloatArray, direction: FloatArray) -> str | None:
     return None
 
 
-def alike(deviation: FloatArray) -> float:
+def neighbour_covariance(deviation: FloatArray) -> float:
     """Return the mean covariance with the next three samples."""
     return float(np.mean([np.mean(deviation[lag:] * deviation[:-lag]) for lag in (1, 2, 3)]))
 

@@ -23,7 +23,7 @@ from tam_calibration.effects.excess_variance import ChannelMoments, best_excess,
 from tam_calibration.effects.grades import CERTAIN, NOTABLE
 from tam_calibration.effects.motion import Statistic, is_chance, jumps, rates
 from tam_calibration.effects.other_sensors import AgainstOthers
-from tam_calibration.effects.regularity import alike
+from tam_calibration.effects.regularity import neighbour_covariance
 from tam_calibration.effects.term import WhitenedResiduals
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.units import FloatArray
@@ -171,7 +171,7 @@ class _Path:
         along = self.score[moves] / np.sqrt(self.square[moves])
         size = float(np.mean(along**2))
         chance = CERTAIN * size / np.sqrt(len(along))
-        if alike(along) > max(NOTABLE * (size - self.floor(self.part)), chance):
+        if neighbour_covariance(along) > max(NOTABLE * (size - self.floor(self.part)), chance):
             return "what is off along the path of the field goes on from sample to sample"
         scatter = along / np.sqrt(1 + self.part * self.square[moves])
         if np.mean(scatter**4) > _HEAVIEST * np.mean(scatter**2) ** 2:

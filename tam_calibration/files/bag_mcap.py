@@ -130,12 +130,12 @@ class McapBlockWriter(McapWriter):
 
     def _lay_out(self, messages: RawMessages) -> tuple[ByteArray, IntArray]:
         """Return the content of a chunk, which begins with new types and topics, and where its records begin."""
-        told = np.frombuffer(self.chunk.bio.getvalue(), np.uint8)
+        written = np.frombuffer(self.chunk.bio.getvalue(), np.uint8)
         self.chunk.bio = BytesIO()
         size = messages.size + _RECORD.itemsize
-        offsets = len(told) + np.cumsum(size) - size
-        content = np.empty(len(told) + int(size.sum()), np.uint8)
-        content[: len(told)] = told
+        offsets = len(written) + np.cumsum(size) - size
+        content = np.empty(len(written) + int(size.sum()), np.uint8)
+        content[: len(written)] = written
         _lay_records(content, offsets, messages)
         return content, offsets
 

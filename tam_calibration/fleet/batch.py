@@ -69,7 +69,7 @@ Run = Callable[[list[Task]], Iterable[tuple[Task, str]]]
 """Does tasks, and yields each as it is done, with what kept its result from being written."""
 
 Progress = Callable[[int, int], None]
-"""Is told how many recordings are done, and how many there are."""
+"""Called with the number of recordings that are done, and of all."""
 
 
 def run_batch(recordings: list[Path], out: Path, options: Options, run: Run, progress: Progress) -> list[Result]:
@@ -86,7 +86,7 @@ def run_batch(recordings: list[Path], out: Path, options: Options, run: Run, pro
     run : callable
         Does the tasks.
     progress : callable
-        Is told how far it is.
+        Called with what is done, and of how much.
 
     Raises
     ------

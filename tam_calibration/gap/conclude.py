@@ -71,12 +71,12 @@ def statement(verdict: Verdict, size: Size, where: Where, causes: tuple[Cause, .
     """Return the verdict in one sentence."""
     if verdict == "no_gap":
         return "No gap: what the calibration leaves is noise."
-    told = f"A gap of {size.before:.2g} times the noise floor in {_named(where)}"
+    size_of_gap = f"A gap of {size.before:.2g} times the noise floor in {_named(where)}"
     if verdict == "unexplained":
-        return f"{told} that no effect of the library explains."
+        return f"{size_of_gap} that no effect of the library explains."
     names = " and ".join(dict.fromkeys(cause.fitted.effect.replace("_", " ") for cause in causes))
     part = "explained" if verdict == "explained" else "partly explained"
-    return f"{told}, {part} by {names}: {100 * size.closed:.0f} % of it closes."
+    return f"{size_of_gap}, {part} by {names}: {100 * size.closed:.0f} % of it closes."
 
 
 def _named(where: Where) -> str:
@@ -165,7 +165,7 @@ def _causes(
                 float(weight),
                 step.accepted.delta_bic,
                 float(size.closed * weight),
-                _alike(step, effect, found),
+                _indistinguishable(step, effect, found),
                 step.surrogate_test,
                 tuple(effect_named(effect.effect).sizes(covariates, effect)),
             )
@@ -173,7 +173,7 @@ def _causes(
     return tuple(sorted(causes, key=lambda cause: -cause.share))
 
 
-def _alike(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
+def _indistinguishable(step: Step, effect: FittedEffect, found: Search) -> tuple[str, ...]:
     """Return the effects that cannot be told from a cause: they explain as much, or their channel is not recorded."""
     cause = step.accepted
     names = [

@@ -148,8 +148,8 @@ class Synchroniser:
         silent = [stream.name for stream in self._sensors if stream.losses.received == 0]
         if silent:
             parts.append(f"nothing arrived from {', '.join(silent)}")
-        told = {stream.name: stream.losses.explain() for stream in self._streams.values() if stream.losses.received}
-        parts += [f"{name}: {losses}" for name, losses in told.items() if losses]
+        heard = [stream for stream in self._streams.values() if stream.losses.received]
+        parts += [f"{stream.name}: {losses}" for stream in heard if (losses := stream.losses.explain())]
         if self.restarts:
             parts.append(f"stamps went back {self.restarts} times")
         return "; ".join(parts)

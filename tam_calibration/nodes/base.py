@@ -73,7 +73,7 @@ class TamNode(Node):
             if self.has_parameter(rule.name):  # as given, without its rule
                 self.undeclare_parameter(rule.name)
             self.declare_parameter(rule.name, rule.default, rule.descriptor())
-        self._unusable, self._unusable_told = Counter[str](), Counter[str]()
+        self._unusable, self._unusable_reported = Counter[str](), Counter[str]()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_steady_timer(1.0, self._publish_health)
 
@@ -192,13 +192,13 @@ class TamNode(Node):
 
     def _with_unusable(self, health: Health) -> Health:
         """Add what was refused to the health; what was refused since the last time is a warning."""
-        new, self._unusable_told = self._unusable - self._unusable_told, self._unusable.copy()
+        new, self._unusable_reported = self._unusable - self._unusable_reported, self._unusable.copy()
         if not self._unusable:
             return health
         values = {f"unusable.{topic}": count for topic, count in self._unusable.items()}
-        told = "".join(f"; {count} messages of {topic} cannot be used, see the log" for topic, count in new.items())
+        remark = "".join(f"; {count} messages of {topic} cannot be used, see the log" for topic, count in new.items())
         level = max(health.level, WARN) if new else health.level
-        return Health(level, health.message + told, {**health.values, **values})
+        return Health(level, health.message + remark, {**health.values, **values})
 
     def _peers(self) -> dict[str, object]:
         """Return the number of peers on each topic: what nobody listens to is not published."""

@@ -34,7 +34,7 @@ class Monitor(Node):
     def __init__(self, names: Sequence[str]) -> None:
         super().__init__("monitor")
         self.statuses: dict[str, DiagnosticStatus] = dict.fromkeys(names)
-        self._told: dict[str, str] = {}
+        self._printed: dict[str, str] = {}
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._take, 10)
@@ -48,7 +48,7 @@ class Monitor(Node):
         return _figures_of(self.statuses[name])
 
     def count(self, name: str, figure: str) -> int | None:
-        """Return a figure of a node's status that counts; None where it is not told yet."""
+        """Return a figure of a node's status that counts; None where it has none yet."""
         value = self.figures(name).get(figure)
         return None if value is None else int(value)
 
@@ -57,8 +57,8 @@ class Monitor(Node):
         lines = []
         for name, status in self.statuses.items():
             line = _line(name, status)
-            if status and self._told.get(name) != (said := re.sub(r"[\d.]+", "#", line)):
-                self._told[name] = said
+            if status and self._printed.get(name) != (said := re.sub(r"[\d.]+", "#", line)):
+                self._printed[name] = said
                 lines.append(line)
         return lines
 

@@ -78,7 +78,7 @@ def find_frequency(
     rest = rest / _line(float(frequency[best]), time, rest, background)[1]
     resolution = 1 / np.ptp(time)
     found = minimize_scalar(
-        lambda value: _misfit(value, time, rest, background),
+        lambda value: _residual_energy(value, time, rest, background),
         bounds=(frequency[best] - 0.7 * resolution, frequency[best] + 0.7 * resolution),
         method="bounded",
         options={"xatol": 1e-9 * frequency[best]},
@@ -115,7 +115,7 @@ def _carrier(frequency_hz: float, time: FloatArray, background: FloatArray) -> F
     return without(background, np.stack([np.sin(angle), np.cos(angle)], axis=1))
 
 
-def _misfit(frequency_hz: float, time: FloatArray, rest: FloatArray, background: FloatArray) -> float:
+def _residual_energy(frequency_hz: float, time: FloatArray, rest: FloatArray, background: FloatArray) -> float:
     """Return the squares that a sinusoid leaves of all channels, each over its noise, less those before."""
     orthonormal, _ = np.linalg.qr(_carrier(frequency_hz, time, background))
     return -float(np.sum((orthonormal.T @ rest) ** 2))

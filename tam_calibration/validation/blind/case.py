@@ -112,7 +112,7 @@ _LEAST_SPIKE = 4.0
 _TRIES = 1000
 """Draws of a recording in which the causes can be seen, before that is given up; they take some twenty seconds."""
 
-_ALIKE = 0.6
+_MOST_CORRELATION = 0.6
 """Largest cosine between the visible signals of two causes: above, no diagnosis can separate them."""
 
 
@@ -230,7 +230,7 @@ def _differ(model: NominalModel, causes: list[Scaled], apart: bool) -> bool:
     if (apart or len(families) == 1) and (places[0] & places[1] or ALL in places[0] | places[1]):
         return False
     first, second = (model.left(cause.signal).ravel() for cause in causes)
-    return bool(abs(first @ second) < _ALIKE * norm(first) * norm(second))
+    return bool(abs(first @ second) < _MOST_CORRELATION * norm(first) * norm(second))
 
 
 def _record(seen: Signal, causes: list[Scaled]) -> Signal:

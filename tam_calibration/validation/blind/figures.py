@@ -35,7 +35,7 @@ def is_nothing_else_named(one: Outcome) -> bool:
     return set(one.named) <= {one.truth[0]} | one.other_names
 
 
-def is_mixture_told(one: Outcome) -> bool:
+def is_mixture_found(one: Outcome) -> bool:
     """Say whether the known cause is named, nothing else, and the verdict that it explains a part.
 
     Where the unknown cause has a name since, both names and the verdict that they explain all is as right.
@@ -134,36 +134,36 @@ def amplitude_rows(size: str, single: Sequence[Outcome], middle: float, worst: f
 
 def probability_rows(outcomes: Sequence[Outcome]) -> list[ScoreRow]:
     """Return the skill of the first answers' probabilities beyond that of the verdict alone."""
-    pairs = [(one.verdict, one.first_told) for one in outcomes]
-    told = [pair for _, pair in pairs if pair is not None]
+    pairs = [(one.verdict, one.first_forecast) for one in outcomes]
+    forecasts = [pair for _, pair in pairs if pair is not None]
     groups = defaultdict(list)
     for verdict, pair in pairs:
         if pair is not None:
             groups[verdict].append(pair[1])
-    own, constant = log_score(told), constant_log_score(groups.values())
-    both = {came for _, came in told} == {True, False}
+    own, constant = log_score(forecasts), constant_log_score(groups.values())
+    both = {came for _, came in forecasts} == {True, False}
     return [
         ScoreRow(
             "log score over that of a constant per verdict",
             "",
-            own / constant if told else float("nan"),
+            own / constant if forecasts else float("nan"),
             None,
             0.5,
-            len(told),
+            len(forecasts),
             remark=f"{own:.3f} and {constant:.3f}",
             is_share=False,
         ),
-        ScoreRow("right and wrong told apart (AUROC)", "", separation(told), 0.9, None, len(told) if both else 0),
+        ScoreRow("right and wrong told apart (AUROC)", "", separation(forecasts), 0.9, None, both * len(forecasts)),
     ]
 
 
 def set_rows(outcomes: Sequence[Outcome]) -> list[ScoreRow]:
     """Return how often the 95 % sets of causes hold the true one, and how large they are."""
-    told = [one for one in outcomes if one.set_95 is not None]
-    middle = median([len(one.set_95 or []) for one in told] or [float("nan")])
+    with_set = [one for one in outcomes if one.set_95 is not None]
+    middle = median([len(one.set_95 or []) for one in with_set] or [float("nan")])
     return [
-        rate_row("95 % sets hold the true cause", "", (one.set_holds for one in told), 0.93, 0.97),
-        ScoreRow("95 % sets, median size", "", middle, None, 1.0, len(told), is_share=False),
+        rate_row("95 % sets hold the true cause", "", (one.set_holds for one in with_set), 0.93, 0.97),
+        ScoreRow("95 % sets, median size", "", middle, None, 1.0, len(with_set), is_share=False),
     ]
 
 

@@ -89,9 +89,9 @@ class Outcome:
     @cached_property
     def probabilities(self) -> dict[str, float]:
         """The probability in the answer of each hypothesis: the effects, `NO_GAP` and `_NONE`."""
-        told = {cause["effect"]: cause["probability"] for cause in self.causes if "probability" in cause}
-        told |= self.answer.get("probabilities") or {}
-        given = {name: float(value) for name, value in told.items() if value is not None}
+        stated = {cause["effect"]: cause["probability"] for cause in self.causes if "probability" in cause}
+        stated |= self.answer.get("probabilities") or {}
+        given = {name: float(value) for name, value in stated.items() if value is not None}
         return {_NONE if name.startswith(_NONE) else name: value for name, value in given.items()}
 
     @cached_property
@@ -171,11 +171,11 @@ class Outcome:
         return float(max(0.0, 1.0 - (closed or 0.0)) ** 0.5)
 
     @property
-    def gap_told(self) -> float:
+    def stated_gap(self) -> float:
         """The gap that the answer states, in noise floors."""
         return float((self.answer.get("gap") or {}).get("before") or 0.0)
 
-    def told_and_true(self) -> list[tuple[float, bool]]:
+    def forecasts(self) -> list[tuple[float, bool]]:
         """Return every probability in the answer, and whether its hypothesis is true."""
         return [(value, name in self._true_names) for name, value in self.probabilities.items()]
 
@@ -189,17 +189,17 @@ class Outcome:
         return {*self.truth, *self.other_names, *([_NONE] if self.kind == "withheld" else [])}
 
     @property
-    def first_told(self) -> tuple[float, bool] | None:
+    def first_forecast(self) -> tuple[float, bool] | None:
         """The probability of the first answer, and whether it is true."""
         name = {NO_GAP: NO_GAP, UNEXPLAINED: _NONE}.get(self.first, self.first)
-        told = self.probabilities.get(name)
-        return None if told is None else (told, name in self._true_names)
+        probability = self.probabilities.get(name)
+        return None if probability is None else (probability, name in self._true_names)
 
     @property
     def set_95(self) -> list[str] | None:
         """The 95 % set of causes of the answer; None where it states none."""
-        told = self.answer.get("set_95")
-        return None if told is None else [str(name) for name in told]
+        names = self.answer.get("set_95")
+        return None if names is None else [str(name) for name in names]
 
     @property
     def set_holds(self) -> bool:
@@ -212,8 +212,8 @@ class Outcome:
     def coefficients_held(self) -> list[bool]:
         """Return of each coefficient that key and answer both state whether the answer's 95 % interval holds it."""
         true = {name: value for one in self.key["effects"] for name, value in one.get("coefficients", {}).items()}
-        told = {name: one for cause in self.causes for name, one in (cause.get("parameters") or {}).items()}
-        both = [(told[name], value) for name, value in true.items() if name in told]
+        stated = {name: one for cause in self.causes for name, one in (cause.get("parameters") or {}).items()}
+        both = [(stated[name], value) for name, value in true.items() if name in stated]
         return [
             abs(one["value"] - value) <= WITHIN_95 * one["standard_error"]
             for one, value in both
@@ -224,16 +224,16 @@ class Outcome:
     def line(self) -> str:
         """Key against answer in one line."""
         truth = " + ".join(map(_truth_in_words, self.key["effects"])) or "nothing"
-        told = " + ".join(map(_cause_in_words, self.causes)) or "no cause"
+        answer = " + ".join(map(_cause_in_words, self.causes)) or "no cause"
         conditions = [f"N={self.key['samples']}", f"K={self.key['sensors']}", self.key["motion"]]
         conditions += ["no scalar"] * (not self.key["with_scalar"]) + ["holes"] * self.key["holes"]
         conditions += [f"without {self.key['withheld_channel']}"] * bool(self.key["withheld_channel"])
         where = "/".join(map(str, (self.answer.get("where") or {}).get("sensors") or []))
         why = f" ({self.answer['why']})" if "why" in self.answer else ""
-        sizes = f"gap {self.gap_told:.2g}, left {self.amplitude_left:.0%}"
+        sizes = f"gap {self.stated_gap:.2g}, left {self.amplitude_left:.0%}"
         return (
             f"{self.name} {self.kind} [{', '.join(conditions)}]: {truth}, gap {self.visible_gap:.2g} → "
-            f"{self.verdict}{why}: {told}, where {where or '–'}, {sizes}"
+            f"{self.verdict}{why}: {answer}, where {where or '–'}, {sizes}"
         )
 
 

@@ -55,10 +55,10 @@ class Bin:
     count: int
 
 
-def reliability_curve(told: Sequence[tuple[float, bool]]) -> list[Bin]:
+def reliability_curve(forecasts: Sequence[tuple[float, bool]]) -> list[Bin]:
     """Return the curve of what came true over what was told, in bins of equal width that are not empty."""
-    values = np.array([value for value, _ in told])
-    hits = np.array([hit for _, hit in told], dtype=float)
+    values = np.array([value for value, _ in forecasts])
+    hits = np.array([hit for _, hit in forecasts], dtype=float)
     index = np.minimum((values * _BINS).astype(int), _BINS - 1)
     groups = [index == number for number in range(_BINS)]
     return [Bin(float(values[one].mean()), float(hits[one].mean()), int(one.sum())) for one in groups if one.any()]
@@ -70,25 +70,25 @@ def calibration_error(curve: Sequence[Bin]) -> float:
     return sum(one.count * abs(one.told - one.true) for one in curve) / total if total else float("nan")
 
 
-def log_score(told: Sequence[tuple[float, bool]]) -> float:
+def log_score(forecasts: Sequence[tuple[float, bool]]) -> float:
     """Return the mean negative logarithm of the probability given to what came true (Good 1952); small is good."""
-    given = [value if came else 1 - value for value, came in told]
+    given = [value if came else 1 - value for value, came in forecasts]
     return float(-np.log(np.maximum(given, _LEAST)).mean()) if given else float("nan")
 
 
 def constant_log_score(groups: Iterable[Sequence[bool]]) -> float:
     """Return the log score of who knows of each group how often it came true, (k + 1) / (n + 2), and no more."""
-    told = []
+    forecasts = []
     for group in groups:
         value = (sum(group) + 1) / (len(group) + 2)
-        told += [(value, came) for came in group]
-    return log_score(told)
+        forecasts += [(value, came) for came in group]
+    return log_score(forecasts)
 
 
-def separation(told: Sequence[tuple[float, bool]]) -> float:
+def separation(forecasts: Sequence[tuple[float, bool]]) -> float:
     """Return how often what came true was given more than what did not, ties by half: the area under the ROC curve."""
-    true = np.array([value for value, came in told if came])
-    false = np.array([value for value, came in told if not came])
+    true = np.array([value for value, came in forecasts if came])
+    false = np.array([value for value, came in forecasts if not came])
     if not true.size or not false.size:
         return float("nan")
     more = (true[:, None] > false).mean() + (true[:, None] == false).mean() / 2

@@ -13,7 +13,7 @@ from tam_calibration.validation.blind.figures import (
     interval_rows,
     is_admitted,
     is_known_named,
-    is_mixture_told,
+    is_mixture_found,
     is_nearly_solved,
     is_nothing_else_named,
     is_pair_solved,
@@ -99,7 +99,7 @@ class Score:
         mixed = self.of_kind("mixed")
         name = "known beside unknown: "
         return [
-            rate_row(f"{name}partly_explained, the known named, nothing else", "", map(is_mixture_told, mixed), 0.90),
+            rate_row(f"{name}partly_explained, the known named, nothing else", "", map(is_mixture_found, mixed), 0.90),
             rate_row(f"{name}the known named", "", map(is_known_named, mixed)),
             rate_row(f"{name}nothing else named", "", map(is_nothing_else_named, mixed)),
             rate_row(f"{name}verdict partly_explained", "", (one.verdict == PARTLY_EXPLAINED for one in mixed)),
@@ -130,8 +130,8 @@ class Score:
     def reliability(self) -> list[Bin]:
         """Frequency of truth over stated probability, where the key knows the truth."""
         known = [one for one in self.outcomes if one.kind in _KNOWN]
-        told = [pair for one in known for pair in one.told_and_true() if pair[0] >= _LEAST_PROBABILITY]
-        return reliability_curve(told) if told else []
+        forecasts = [pair for one in known for pair in one.forecasts() if pair[0] >= _LEAST_PROBABILITY]
+        return reliability_curve(forecasts) if forecasts else []
 
     @cached_property
     def by_verdict(self) -> dict[str, Rate]:
@@ -200,9 +200,9 @@ class Score:
         }
 
     @property
-    def gap_told(self) -> float:
+    def stated_gap(self) -> float:
         """Median ratio of the stated to the visible gap, of single effects."""
-        return median([one.gap_told / one.visible_gap for one in self.of_kind("single")] or [float("nan")])
+        return median([one.stated_gap / one.visible_gap for one in self.of_kind("single")] or [float("nan")])
 
     @property
     def failures(self) -> list[Outcome]:
@@ -212,7 +212,7 @@ class Score:
             "outside": is_admitted,
             "clean": lambda one: one.verdict == NO_GAP,
             "pair": is_pair_solved,
-            "mixed": is_mixture_told,
+            "mixed": is_mixture_found,
             "large": lambda one: one.first_is_right and one.place_is_right,
             "withheld": lambda one: not names_wrongly(one),
             "short": lambda one: not names_wrongly(one),

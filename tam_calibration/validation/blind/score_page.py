@@ -19,11 +19,11 @@ def write_score_page(path: Path, score: Score, name: str) -> None:
     curve = embed(
         draw_reliability(score), "reliability curve", "What came true of what was told; on the line it is as told."
     )
-    told = Table(("told", "true", "statements"), reliability(score))
+    table = Table(("told", "true", "statements"), reliability(score))
     sections = [
         Section("Figures asked for", [verdict, Table(HEADER, [cells(row) for row in score.rows])]),
         Section("What was named for what", [confusion, Points(remarks(score, {}))]),
-        Section("Probabilities", [curve, told]),
+        Section("Probabilities", [curve, table]),
         Section("Effect by effect", [Table(("effect", "solved", "amplitude left"), effects(score))]),
         Section("By condition", [Table(("condition", "solved", "of"), shares({**score.by_condition, **score.short}))]),
         Section("Cases that went wrong", [Points([one.line for one in score.failures] or ["none"])]),

@@ -87,7 +87,7 @@ def remarks(score: Score, times_s: Mapping[str, float]) -> list[str]:
     lines = [
         f"a wrong effect named first: {_of(strict)}, with nested partners forgiven {_of(forgiving)}",
         f"what a verdict says is true: {', '.join(f'{name} {_of(rate)}' for name, rate in score.by_verdict.items())}",
-        f"gap told over gap visible, median of single effects: {score.gap_told:.2f}",
+        f"gap told over gap visible, median of single effects: {score.stated_gap:.2f}",
     ]
     if times_s:
         values = list(times_s.values())
@@ -111,7 +111,7 @@ def score_to_mapping(score: Score, times_s: Mapping[str, float]) -> dict[str, An
             name: {"solved": asdict(rate), "amplitude_left": left} for name, (rate, left) in score.by_effect.items()
         },
         "by_condition": {name: asdict(rate) for name, rate in {**score.by_condition, **score.short}.items()},
-        "gap_told_over_visible": score.gap_told,
+        "gap_told_over_visible": score.stated_gap,
         "processor_time_s": dict(times_s),
         "failures": [one.line for one in score.failures],
     }

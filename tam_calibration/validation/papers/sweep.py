@@ -18,7 +18,7 @@ Figures = Mapping[tuple[str, str], FloatArray]
 _Score = Callable[[Scenario, int], Figures]
 """Simulates a scenario and scores what it is for; the number of the run makes its random numbers."""
 Progress = Callable[[int, int], None]
-"""Is told the number of runs that are done, and of all."""
+"""Called with the number of runs that are done, and of all."""
 
 _CHUNK = 4
 
@@ -87,7 +87,7 @@ def run(plans: Sequence[SweepPlan], score: _Score, runs: int, progress: Progress
     runs : int
         Of each point; the runs of different points share their numbers.
     progress : callable
-        Is told how far it is.
+        Called with what is done, and of how much.
     """
     tasks = tasks_of(plans, runs)
     results: list[Figures] = []

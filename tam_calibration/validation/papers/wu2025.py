@@ -47,7 +47,7 @@ def results(
     runs : int
         Monte Carlo runs of each point of a sweep.
     progress : callable
-        Is told the number of runs that are done, and of all.
+        Called with the number of runs that are done, and of all.
     """
     planned = plans(table_1)
     sweeps = dict(zip(planned, run(list(planned.values()), score, runs, progress), strict=True))

@@ -34,5 +34,5 @@ def test_what_is_said_first_is_true_where_it_can_be_known(kind, truth, verdict, 
     """Nothing where there is nothing, however few the samples; none of the effects where their channel is missing."""
     told = ["unknown"] if verdict == "unexplained" else ["no_gap"]
     one = outcome(kind, truth, answered(verdict, 0.8, told))
-    assert one.first_told == (0.8, is_true)
+    assert one.first_forecast == (0.8, is_true)
     assert one.set_holds is is_true
