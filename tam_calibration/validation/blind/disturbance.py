@@ -15,6 +15,9 @@ Signal = tuple[FloatArray, FloatArray]
 """Change of the readings (N, K, 3) and of the scalar (N,) in tesla."""
 
 _AXES = ("x", "y", "z")
+ALL_AXES = np.ones(3)
+"""Mask of a cause that disturbs all axes of a sensor."""
+
 SCALAR = "scalar"
 ALL = "all"
 

@@ -5,6 +5,7 @@ from numpy.random import Generator
 
 from tam_calibration.model.units import FloatArray
 from tam_calibration.validation.blind.disturbance import (
+    ALL_AXES,
     SCALAR,
     Disturbance,
     Signal,
@@ -138,8 +139,6 @@ def drifting_clock(rng: Generator, scene: Scene) -> Disturbance:
 _LEAST_HANDOVERS, _TRIES = 6, 50
 """What is handed over less often is a bias that jumps."""
 
-_WHOLE = np.ones(3)
-
 
 def weak_bit(rng: Generator, scene: Scene) -> Disturbance:
     """Let one middle bit of a converter weigh too little: the error is there for every second stretch of codes.
@@ -166,7 +165,7 @@ def reference_noise(rng: Generator, scene: Scene) -> Disturbance:
     """Let the reference voltage of a sensor's three converters be noisy: they err together, along the reading."""
     sensor = draw_sensor(rng, scene)
     noise = rng.normal(size=(scene.sample_count, 1))
-    return in_one_sensor(scene, "reference_noise", sensor, _WHOLE, 1e-9 * noise * scene.core(sensor), {})
+    return in_one_sensor(scene, "reference_noise", sensor, ALL_AXES, 1e-9 * noise * scene.core(sensor), {})
 
 
 def idle_tone(rng: Generator, scene: Scene) -> Disturbance:
@@ -256,7 +255,7 @@ def gyro_fusion(rng: Generator, scene: Scene) -> Disturbance:
         error = np.exp(-1 / memory) * turn @ error + added
         course.append(error)
     parameters = {"memory_samples": memory}
-    return in_one_sensor(scene, "gyro_fusion", sensor, _WHOLE, 1e-9 * np.array(course), parameters)
+    return in_one_sensor(scene, "gyro_fusion", sensor, ALL_AXES, 1e-9 * np.array(course), parameters)
 
 
 def cell_handover(rng: Generator, scene: Scene) -> Disturbance:

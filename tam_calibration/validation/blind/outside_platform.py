@@ -7,6 +7,7 @@ from scipy.signal import lfilter
 
 from tam_calibration.model.units import FloatArray
 from tam_calibration.validation.blind.disturbance import (
+    ALL_AXES,
     Disturbance,
     draw_axes,
     draw_direction,
@@ -20,8 +21,6 @@ from tam_calibration.validation.blind.scene import Scene
 _LEAST_REVERSALS = 6
 """A joint that reverses less often is a mount that slips."""
 
-_WHOLE = np.ones(3)
-
 
 def lost_motion(rng: Generator, scene: Scene) -> Disturbance:
     """Turn a sensor in a joint by its play, one way or the other, each time that the joint's motion reverses."""
@@ -34,7 +33,7 @@ def lost_motion(rng: Generator, scene: Scene) -> Disturbance:
     axis = draw_direction(rng)
     change = 1e-9 * courses[joint][:, None] * np.cross(axis, scene.core(sensor))
     parameters = {"axis": numbers(axis), "reversals": reversals[joint]}
-    return in_one_sensor(scene, "lost_motion", sensor, _WHOLE, change, parameters)
+    return in_one_sensor(scene, "lost_motion", sensor, ALL_AXES, change, parameters)
 
 
 def _behind(angle: FloatArray, play: float) -> FloatArray:
@@ -54,7 +53,7 @@ def fluttering_tow(rng: Generator, scene: Scene) -> Disturbance:
     kicks = rng.normal(size=(2, scene.sample_count))
     angle = lfilter([1.0], [1.0, -pole], kicks[0] + 1j * kicks[1]).real
     change = 1e-9 * (angle / angle.std())[:, None] * np.cross(axis, scene.core(sensor))
-    return in_one_sensor(scene, "fluttering_tow", sensor, _WHOLE, change, {"period_samples": period})
+    return in_one_sensor(scene, "fluttering_tow", sensor, ALL_AXES, change, {"period_samples": period})
 
 
 def whipping_boom(rng: Generator, scene: Scene) -> Disturbance:
@@ -65,7 +64,7 @@ def whipping_boom(rng: Generator, scene: Scene) -> Disturbance:
     compliance = rng.normal(size=(3, 3))
     angle = (rates[1] - rates[0]) @ compliance.T
     change = 1e-9 * np.cross(angle / angle.std(), scene.core(sensor))
-    return in_one_sensor(scene, "whipping_boom", sensor, _WHOLE, change, {"compliance": numbers(compliance)})
+    return in_one_sensor(scene, "whipping_boom", sensor, ALL_AXES, change, {"compliance": numbers(compliance)})
 
 
 def compass_needle(rng: Generator, scene: Scene) -> Disturbance:
@@ -74,7 +73,7 @@ def compass_needle(rng: Generator, scene: Scene) -> Disturbance:
     in_plane = scene.field_T - np.outer(scene.field_T @ pivot, pivot)
     needle = in_plane / norm(in_plane, axis=1, keepdims=True)
     change = 1e-9 * _dipole(needle, draw_direction(rng))
-    return in_one_sensor(scene, "compass_needle", sensor, _WHOLE, change, {"pivot": numbers(pivot)})
+    return in_one_sensor(scene, "compass_needle", sensor, ALL_AXES, change, {"pivot": numbers(pivot)})
 
 
 def moved_soft_iron(rng: Generator, scene: Scene) -> Disturbance:
@@ -91,7 +90,7 @@ def moved_soft_iron(rng: Generator, scene: Scene) -> Disturbance:
     rod = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), second / norm(second))
     along = (rod * scene.field_T).sum(axis=1, keepdims=True) / scene.intensity_T.mean()
     change = 1e-9 * _dipole(along * rod, draw_direction(rng))
-    return in_one_sensor(scene, "moved_soft_iron", sensor, _WHOLE, change, {"moves": moves})
+    return in_one_sensor(scene, "moved_soft_iron", sensor, ALL_AXES, change, {"moves": moves})
 
 
 def _dipole(moment: FloatArray, direction: FloatArray) -> FloatArray:
@@ -107,7 +106,7 @@ def heading_gear(rng: Generator, scene: Scene) -> Disturbance:
     phase = ratio * scene.motion.angles(scene.time_s)[:, 0] + slip
     waves = np.stack([np.cos(phase), np.sin(phase), rng.uniform(0, 0.4) * np.cos(2 * phase)], axis=1)
     change = 1e-9 * waves @ np.stack([draw_direction(rng) for _ in range(3)])
-    return in_one_sensor(scene, "heading_gear", sensor, _WHOLE, change, {"ratio": ratio})
+    return in_one_sensor(scene, "heading_gear", sensor, ALL_AXES, change, {"ratio": ratio})
 
 
 def irregular_strokes(rng: Generator, scene: Scene) -> Disturbance:
@@ -121,10 +120,7 @@ def irregular_strokes(rng: Generator, scene: Scene) -> Disturbance:
     turn = 2 * np.pi * stroke
     near = width * ((1 - np.cos(turn)) / 2) ** rng.uniform(1, 3)
     change = 1e-9 * (np.outer(near, draw_direction(rng)) + np.outer(near * np.sin(turn), draw_direction(rng)))
-    return in_one_sensor(scene, "irregular_strokes", sensor, _WHOLE, change, {"mean_samples": mean})
-
-
-_WHOLE = np.ones(3)
+    return in_one_sensor(scene, "irregular_strokes", sensor, ALL_AXES, change, {"mean_samples": mean})
 
 
 def cable_windup(rng: Generator, scene: Scene) -> Disturbance:
@@ -133,7 +129,7 @@ def cable_windup(rng: Generator, scene: Scene) -> Disturbance:
     wound = scene.motion.angles(scene.time_s)[:, 0]
     twist = (wound - wound.mean()) / wound.std()
     change = 1e-9 * np.cross(axis, scene.core(sensor)) * twist[:, None]
-    return in_one_sensor(scene, "cable_windup", sensor, _WHOLE, change, {"axis": numbers(axis)})
+    return in_one_sensor(scene, "cable_windup", sensor, ALL_AXES, change, {"axis": numbers(axis)})
 
 
 def rubber_mount(rng: Generator, scene: Scene) -> Disturbance:
@@ -143,7 +139,7 @@ def rubber_mount(rng: Generator, scene: Scene) -> Disturbance:
     weight, keep = -scene.to_world[:, 2], np.exp(-1 / memory)
     sunk = lfilter([1 - keep], [1, -keep], weight - weight[0], axis=0) + weight[0]
     change = 1e-9 * np.cross(sunk @ compliance.T, scene.core(sensor))
-    return in_one_sensor(scene, "rubber_mount", sensor, _WHOLE, change, {"memory_samples": memory})
+    return in_one_sensor(scene, "rubber_mount", sensor, ALL_AXES, change, {"memory_samples": memory})
 
 
 def sliding_tray(rng: Generator, scene: Scene) -> Disturbance:
@@ -155,7 +151,7 @@ def sliding_tray(rng: Generator, scene: Scene) -> Disturbance:
     away = rng.uniform(1.5, 3) * draw_direction(rng) - np.outer(place, rail)
     dipole = _dipole_at(draw_direction(rng), away)
     change = 1e-9 * dipole / norm(dipole - dipole.mean(axis=0), axis=1).max()
-    return in_one_sensor(scene, "sliding_tray", sensor, _WHOLE, change, {"rail": numbers(rail), "speed": speed})
+    return in_one_sensor(scene, "sliding_tray", sensor, ALL_AXES, change, {"rail": numbers(rail), "speed": speed})
 
 
 def _slid(steps: FloatArray) -> FloatArray:
@@ -187,7 +183,7 @@ def steering_current(rng: Generator, scene: Scene) -> Disturbance:
     inertia = rng.uniform(0.3, 1.0)
     torque = drag / drag.std() + inertia * speed_up / speed_up.std()
     change = 1e-9 * np.abs(torque) ** 1.5 @ rng.normal(size=(3, 3))
-    return in_one_sensor(scene, "steering_current", sensor, _WHOLE, change, {"inertia": inertia})
+    return in_one_sensor(scene, "steering_current", sensor, ALL_AXES, change, {"inertia": inertia})
 
 
 def viscous_remanence(rng: Generator, scene: Scene) -> Disturbance:
@@ -203,7 +199,7 @@ def viscous_remanence(rng: Generator, scene: Scene) -> Disturbance:
         parts = kept * parts + (1 - kept) * now
         course.append(parts.mean(axis=0))
     change = 1e-9 * np.array(course) @ rng.normal(size=(3, 3))
-    return in_one_sensor(scene, "viscous_remanence", sensor, _WHOLE, change, {"parked": numbers(parked)})
+    return in_one_sensor(scene, "viscous_remanence", sensor, ALL_AXES, change, {"parked": numbers(parked)})
 
 
 def sonar_recharge(rng: Generator, scene: Scene) -> Disturbance:
@@ -217,7 +213,7 @@ def sonar_recharge(rng: Generator, scene: Scene) -> Disturbance:
     since_s = np.interp(scene.time_s, fine_s, pings) % 1 * np.interp(scene.time_s, fine_s, interval_s)
     change = 1e-9 * np.outer(np.exp(-since_s / (charge * scene.step_s)), draw_direction(rng))
     parameters = {"shortest_samples": shortest, "charge_samples": charge}
-    return in_one_sensor(scene, "sonar_recharge", sensor, _WHOLE, change, parameters)
+    return in_one_sensor(scene, "sonar_recharge", sensor, ALL_AXES, change, parameters)
 
 
 def thermal_play(rng: Generator, scene: Scene) -> Disturbance:

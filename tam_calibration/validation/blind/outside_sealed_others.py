@@ -10,6 +10,7 @@ from numpy.random import Generator
 
 from tam_calibration.model.units import FloatArray
 from tam_calibration.validation.blind.disturbance import (
+    ALL_AXES,
     MOVING,
     Disturbance,
     Entry,
@@ -36,8 +37,6 @@ from tam_calibration.validation.blind.outside_sealed_others_whole import (
 from tam_calibration.validation.blind.processes import draw_wander
 from tam_calibration.validation.blind.scene import Scene
 
-_WHOLE = np.ones(3)
-
 _FINE = 8
 """Steps of an integration in time of sampling."""
 
@@ -55,7 +54,7 @@ def deviation_table(rng: Generator, scene: Scene) -> Disturbance:
     swung = np.linspace(0, 2 * np.pi, len(card), endpoint=False)
     deviation = np.interp(heading, swung, card - card.mean(), period=2 * np.pi)
     change = 1e-9 * deviation[:, None] * np.cross(mast, core)
-    return in_one_sensor(scene, "deviation_table", sensor, _WHOLE, change, {"mast": numbers(mast)})
+    return in_one_sensor(scene, "deviation_table", sensor, ALL_AXES, change, {"mast": numbers(mast)})
 
 
 def length_control(rng: Generator, scene: Scene) -> Disturbance:
@@ -68,7 +67,7 @@ def length_control(rng: Generator, scene: Scene) -> Disturbance:
     raw = scene.readings_T[:, sensor] / scene.intensity_T.mean()
     length = lagged(norm(raw, axis=1), memory)
     change = 1e-9 * raw * ((length.mean() - length) / length.std())[:, None]
-    return in_one_sensor(scene, "length_control", sensor, _WHOLE, change, {"memory_samples": memory})
+    return in_one_sensor(scene, "length_control", sensor, ALL_AXES, change, {"memory_samples": memory})
 
 
 def counted_cycles(rng: Generator, scene: Scene) -> Disturbance:
@@ -150,7 +149,7 @@ def unfiltered_mains(rng: Generator, scene: Scene) -> Disturbance:
     phase = 2 * np.pi * alias_hz * scene.time_s
     room = np.outer(np.cos(phase), draw_direction(rng)) + np.outer(np.sin(phase), 0.4 * draw_direction(rng))
     change = 1e-9 * np.einsum("nji,nj->ni", scene.to_world, room) @ scene.response[sensor].T
-    return in_one_sensor(scene, "unfiltered_mains", sensor, _WHOLE, change, {"alias_hz": alias_hz})
+    return in_one_sensor(scene, "unfiltered_mains", sensor, ALL_AXES, change, {"alias_hz": alias_hz})
 
 
 def transmit_power(rng: Generator, scene: Scene) -> Disturbance:
@@ -177,7 +176,7 @@ def slip_ring(rng: Generator, scene: Scene) -> Disturbance:
     angle = scene.motion.angles(scene.time_s)[:, :1]
     drop = np.cos(waves * angle + rng.uniform(0, 2 * np.pi, 6)) @ rng.normal(size=6)
     change = -1e-9 * drop[:, None] * rng.uniform(0.6, 1.4, 3) * scene.core(sensor)
-    return in_one_sensor(scene, "slip_ring", sensor, _WHOLE, change, {})
+    return in_one_sensor(scene, "slip_ring", sensor, ALL_AXES, change, {})
 
 
 SEALED: dict[str, Entry] = {

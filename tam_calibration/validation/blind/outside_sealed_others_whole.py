@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 from tam_calibration.model.units import FloatArray
 from tam_calibration.validation.blind.continuous_motion import about
 from tam_calibration.validation.blind.disturbance import (
+    ALL_AXES,
     SCALAR,
     Disturbance,
     draw_direction,
@@ -18,8 +19,6 @@ from tam_calibration.validation.blind.disturbance import (
     proportional,
 )
 from tam_calibration.validation.blind.scene import Scene
-
-_WHOLE = np.ones(3)
 
 _LEAST_DIPS, _TRIES = 6, 50
 """What is dipped in less often is a bias that jumps."""
@@ -44,7 +43,7 @@ def degaussing_steps(rng: Generator, scene: Scene) -> Disturbance:
     currents = lagged(np.round(steps * bow) / steps, memory)
     change = 1e-9 * currents @ np.stack([draw_direction(rng), draw_direction(rng)])
     parameters = {"steps": steps, "memory_samples": memory}
-    return in_one_sensor(scene, "degaussing_steps", sensor, _WHOLE, change, parameters)
+    return in_one_sensor(scene, "degaussing_steps", sensor, ALL_AXES, change, parameters)
 
 
 def dipped_couple(rng: Generator, scene: Scene) -> Disturbance:
@@ -61,7 +60,7 @@ def dipped_couple(rng: Generator, scene: Scene) -> Disturbance:
         if dips >= _LEAST_DIPS:
             break
     change = 1e-9 * np.outer(wet / np.sqrt(1 + _since(wet) / short), draw_direction(rng))
-    return in_one_sensor(scene, "dipped_couple", sensor, _WHOLE, change, {"arm": numbers(arm), "dips": dips})
+    return in_one_sensor(scene, "dipped_couple", sensor, ALL_AXES, change, {"arm": numbers(arm), "dips": dips})
 
 
 def _since(wet: FloatArray) -> FloatArray:
@@ -82,7 +81,7 @@ def gimbal_magnet(rng: Generator, scene: Scene) -> Disturbance:
     followed = lagged(scene.motion.angles(scene.time_s)[:, 0], memory)
     moment = np.einsum("nji,nj->ni", scene.to_world, about("z", followed) @ draw_direction(rng))
     change = 1e-9 * (3 * np.outer(moment @ away, away) - moment)
-    return in_one_sensor(scene, "gimbal_magnet", sensor, _WHOLE, change, {"memory_samples": memory})
+    return in_one_sensor(scene, "gimbal_magnet", sensor, ALL_AXES, change, {"memory_samples": memory})
 
 
 def sand_pile(rng: Generator, scene: Scene) -> Disturbance:
@@ -95,7 +94,7 @@ def sand_pile(rng: Generator, scene: Scene) -> Disturbance:
     lies = _run_down(-scene.to_world[:, 2], steepest, flatter)
     change = 1e-9 * lies @ rng.normal(size=(3, 3))
     parameters = {"steepest_rad": steepest, "flatter_rad": flatter}
-    return in_one_sensor(scene, "sand_pile", sensor, _WHOLE, change, parameters)
+    return in_one_sensor(scene, "sand_pile", sensor, ALL_AXES, change, parameters)
 
 
 def _run_down(down: FloatArray, steepest: float, flatter: float) -> FloatArray:
@@ -134,7 +133,7 @@ def image_stabiliser(rng: Generator, scene: Scene) -> Disturbance:
     moved = lagged(rate @ plane, memory)
     stops = np.quantile(np.abs(moved), rng.uniform(0.4, 0.8))
     change = 1e-9 * np.clip(moved / stops, -1, 1) @ rng.normal(size=(2, 3))
-    return in_one_sensor(scene, "image_stabiliser", sensor, _WHOLE, change, {"memory_samples": memory})
+    return in_one_sensor(scene, "image_stabiliser", sensor, ALL_AXES, change, {"memory_samples": memory})
 
 
 def swelling_mount(rng: Generator, scene: Scene) -> Disturbance:
@@ -148,7 +147,7 @@ def swelling_mount(rng: Generator, scene: Scene) -> Disturbance:
     soaked, dried = (_diffused((scene.time_s - time_s) / whole_s) for time_s in times_s)
     change = 1e-9 * np.cross(axis, scene.core(sensor)) * (soaked - dried)[:, None]
     parameters = {"times_s": numbers(times_s), "whole_s": whole_s}
-    return in_one_sensor(scene, "swelling_mount", sensor, _WHOLE, change, parameters)
+    return in_one_sensor(scene, "swelling_mount", sensor, ALL_AXES, change, parameters)
 
 
 def _diffused(since: FloatArray) -> FloatArray:
@@ -171,4 +170,4 @@ def curie_iron(rng: Generator, scene: Scene) -> Disturbance:
     point_C = np.quantile(warm_C, rng.uniform(0.4, 0.8))
     strength = np.sqrt(np.maximum(point_C - warm_C, 0) / np.ptp(warm_C))
     change = 1e-9 * np.outer(strength * (scene.core(sensor) @ easy), draw_direction(rng))
-    return in_one_sensor(scene, "curie_iron", sensor, _WHOLE, change, {"point_C": float(point_C)})
+    return in_one_sensor(scene, "curie_iron", sensor, ALL_AXES, change, {"point_C": float(point_C)})

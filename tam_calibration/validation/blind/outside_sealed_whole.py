@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 from tam_calibration.model.units import FloatArray, from_degrees
 from tam_calibration.validation.blind.continuous_motion import about
 from tam_calibration.validation.blind.disturbance import (
+    ALL_AXES,
     Disturbance,
     draw_axes,
     draw_direction,
@@ -20,8 +21,6 @@ from tam_calibration.validation.blind.scene import Scene
 
 _LEAST_SNAPS, _TRIES = 5, 50
 """What snaps less often is a mount that slips."""
-
-_WHOLE = np.ones(3)
 
 
 def dipole(moments: FloatArray, away: FloatArray) -> FloatArray:
@@ -42,7 +41,7 @@ def stressed_iron(rng: Generator, scene: Scene) -> Disturbance:
     induced = susceptibility * (scene.field_T @ along) / scene.intensity_T.mean()
     away = np.tile(draw_direction(rng), (scene.sample_count, 1))
     change = 1e-9 * dipole(np.outer(induced, along), away)
-    return in_one_sensor(scene, "stressed_iron", sensor, _WHOLE, change, {"along": numbers(along)})
+    return in_one_sensor(scene, "stressed_iron", sensor, ALL_AXES, change, {"along": numbers(along)})
 
 
 def spinning_conductor(rng: Generator, scene: Scene) -> Disturbance:
@@ -55,7 +54,7 @@ def spinning_conductor(rng: Generator, scene: Scene) -> Disturbance:
     speed = rng.uniform(0.5, 2) * np.exp(0.8 * draw_wander(rng, scene.duration_s, 10)(scene.time_s))[:, None]
     moments = _induced(speed, axle, scene.field_T / scene.intensity_T.mean())
     change = 1e-9 * dipole(moments, np.tile(draw_direction(rng), (scene.sample_count, 1)))
-    return in_one_sensor(scene, "spinning_conductor", sensor, _WHOLE, change, {"axle": numbers(axle)})
+    return in_one_sensor(scene, "spinning_conductor", sensor, ALL_AXES, change, {"axle": numbers(axle)})
 
 
 def _induced(speed: FloatArray, axle: FloatArray, field: FloatArray) -> FloatArray:
@@ -76,7 +75,7 @@ def image_stabiliser(rng: Generator, scene: Scene) -> Disturbance:
     turns /= turns.std(axis=0) * np.sqrt(memory)
     moved = np.stack([_between_stops(one, np.exp(-1 / memory), stops) for one in turns.T], axis=1)
     change = 1e-9 * moved @ np.stack([draw_direction(rng), draw_direction(rng)])
-    return in_one_sensor(scene, "image_stabiliser", sensor, _WHOLE, change, {"memory_samples": memory})
+    return in_one_sensor(scene, "image_stabiliser", sensor, ALL_AXES, change, {"memory_samples": memory})
 
 
 def _between_stops(steps: FloatArray, keep: float, stop: float) -> FloatArray:
@@ -100,7 +99,7 @@ def degaussing_coils(rng: Generator, scene: Scene) -> Disturbance:
     keep = np.exp(-1 / memory)
     currents = lfilter([1 - keep], [1, -keep], wanted - wanted[0], axis=0) + wanted[0]
     change = 1e-9 * currents @ np.stack([draw_direction(rng), draw_direction(rng)])
-    return in_one_sensor(scene, "degaussing_coils", sensor, _WHOLE, change, {"step_rad": float(step)})
+    return in_one_sensor(scene, "degaussing_coils", sensor, ALL_AXES, change, {"step_rad": float(step)})
 
 
 def stabilised_camera(rng: Generator, scene: Scene) -> Disturbance:
@@ -114,7 +113,7 @@ def stabilised_camera(rng: Generator, scene: Scene) -> Disturbance:
     moment = draw_direction(rng) * np.array([1, 1, 0.3])
     moments = np.einsum("nji,nj->ni", scene.to_world, about("z", followed) @ moment)
     change = 1e-9 * dipole(moments, np.tile(draw_direction(rng), (scene.sample_count, 1)))
-    return in_one_sensor(scene, "stabilised_camera", sensor, _WHOLE, change, {"memory_samples": memory})
+    return in_one_sensor(scene, "stabilised_camera", sensor, ALL_AXES, change, {"memory_samples": memory})
 
 
 def snapping_plate(rng: Generator, scene: Scene) -> Disturbance:
@@ -131,7 +130,7 @@ def snapping_plate(rng: Generator, scene: Scene) -> Disturbance:
         if snaps >= _LEAST_SNAPS:
             break
     change = 1e-9 * np.cross(axis, scene.core(sensor)) * bent[:, None]
-    return in_one_sensor(scene, "snapping_plate", sensor, _WHOLE, change, {"axis": numbers(axis), "snaps": snaps})
+    return in_one_sensor(scene, "snapping_plate", sensor, ALL_AXES, change, {"axis": numbers(axis), "snaps": snaps})
 
 
 def _snapped(load: FloatArray) -> FloatArray:
@@ -156,7 +155,7 @@ def buffeted_arm(rng: Generator, scene: Scene) -> Disturbance:
     loud = (speed / np.quantile(speed, 0.9)) ** rng.uniform(2.5, 3)
     angles = rng.normal(size=(scene.sample_count, 3)) * loud[:, None]
     change = 1e-9 * np.cross(angles, scene.core(sensor))
-    return in_one_sensor(scene, "buffeted_arm", sensor, _WHOLE, change, {})
+    return in_one_sensor(scene, "buffeted_arm", sensor, ALL_AXES, change, {})
 
 
 def radio_bursts(rng: Generator, scene: Scene) -> Disturbance:
@@ -187,7 +186,7 @@ def swell_chain(rng: Generator, scene: Scene) -> Disturbance:
     away = draw_direction(rng) + 0.15 * np.outer(heave, draw_direction(rng))
     field = dipole(np.tile(draw_direction(rng), (scene.sample_count, 1)), away)
     change = 1e-9 * (field - field.mean(axis=0)) / field.std()
-    return in_one_sensor(scene, "swell_chain", sensor, _WHOLE, change, {"period_samples": period})
+    return in_one_sensor(scene, "swell_chain", sensor, ALL_AXES, change, {"period_samples": period})
 
 
 def _sea(rng: Generator, time: FloatArray, peak: float) -> FloatArray:
