@@ -1,6 +1,6 @@
 """A model of a recording: calibration and accepted effects, fitted together."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
@@ -201,12 +201,17 @@ class Model:
         return plain
 
     @classmethod
-    def _within_bounds(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Model | None":
-        """Return the first fit, of all starts, that converges within the bounds of sensors and of the Earth's field."""
+    def _begun(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Iterator[Model]":
+        """Yield the model at each start that is within the bounds of sensors and of the Earth's field."""
         for begin in starts(recording, array):
             model = cls(recording, array, begin.errors, begin.intensity_T, stride=stride)
-            if model.objection is not None:
-                continue
+            if model.objection is None:
+                yield model
+
+    @classmethod
+    def _within_bounds(cls, recording: Recording, array: KnownNoiseArray, stride: int) -> "Model | None":
+        """Return the first fit, of all starts, that converges within the bounds of sensors and of the Earth's field."""
+        for model in cls._begun(recording, array, stride):
             try:
                 for _ in range(_MOST_ROUNDS):
                     model = model.settled()
@@ -222,10 +227,7 @@ class Model:
 
         Each step fits the half with the least energy under the fit before (Rousseeuw and Van Driessen 1999).
         """
-        for begin in starts(recording, array):
-            model = cls(recording, array, begin.errors, begin.intensity_T, stride=stride)
-            if model.objection is not None:
-                continue
+        for model in cls._begun(recording, array, stride):
             try:
                 for _ in range(_MOST_ROUNDS):
                     energy = model.channels().energy_per_sample
