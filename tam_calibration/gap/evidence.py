@@ -165,7 +165,7 @@ def sharpened(base: Base, weighed: Sequence[Evidence]) -> tuple[Evidence, ...]:
     Parameters
     ----------
     base : Base
-        Null model.
+        Null model, in the residual of which the shapes are refined.
     weighed : sequence of Evidence
         For the effects, at this base; those with nearly the largest ΔBIC are refined.
     """

@@ -234,14 +234,14 @@ class Base:
         return crossed, crossed.T @ self.inverse
 
     def of_residual(self, differential: FloatArray, common: FloatArray) -> "Base":
-        """Return the base of another residual of the same samples.
+        """Return the base of other whitened residuals of the same samples.
 
         Parameters
         ----------
         differential : (n, C) array
-            Whitened residuals between the sensors, or against the field of the world, in the samples that are taken.
+            Between the sensors, or against the field of the world, in the samples that the normal equations take.
         common : (n,) array
-            Whitened residual of the common mode in the same samples.
+            Of the common mode in the same samples; not used where there is no reference.
         """
         other = copy(self)
         other.channels = self.channels.with_residual(differential, common)
