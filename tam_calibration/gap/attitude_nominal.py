@@ -123,6 +123,13 @@ def attitude_variance(channels: WhitenedChannels, world: World) -> FloatArray:
 
     A small rotation changes a field only across its direction. The white noise of the residual across the field of the
     world therefore exceeds that along it by the noise of the attitude; each row has the part of it that lies across.
+
+    Parameters
+    ----------
+    channels : WhitenedChannels
+        Of one sensor in the field of the world; only samples that count are used.
+    world : World
+        The fitted field: the noise along it is that of the sensor alone, across it that of the attitude as well.
     """
     covariates, counted = channels.covariates, channels.is_counted
     assert covariates.attitude is not None

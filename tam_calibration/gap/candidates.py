@@ -68,9 +68,18 @@ class Candidate:
     changes: tuple[str, ...] = ()
 
     def covariates(self, now: Covariates, channels: Collection[str], count: int = SAMPLES) -> Covariates:
-        """Return the covariates that the array of a recording would meet, with some of the channels, at count samples.
+        """Return the covariates that the array of a recording would meet.
 
         Temperature and current stay as they are, unless they are changed on purpose.
+
+        Parameters
+        ----------
+        now : Covariates
+            Of the recording at hand, from which errors, array, field and levels of the channels are taken.
+        channels : collection of str
+            Fields of ``Recording`` that are recorded; the others are None.
+        count : int
+            Number of samples; of poses each has one sample instead.
         """
         from scipy.spatial.transform import Rotation
 
@@ -114,7 +123,15 @@ class Candidate:
 
 
 def candidates(now: Covariates, channels: Collection[str]) -> list[Candidate]:
-    """Return the recordings to choose from where effects need some channels."""
+    """Return the recordings to choose from where effects need some channels.
+
+    Parameters
+    ----------
+    now : Covariates
+        Of the recording at hand: its time step and the ranges of its temperature and current.
+    channels : collection of str
+        Fields of ``Recording`` that the effects need.
+    """
     fast = max(_FAST_S, _LEAST_SAMPLES_PER_TURN * now.step_s)
     slow = _SLOWER * fast
     onwards = f"turn it slowly and steadily through all directions ({slow:.0f} s a turn)"
@@ -178,7 +195,15 @@ class Setting:
     variance: float
 
     def channels(self, covariates: Covariates, added_T: FloatArray | float = 0.0) -> WhitenedChannels:
-        """Return the channels of a recording without noise, with a signal added to its rows, tesla."""
+        """Return the channels of a simulated recording without noise.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Of the N samples of that recording.
+        added_T : (N, 3K + 1) array, optional
+            Signal of an effect in the rows, tesla.
+        """
         rows = np.column_stack(
             [covariates.errors.distort(covariates.field_T).reshape(covariates.sample_count, -1), covariates.intensity_T]
         )
@@ -206,7 +231,15 @@ class Setting:
         return float(np.ptp(self.covariates.time_s)) / 60
 
     def samples_per_simulated(self, candidate: Candidate, count: int) -> float:
-        """Return the number of samples of the real recording for each one simulated."""
+        """Return the number of samples of the real recording for each one simulated.
+
+        Parameters
+        ----------
+        candidate : Candidate
+            Recording of which the duration is known; its time step is that of the recording at hand.
+        count : int
+            Number of samples that are simulated of it.
+        """
         return 60 * candidate.minutes / self.covariates.step_s / count
 
 
@@ -214,6 +247,17 @@ def expected_evidence(setting: Setting, first: Part, second: Part, candidate: Ca
     """Return the evidence expected of a candidate: the smaller of the true hypothesis' evidence in either case.
 
     Evidence is twice the log-likelihood ratio. Of nested hypotheses only the first, the more general, is taken as true.
+
+    Parameters
+    ----------
+    setting : Setting
+        The recording at hand.
+    first, second : Part
+        The hypotheses with their shapes and fitted values; of nested ones the first is the more general.
+    candidate : Candidate
+        Recording to simulate.
+    is_nested : bool
+        Whether the second hypothesis is a limit of the first.
     """
     covariates = candidate.covariates(setting.covariates, {*first.effect.channels, *second.effect.channels})
     energy = _unexplained(setting, covariates, first, second)
@@ -239,7 +283,19 @@ def _unexplained(setting: Setting, covariates: Covariates, truth: Part, other: P
 
 
 def signal_of(setting: Setting, covariates: Covariates, truth: Part) -> FloatArray:
-    """Return what an effect adds to the rows, tesla; times of events are scaled to the length of the recording."""
+    """Return what an effect adds to the rows (N, 3K + 1), tesla.
+
+    Times of events are scaled to the length of the recording.
+
+    Parameters
+    ----------
+    setting : Setting
+        The recording at hand, in which the times of events were found.
+    covariates : Covariates
+        Of the N samples of a simulated recording.
+    truth : Part
+        The effect with its shape and values.
+    """
     if truth.effect.is_free_in_time:
         before = setting.covariates.time_s
         covariates = replace(covariates, time_s=np.linspace(before[0], before[-1], covariates.sample_count))
@@ -255,7 +311,24 @@ def _terms(setting: Setting, effect: LinearEffect, covariates: Covariates, shape
 
 
 def visible_part(setting: Setting, effect: LinearEffect, candidate: Candidate, sensors: set[int]) -> float:
-    """Return the part of an effect at some sensors that the calibration cannot absorb, the median over its columns."""
+    """Return the part of an effect at some sensors that the calibration cannot absorb, the median over its columns.
+
+    Parameters
+    ----------
+    setting : Setting
+        The recording at hand.
+    effect : LinearEffect
+        An effect that may have caused the gap, and that the recording at hand cannot show.
+    candidate : Candidate
+        Recording to simulate.
+    sensors : set of int
+        Indices of the sensors, ``SCALAR`` or ``ALL``.
+
+    Returns
+    -------
+    float
+        Part of the information on a coefficient, 0 to 1; 0 where the candidate cannot show the effect.
+    """
     covariates = candidate.covariates(setting.covariates, effect.channels)
     if effect.obstacle(covariates) is not None:
         return 0.0

@@ -151,7 +151,15 @@ class Checks:
 
 
 def row_name(row: int, row_count: int) -> str:
-    """Return "sensor 2 x", or the scalar magnetometer for the last row."""
+    """Return "sensor 2 x", or the scalar magnetometer for the last row.
+
+    Parameters
+    ----------
+    row : int
+        3 i + a for axis a of sensor i, both from 0.
+    row_count : int
+        Number of rows, 3K + 1.
+    """
     return "the scalar magnetometer" if row == row_count - 1 else f"sensor {row // 3 + 1} {'xyz'[row % 3]}"
 
 

@@ -36,7 +36,19 @@ def _noisier_rows(model: Model) -> Excess | None:
 
 
 def verdict_on(found: Search, size: Size, variance: float, is_noisier: bool) -> Verdict:
-    """Return the verdict on a search; some rows may be noisier than the others without a cause for it."""
+    """Return the verdict on a search.
+
+    Parameters
+    ----------
+    found : Search
+        Causes, the models without and with them, and the evidence for functions without physics.
+    size : Size
+        Of the gap, before and after the causes.
+    variance : float
+        Of the channels' white noise, over that of the array.
+    is_noisier : bool
+        Whether some rows are noisier than the others without a cause for it.
+    """
     if size.before < MINOR:
         return "no_gap"
     if not found.steps:
@@ -68,7 +80,19 @@ def _strongest(found: Search) -> Evidence | None:
 
 
 def statement(verdict: Verdict, size: Size, where: Where, causes: tuple[Cause, ...]) -> str:
-    """Return the verdict in one sentence."""
+    """Return the verdict in one sentence.
+
+    Parameters
+    ----------
+    verdict : str
+        Of the diagnosis.
+    size : Size
+        Of the gap, before and after the causes.
+    where : Where
+        Place of the gap, of which the sensors are named.
+    causes : tuple of Cause
+        Ranked; they are named unless the verdict is that there is no gap or no explanation.
+    """
     if verdict == "no_gap":
         return "No gap: what the calibration leaves is noise."
     size_of_gap = f"A gap of {size.before:.2g} times the noise floor in {_named(where)}"

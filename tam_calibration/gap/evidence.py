@@ -76,7 +76,17 @@ class Evidence:
 
 
 def unusable(effect: Effect, recording: Recording, covariates: Covariates) -> Considered | None:
-    """Return why a recording cannot show an effect, or None where it can."""
+    """Return why a recording cannot show an effect, or None where it can.
+
+    Parameters
+    ----------
+    effect : Effect
+        Its channels must be recorded, and it must see no obstacle in the covariates.
+    recording : Recording
+        As given, with None for a channel that was not recorded.
+    covariates : Covariates
+        Of the recording at the nominal calibration.
+    """
     for channel in effect.channels:
         if getattr(recording, channel, None) is None:
             name = CHANNEL_NAMES[channel]
@@ -88,7 +98,17 @@ def unusable(effect: Effect, recording: Recording, covariates: Covariates) -> Co
 def usable(
     effects: Mapping[str, Effect], without: Collection[str], channels: WhitenedChannels
 ) -> tuple[dict[str, Effect], list[Considered]]:
-    """Return the effects that this recording can show, and why it cannot show the others."""
+    """Return the effects that this recording can show, and why it cannot show the others.
+
+    Parameters
+    ----------
+    effects : mapping of str to Effect
+        By name.
+    without : collection of str
+        Names of effects that are passed over.
+    channels : WhitenedChannels
+        Of the recording at the nominal calibration.
+    """
     tried, considered = {}, []
     for name, effect in effects.items():
         if name in without:
@@ -103,7 +123,15 @@ def usable(
 
 @cached_by_base
 def examine(base: Base, effect: Effect) -> Evidence | str:
-    """Return the evidence for an effect, or why there is none."""
+    """Return the evidence for an effect, or why there is none.
+
+    Parameters
+    ----------
+    base : Base
+        Null model, in the residual of which evidence is sought.
+    effect : Effect
+        Fitted by regression, or found by a test of its own.
+    """
     if isinstance(effect, LinearEffect):
         form = best_form(base, effect)
         if form is None:
@@ -118,13 +146,29 @@ def examine(base: Base, effect: Effect) -> Evidence | str:
 
 
 def evidence_of(base: Base, form: Hypothesis) -> Evidence:
-    """Return the evidence for an effect in a form."""
+    """Return the evidence for an effect in a form.
+
+    Parameters
+    ----------
+    base : Base
+        Null model at which the form was selected.
+    form : Hypothesis
+        Terms of the effect, with the energy that they explain and their ΔBIC.
+    """
     gain = twice_log_likelihood_ratio(base.energy, form.selection.gain, base.channels.count)
     return Evidence(form.effect.name, form, form.selection.delta_bic, gain)
 
 
 def sharpened(base: Base, weighed: Sequence[Evidence]) -> tuple[Evidence, ...]:
-    """Return the evidence with the shapes of the strongest effects refined."""
+    """Return the evidence with the shapes of the strongest effects refined.
+
+    Parameters
+    ----------
+    base : Base
+        Null model, in the residual of which the shapes are refined.
+    weighed : sequence of Evidence
+        For the effects, at this base; those with nearly the largest ΔBIC are refined.
+    """
     least = NEARLY_ALL * max((one.delta_bic for one in weighed), default=0.0)
     return tuple(
         _refined(base, one) if isinstance(one.form, Hypothesis) and one.delta_bic > max(least, 0.0) else one

@@ -76,7 +76,15 @@ def sensors_of(places: Iterable[Place]) -> set[int]:
 
 
 def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
-    """Return the form of an effect with the most evidence among its shapes, or None when no part of it is visible."""
+    """Return the form of an effect with the most evidence among its shapes, or None when no part of it is visible.
+
+    Parameters
+    ----------
+    base : Base
+        Null model, in the residual of which the terms are selected.
+    effect : LinearEffect
+        Its shapes are those to try at the covariates of the base.
+    """
     shapes = tuple(effect.shapes(base.channels.covariates, base.channels.residuals))
     offers = (offer for shape in shapes for offer in _offers(base, effect, shape))
     promising = nlargest(_FULLY_SELECTED, offers, key=lambda offer: offer.evidence)
@@ -97,7 +105,17 @@ def _searched(form: Hypothesis) -> int:
 
 
 def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypothesis:
-    """Return an effect with known shape and coefficients as a form."""
+    """Return an effect with known shape and coefficients as a form.
+
+    Parameters
+    ----------
+    base : Base
+        Null model, at which the evidence is computed.
+    effect : LinearEffect
+        Of the same name as the fitted one.
+    fitted : FittedEffect
+        Shape and coefficients, SI; coefficients without a value are zero.
+    """
     wanted = {(one.sensor, one.axis, one.term): one for one in fitted.contributions}
     terms = [
         term for term in base.channels.terms(effect, fitted.shape) if (term.sensor, term.axis, term.name) in wanted
@@ -113,7 +131,17 @@ def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypoth
 
 
 def restricted(base: Base, form: Hypothesis, sensor: int) -> Hypothesis | None:
-    """Return the same effect and shape at one sensor, its terms selected anew; None where none is."""
+    """Return the same effect and shape at one sensor, its terms selected anew; None where none is.
+
+    Parameters
+    ----------
+    base : Base
+        Null model, in the residual of which the terms are selected.
+    form : Hypothesis
+        Effect and shape, with terms at several sensors.
+    sensor : int
+        Index of the sensor, ``SCALAR`` or ``ALL``.
+    """
     offers = list(_offers(base, form.effect, form.shape, sensor))
     return _selected(form.effect, offers[0]) if offers else None
 
@@ -186,6 +214,13 @@ def refined(base: Base, form: Hypothesis) -> Hypothesis:
     """Return the form with the parameters of its shape moved, together, to where the chosen terms explain most.
 
     A direction may turn anywhere; other parameters stay between the neighbours of the best among those tried.
+
+    Parameters
+    ----------
+    base : Base
+        Null model, in the residual of which the terms explain energy.
+    form : Hypothesis
+        With the shapes that were tried; one of an effect with exact shapes stays as it is.
     """
     if form.effect.has_exact_shapes:
         return form

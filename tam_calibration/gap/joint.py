@@ -59,7 +59,15 @@ class Joint:
         return tuple(effects)
 
     def shared_covariance(self, errors: SensorErrors, has_scalar: bool) -> FloatArray:
-        """Return what the effects' uncertainty adds to the covariance (12 K, 12 K) of errors in the first's frame."""
+        """Return what the effects' uncertainty adds to the covariance (12 K, 12 K) of errors in the first's frame.
+
+        Parameters
+        ----------
+        errors : SensorErrors
+            Of K sensors, in the frame of the first.
+        has_scalar : bool
+            Whether a scalar reference determines the common scale; else the geometric mean of the determinants is 1.
+        """
         if not self.model.parts:
             return np.zeros((errors.to_vector().size,) * 2)
         unit = float(np.mean(self._channels.covariates.intensity_T))

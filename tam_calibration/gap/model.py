@@ -76,14 +76,30 @@ class Part:
         return [term for term in everywhere if term.name in names and term.key not in self.keys]
 
     def signal(self, terms: Sequence[Term], row_count: int) -> FloatArray:
-        """Return what the effect adds to the rows, (N, row_count), tesla."""
+        """Return what the effect adds to the rows, (N, row_count), tesla.
+
+        Parameters
+        ----------
+        terms : sequence of Term
+            As of ``terms``, with features at N samples.
+        row_count : int
+            Number of rows, 3K + 1.
+        """
         total = np.zeros((len(terms[0].features), row_count))
         for term, columns in zip(terms, columns_of(terms), strict=True):
             total += term.signal(self.values[columns], row_count)
         return total
 
     def fitted(self, terms: Sequence[Term], covariance: FloatArray) -> FittedEffect:
-        """Return the effect with its values and their standard errors."""
+        """Return the effect with its values and their standard errors.
+
+        Parameters
+        ----------
+        terms : sequence of Term
+            As of ``terms``, in the order of the values.
+        covariance : (P, P) array
+            Of the values, each in the SI unit of its coefficient.
+        """
         error = np.sqrt(np.maximum(np.diag(covariance), 0))
         contributions = []
         for term, columns in zip(terms, columns_of(terms), strict=True):
@@ -138,6 +154,20 @@ class Model:
         """Fit the calibration alone, or without disturbances so large that the fit fails with them.
 
         Those are a few outliers, a bias that follows a recorded channel, or a jump.
+
+        Parameters
+        ----------
+        recording : Recording
+            As given, of K sensors; holes in its channels are filled.
+        array : Array
+            Geometry, bounds of the field, and noise; a noise that is not stated is estimated.
+
+        Raises
+        ------
+        InputError
+            When a sensor is left-handed.
+        Refused
+            When no calibration within the bounds of sensors fits the readings, or a part of them.
         """
         stride = recording.sample_count // ENOUGH_SAMPLES + 1
         is_oriented, outlying = attitude_known(recording), outlying_samples(recording)

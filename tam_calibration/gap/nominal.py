@@ -163,7 +163,15 @@ def outlying_samples(recording: Recording) -> NDArray[np.bool_]:
 
 
 def without_jump(recording: Recording, jump: FittedEffect) -> Recording:
-    """Return the recording without a known jump."""
+    """Return the recording without a known jump.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of K sensors.
+    jump : FittedEffect
+        A ``BiasJump``: times in seconds, and changes of the bias in tesla.
+    """
     none = SensorErrors.none(recording.sensor_count)
     place = Array(np.zeros((recording.sensor_count, 3)))
     covariates = Covariates(recording.time_s, recording.readings_T[:, 0], none, place)
@@ -202,7 +210,24 @@ def _parts(count: int) -> list[slice]:
 
 
 def stepped(errors: SensorErrors, step: FloatArray, unit_T: float) -> SensorErrors:
-    """Return errors after a step of ``calibration_regressors``, in the frame of the first sensor."""
+    """Return errors after a step of ``calibration_regressors``, in the frame of the first sensor.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Before the step, of K sensors.
+    step : (12K,) array
+        Change of each row of [D Λ | o], the biases o in units of ``unit_T``.
+    unit_T : float
+        Mean intensity of the field, tesla.
+
+    Raises
+    ------
+    InputError
+        When a matrix is no longer one of a sensor.
+    Refused
+        When the step leads to a value that is not finite.
+    """
     matrix, bias = update(errors, step, unit_T)
     if not (np.isfinite(matrix).all() and np.isfinite(bias).all()):
         raise Refused("the nominal fit does not settle: the readings do not fit one calibration")

@@ -77,6 +77,15 @@ def sensed_intensity(errors: SensorErrors, intensity_T: float, field: FieldBound
     """Return the constant intensity in the unit of that sensor in which it is nearest to the usual field, tesla.
 
     Sensors may read in units of their own, but a fit that diverges scales all of them.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Of K sensors.
+    intensity_T : float
+        Constant intensity of a fit without a scalar reference, tesla.
+    field : FieldBounds
+        Bounds with the usual field at their geometric mean.
     """
     sensed = _sensed(errors, intensity_T)
     return float(sensed[_most_like(field, sensed)])

@@ -17,7 +17,20 @@ from tam_calibration.model.units import FloatArray
 
 
 def energies_of(steps: Sequence[Step], count: float) -> dict[Step, float]:
-    """Return the part of the energy that each cause explains of the residual of those accepted before it."""
+    """Return the part of the energy that each cause explains of the residual of those accepted before it.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        Causes in the order in which they were accepted.
+    count : float
+        Number of whitened channels.
+
+    Returns
+    -------
+    dict of Step to float
+        As a part of the residual energy before the first cause, 0 to 1.
+    """
     left, energies = 1.0, {}
     for step in steps:
         energies[step] = left * -expm1(-step.accepted.gain / count)
@@ -60,8 +73,16 @@ _NAMES = {"none_of_these": "unknown"}
 def probabilities(found: Search, verdict: Verdict, departures: int) -> Mapping[str, float]:
     """Return the probabilities of no gap, of each effect that was weighed, and of none of these.
 
-    They add up to one; of several causes each has a probability of its own. The departures are the number of
-    predictive checks that fail.
+    They add up to one; of several causes each has a probability of its own.
+
+    Parameters
+    ----------
+    found : Search
+        Causes, and the evidence for every effect at the nominal model.
+    verdict : str
+        Of the diagnosis.
+    departures : int
+        Number of predictive checks that the residual fails.
     """
     chances = dict.fromkeys(("no_gap", *(one.effect for one in found.weighed), "none_of_these"), 0.0)
     if verdict in ("no_gap", "unexplained"):
@@ -108,6 +129,15 @@ def set_of(chances: Mapping[str, float], verdict: Verdict, causes: Collection[Ca
     """Return the smallest set of answers that holds the true one with 95 %, the most probable first.
 
     Of several causes the set holds all, then alternatives to the least probable of them.
+
+    Parameters
+    ----------
+    chances : mapping of str to float
+        As of ``probabilities``.
+    verdict : str
+        Of the diagnosis.
+    causes : collection of Cause
+        Those that the verdict names.
     """
     if verdict == "not_identifiable":
         return ()

@@ -24,7 +24,15 @@ _COPIED = 1 - 1e-13
 
 
 def open_parameters(recording: Recording, array: Array) -> str | None:
-    """Return which parameters the attitudes leave open, in one sentence, or None."""
+    """Return which parameters the attitudes leave open, in one sentence, or None.
+
+    Parameters
+    ----------
+    recording : Recording
+        Raw readings of K sensors, tesla, and those of the scalar magnetometer where there is one.
+    array : Array
+        Of these sensors; a noise that is not stated is estimated.
+    """
     try:
         require_determined(recording, array)
     except (InputError, LinAlgError) as problem:
@@ -33,7 +41,15 @@ def open_parameters(recording: Recording, array: Array) -> str | None:
 
 
 def refusal_of(recording: Recording, array: Array) -> str | None:
-    """Return why a calibration of the recording would be refused, in one sentence, or None."""
+    """Return why a calibration of the recording would be refused, in one sentence, or None.
+
+    Parameters
+    ----------
+    recording : Recording
+        As given; a long one is thinned.
+    array : Array
+        Of the recording; a noise that is not stated is estimated.
+    """
     some = recording.thinned(ENOUGH_SAMPLES)
     try:
         require_determined(some, array)
@@ -90,7 +106,15 @@ def needed_samples(sensor_count: int) -> int:
 
 
 def is_at_rest(recording: Recording, field: FieldBounds) -> bool:
-    """Whether the first sensor hardly moves, or moves on a line, or no other's readings are correlated with it."""
+    """Whether the first sensor hardly moves, or moves on a line, or no other's readings are correlated with it.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of K sensors.
+    field : FieldBounds
+        Bounds of the intensity: readings whose spread is small against the lower one are at rest.
+    """
     first = recording.readings_T[:, 0] - recording.readings_T[:, 0].mean(axis=0)
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(first.T @ first / len(first)), 0))
     # As much as a turn of half a degree.
@@ -118,7 +142,15 @@ def too_short(recording: Recording) -> Gap:
 
 
 def without_nominal(recording: Recording, why: str) -> Gap:
-    """Return the answer without a verdict for a recording without a calibration, with the reason."""
+    """Return the answer without a verdict for a recording without a calibration.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of K sensors.
+    why : str
+        Reason in one clause.
+    """
     return _nothing(recording, "there is no calibration to start from", why)
 
 

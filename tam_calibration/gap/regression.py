@@ -28,7 +28,15 @@ VISIBLE = 1e-5
 
 
 def pseudo_inverse(information: FloatArray, relative: float = _UNDETERMINED) -> FloatArray:
-    """Return the inverse of an information matrix within the directions that the data determine."""
+    """Return the inverse of an information matrix within the directions that the data determine.
+
+    Parameters
+    ----------
+    information : (P, P) array
+        Symmetric, positive semidefinite.
+    relative : float
+        Eigenvalues below this part of the largest count as zero, after scaling to a unit diagonal.
+    """
     size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
     kept = values > relative * max(values[-1], np.finfo(float).tiny)
@@ -226,7 +234,15 @@ class Base:
         return crossed, crossed.T @ self.inverse
 
     def of_residual(self, differential: FloatArray, common: FloatArray) -> "Base":
-        """Return the base of another residual of the same samples, see ``WhitenedChannels.with_residual``."""
+        """Return the base of other whitened residuals of the same samples.
+
+        Parameters
+        ----------
+        differential : (n, C) array
+            Between the sensors, or against the field of the world, in the samples that the normal equations take.
+        common : (n,) array
+            Of the common mode in the same samples; not used where there is no reference.
+        """
         other = copy(self)
         other.channels = self.channels.with_residual(differential, common)
         other._score = np.concatenate([other.channels.score(design) for design in self.designs])
@@ -254,6 +270,16 @@ def _rank(information: FloatArray) -> int:
 
 
 def twice_log_likelihood_ratio(energy: float, gain: Numbers, count: float) -> Numbers:
-    """Return n ln(S / (S - gain)) of n channels with the energy S, of which a gain is explained, for each gain."""
+    """Return n ln(S / (S - gain)), for each gain.
+
+    Parameters
+    ----------
+    energy : float
+        Residual energy S of the null model.
+    gain : float or array
+        Energy that a hypothesis explains of it.
+    count : float
+        Number n of whitened channels.
+    """
     ratio: Numbers = count * np.log(energy / np.maximum(energy - gain, _LEAST_ENERGY * energy))
     return ratio

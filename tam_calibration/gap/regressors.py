@@ -83,7 +83,15 @@ class Regressors:
         return 4 * self.features.shape[1] if self.is_shared else self.width
 
     def by_column(self, values: FloatArray, turn: FloatArray) -> FloatArray:
-        """Return values (common_width, Q) as values (P, Q) of the columns, where rows turn directions (4, 3K + 1)."""
+        """Return the sums for the common mode as values (P, Q) of the columns.
+
+        Parameters
+        ----------
+        values : (common_width, Q) array
+            By feature and direction where features are shared, else by column.
+        turn : (4, 3K + 1) array
+            Derivatives of the common mode by a shift of each row, see ``WhitenedChannels``.
+        """
         if not self.is_shared:
             return values
         by_row: FloatArray = turn.T @ values.reshape(self.features.shape[1], 4, -1)
@@ -104,6 +112,13 @@ def calibration_regressors(covariates: Covariates, stride: int = 1) -> Regressor
     """Return the design of the calibration itself: each row of [D Λ | o], in units of the mean intensity.
 
     The regressors are made of noisy data; their noise enters the residual to second order only.
+
+    Parameters
+    ----------
+    covariates : Covariates
+        Of K sensors, with the field in the array frame.
+    stride : int
+        Every stride-th sample is taken.
     """
     unit = float(np.mean(covariates.intensity_T))
     field = covariates.field_T[::stride]
@@ -114,6 +129,21 @@ def calibration_regressors(covariates: Covariates, stride: int = 1) -> Regressor
 
 
 def update(errors: SensorErrors, step: FloatArray, unit_T: float) -> tuple[FloatArray, FloatArray]:
-    """Return matrices and biases after a step (12 K,) of ``calibration_regressors``."""
+    """Return matrices and biases after a step (12 K,) of ``calibration_regressors``.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Before the step, of K sensors.
+    step : (12K,) array
+        Change of each row of [D Λ | o], the biases o in units of ``unit_T``.
+    unit_T : float
+        Mean intensity of the field, tesla.
+
+    Returns
+    -------
+    (K, 3, 3) array, (K, 3) array
+        Matrices D Λ, and biases in tesla.
+    """
     change: Any = step.reshape(errors.sensor_count, 3, 4)
     return errors.matrix + change[..., :3], errors.bias_T + change[..., 3] * unit_T

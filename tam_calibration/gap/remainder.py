@@ -186,10 +186,17 @@ def period_of(values: FloatArray, step_s: float) -> float:
 
 
 def growth_with_rate(values: FloatArray, rate: FloatArray) -> float | None:
-    """Return the ratio of a residual's (N,) root mean square at rates (N,) above the median to that below.
+    """Return the ratio of a residual's root mean square at rates above the median to that below.
 
     None where Spearman's rank correlation r of its size and the rate is not significant: where the evidence,
     -n log(1 - r²) - log n, is below that which any hypothesis needs.
+
+    Parameters
+    ----------
+    values : (N,) array
+        A residual in noise floors; NaN where it is not known.
+    rate : (N,) array
+        Rate at which the field turns in the array frame, rad/s; NaN where it is not known.
     """
     from scipy.stats import spearmanr
 

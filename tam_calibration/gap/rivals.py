@@ -36,7 +36,15 @@ class FunctionOfTime(LinearEffect):
     is_of_site = True
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return cosines in bands of growing order, for each sensor's axes."""
+        """Return cosines in bands of growing order, for each sensor's axes.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time stamps of N samples, and the number of sensors.
+        shape : Shape
+            Not used: there are no parameters.
+        """
         terms = []
         for first, last in ORDERS:
             if last * LONGEST_BURST > covariates.sample_count:
@@ -60,7 +68,15 @@ class FunctionOfDirection(LinearEffect):
     excitation = "none"
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return polynomials of degree 2, 3 and 4 for each axis."""
+        """Return polynomials of degree 2, 3 and 4 for each axis.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Field of N samples in the array frame, tesla.
+        shape : Shape
+            Not used: there are no parameters.
+        """
         x, y, z = (covariates.field_T / covariates.intensity_T[:, None]).T
         functions = {
             "degree 2": (x * y, x * z, y * z, x * x - y * y, 3 * z * z - 1),
@@ -89,7 +105,15 @@ class FunctionOfTilt(LinearEffect):
     channels = ("attitude",)
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return spherical harmonics of degree 1, 2 and 3 for each axis."""
+        """Return spherical harmonics of degree 1, 2 and 3 for each axis.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            With the attitude of N samples.
+        shape : Shape
+            Not used: there are no parameters.
+        """
         functions = harmonics(upwards(covariates), _HIGHEST_TILT)
         return [
             Term.of_row(
@@ -113,7 +137,15 @@ class FunctionOfRate(LinearEffect):
     excitation = "none"
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return the field's difference and second difference for each axis."""
+        """Return the field's difference and second difference for each axis.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Field of N samples in the array frame, tesla.
+        shape : Shape
+            Not used: there are no parameters.
+        """
         before = np.concatenate([covariates.field_T[:1], covariates.field_T[:-1]])
         after = np.concatenate([covariates.field_T[1:], covariates.field_T[-1:]])
         return [
@@ -136,12 +168,28 @@ class FunctionOfNeighbours(LinearEffect):
         self._shift: FloatArray = np.empty((0, 0))
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return spans of samples."""
+        """Return spans of samples.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Of N samples; a span has an eighth of them at most.
+        residuals : WhitenedResiduals
+            Their shifts of the rows are kept for ``terms``.
+        """
         self._shift = np.where(residuals.is_counted[:, None], residuals.row_shift_T, 0.0)
         return [{"samples": float(span)} for span in (1, 4, 16, 64) if 8 * span <= covariates.sample_count]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return the mean of the neighbours' shifts for each row."""
+        """Return the mean of the neighbours' shifts for each row.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Of the samples of the residuals that ``shapes`` was given.
+        shape : Shape
+            ``samples`` is the number of neighbours on either side over which the mean is taken.
+        """
         span = int(shape["samples"])
         mean = sum_around(self._shift, span) / (2 * span)
         return [
@@ -153,7 +201,15 @@ class FunctionOfNeighbours(LinearEffect):
 
 
 def cosines(time_s: FloatArray, orders: NDArray[np.integer[Any]]) -> FloatArray:
-    """Return the cosines (N, C) of whole numbers (C,) of half periods of a record."""
+    """Return the cosines (N, C) of whole numbers (C,) of half periods of a record.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Time stamps, seconds.
+    orders : (C,) array of int
+        Number of half periods between the first sample and the last.
+    """
     phase = np.pi * (time_s - time_s[0]) / max(float(np.ptp(time_s)), np.finfo(float).tiny)
     values: FloatArray = np.cos(phase[:, None] * orders)
     return values

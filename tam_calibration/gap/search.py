@@ -280,6 +280,17 @@ def search(
     The strongest at first need not be a cause: an effect common to all sensors may imitate one at a single sensor and
     another at the scalar magnetometer. Where that may be, the search is repeated from other starts and the best result
     is taken; also from the calibration of a steady part, where that of the whole leaves gross residuals.
+
+    Parameters
+    ----------
+    recording : Recording
+        As given, of K sensors.
+    array : Array
+        Geometry, bounds of the field, and noise where it is stated.
+    without : collection of str
+        Names of effects that are not tried.
+    progress : callable, optional
+        Called with the name of the stage and the part that is done, 0 to 1.
     """
     tell = progress or (lambda what, part: None)
     tell("nominal calibration", 0.0)

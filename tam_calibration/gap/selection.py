@@ -143,7 +143,19 @@ class Choice:
 
 
 def evidence(energy: float, gain: Numbers, count: float, rank: Any) -> Numbers:
-    """Return n ln(S / (S - gain)) - p ln n: the free-scale BIC without the terms less that with them, for each gain."""
+    """Return n ln(S / (S - gain)) - p ln n: the free-scale BIC without the terms less that with them, for each gain.
+
+    Parameters
+    ----------
+    energy : float
+        Residual energy S without the terms.
+    gain : float or array
+        Energy that terms explain of it.
+    count : float
+        Number n of whitened channels.
+    rank : int or array of int
+        Degrees of freedom p of the terms.
+    """
     price: Numbers = rank * log(count)
     return twice_log_likelihood_ratio(energy, gain, count) - price
 

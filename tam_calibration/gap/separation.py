@@ -74,7 +74,17 @@ class Ambiguity:
 
 
 def ambiguity_of(found: Search, verdict: Verdict, causes: Sequence[Cause]) -> Ambiguity | None:
-    """Return the first cause that another effect comes near, or the two best effects where none is a cause."""
+    """Return the first cause that another effect comes near, or the two best effects where none is a cause.
+
+    Parameters
+    ----------
+    found : Search
+        Causes, and the evidence for the other effects at each step.
+    verdict : str
+        Of the diagnosis.
+    causes : sequence of Cause
+        The largest share first; empty where the verdict names none.
+    """
     if verdict == "unexplained":
         ranked = sorted(found.weighed, key=lambda one: -one.delta_bic)[:2]
         if len(ranked) < 2 or ranked[1].delta_bic < max(LEAST_EVIDENCE, ranked[0].delta_bic - LEAST_EVIDENCE):
@@ -103,7 +113,15 @@ def _is_close(accepted: Evidence, other: Evidence) -> bool:
 
 
 def separate(setting: Setting, ambiguity: Ambiguity) -> Separation | None:
-    """Return the recording that tells two hypotheses apart; None where one of them is not found by regression."""
+    """Return the recording that tells two hypotheses apart; None where one of them is not found by regression.
+
+    Parameters
+    ----------
+    setting : Setting
+        The recording at hand.
+    ambiguity : Ambiguity
+        The two hypotheses, and the model without either.
+    """
     pair = (ambiguity.first, ambiguity.second)
     forms = [one.form for one in pair if isinstance(one.form, Hypothesis)]
     if len(forms) < 2:
@@ -150,7 +168,15 @@ def words_of(effect: str) -> str:
 
 
 def long_enough(gained: float, minutes: float) -> float:
-    """Return how many minutes bring twice the evidence that decides, where some bring so much; an hour at most."""
+    """Return how many minutes bring twice the evidence that decides, where some bring so much; an hour at most.
+
+    Parameters
+    ----------
+    gained : float
+        Evidence that so many minutes bring, twice the log-likelihood ratio.
+    minutes : float
+        Duration of the recording that brings it, returned as it is where nothing is gained.
+    """
     if gained <= 0:
         return minutes
     return min(minutes * max(ceil(2 * LEAST_EVIDENCE / gained), 1), max(_LONGEST_MIN, minutes))

@@ -29,7 +29,20 @@ _BLOCKS_PER_FOLD = 12
 
 
 def folds_of(sample_count: int, interleaved: bool) -> list[list[slice]]:
-    """Return the samples of each fold: blocks of time, or every fifth sample for free functions of time."""
+    """Return the samples of each fold: blocks of time, or every fifth sample for free functions of time.
+
+    Parameters
+    ----------
+    sample_count : int
+        Number of samples of the recording, or of those that the fit takes.
+    interleaved : bool
+        Whether to take every fifth sample.
+
+    Returns
+    -------
+    list of list of slice
+        Of each of the five folds the slices that it consists of.
+    """
     if interleaved:
         return [[slice(fold, sample_count, FOLDS)] for fold in range(FOLDS)]
     bounds = np.linspace(0, sample_count, FOLDS * _BLOCKS_PER_FOLD + 1).astype(int).tolist()
@@ -95,7 +108,15 @@ class HeldOut:
 
 
 def held_out(model: Model, interleaved: bool) -> HeldOut:
-    """Return the residual energy of a model out of sample; the variance of the calibration itself counts as noise."""
+    """Return the residual energy of a model out of sample; the variance of the calibration itself counts as noise.
+
+    Parameters
+    ----------
+    model : Model
+        Fitted to all samples that count.
+    interleaved : bool
+        See ``folds_of``.
+    """
     base = model.base()
     energy = held_out_energy(base.channels, base.designs, [len(base.designs)], interleaved)[:, 0]
     size = base.channels.count + base.calibration_rank * FOLDS / (FOLDS - 1)
@@ -114,6 +135,15 @@ def noise_variance(model: Model, rivals: tuple[Evidence, ...], least_evidence: f
 
     The residual variance less what a rival without physics still explains, at most ``LARGEST_NOISE``² and at least
     most of the floor from differences of neighbouring samples, which no function may explain away.
+
+    Parameters
+    ----------
+    model : Model
+        With the causes.
+    rivals : tuple of Evidence
+        Functions without physics in the residual of this model.
+    least_evidence : float
+        ΔBIC from which a rival counts.
     """
     base = model.base()
     gain = max((rival.gain for rival in rivals if rival.delta_bic > least_evidence), default=0.0)
@@ -131,7 +161,15 @@ def _white_part(model: Model) -> float:
 
 
 def measure(nominal: Model, model: Model, variance: float) -> Size:
-    """Return the size of the gap before the causes of a model, and with them."""
+    """Return the size of the gap before the causes of a model, and with them.
+
+    Parameters
+    ----------
+    nominal, model : Model
+        Before the causes, and with them.
+    variance : float
+        Of the channels' white noise, over that of the array.
+    """
     interleaved = is_interleaved(model)
     first, last = held_out(nominal, interleaved).excess(variance), held_out(model, interleaved).excess(variance)
     before, after = float(np.sqrt(max(first.mean(), 0))), float(np.sqrt(max(last.mean(), 0)))

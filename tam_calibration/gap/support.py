@@ -95,7 +95,15 @@ def _recorded(best: Evidence, others: Sequence[Evidence]) -> Evidence:
 
 
 def special_case(best: Evidence, others: Sequence[Evidence]) -> Evidence:
-    """Return the special case of a hypothesis that explains nearly as much, else the hypothesis itself."""
+    """Return the special case of a hypothesis that explains nearly as much, else the hypothesis itself.
+
+    Parameters
+    ----------
+    best : Evidence
+        The hypothesis.
+    others : sequence of Evidence
+        Hypotheses in the same residual, some of which may be special cases of it.
+    """
     nearly = [
         one
         for one in others
@@ -107,7 +115,15 @@ def special_case(best: Evidence, others: Sequence[Evidence]) -> Evidence:
 
 
 def beyond_surrogates(one: Evidence, surrogate_test: SurrogateTest | None) -> float:
-    """Return by how much a hypothesis' evidence exceeds that for its best surrogate, or zero where it has none."""
+    """Return by how much a hypothesis' evidence exceeds that for its best surrogate.
+
+    Parameters
+    ----------
+    one : Evidence
+        For the hypothesis.
+    surrogate_test : SurrogateTest, optional
+        None where there is none: its ΔBIC counts, reduced for an effect that explains any excess of variance.
+    """
     return one.gain - surrogate_test.largest if surrogate_test else _comparable_evidence(one)
 
 
@@ -126,7 +142,15 @@ def _is_step(one: Evidence) -> bool:
 
 @cached_by_base
 def support_of(base: Base, candidate: Evidence) -> tuple[bool, SurrogateTest | None]:
-    """Return whether a residual supports a hypothesis, and its surrogate test, where it has one."""
+    """Return whether a residual supports a hypothesis, and its surrogate test, where it has one.
+
+    Parameters
+    ----------
+    base : Base
+        Null model: the calibration with the causes that are known.
+    candidate : Evidence
+        For the hypothesis, in the residual of this base.
+    """
     form = candidate.form
     if isinstance(form, Finding):
         return candidate.is_certain or _is_best(base, candidate), None
@@ -195,7 +219,15 @@ def _fitted_at(base: Base, form: Hypothesis) -> FittedEffect:
 
 @cached_by_base
 def holds(base: Base, cause: Evidence) -> bool:
-    """Whether a cause still is supported at the base of all other causes."""
+    """Whether a cause still is supported at the base of all other causes.
+
+    Parameters
+    ----------
+    base : Base
+        Null model: the calibration with all other causes.
+    cause : Evidence
+        As it was accepted; its terms are fitted again at this base.
+    """
     form = cause.form
     if isinstance(form, Finding):
         return not _effect_of(cause).explains_any_excess or isinstance(examine(base, _effect_of(cause)), Evidence)
@@ -215,18 +247,44 @@ def _surrogate_test(base: Base, form: Hypothesis) -> SurrogateTest:
 
 
 def open_part(first: Base, last: Base, unknown: Sequence[Evidence]) -> float:
-    """Return the part of the explainable energy that causes leave to functions without physics, 0 to 1."""
+    """Return the part of the explainable energy that causes leave to functions without physics, 0 to 1.
+
+    Parameters
+    ----------
+    first, last : Base
+        Without the causes, and with them.
+    unknown : sequence of Evidence
+        For functions without physics, in the residual with the causes.
+    """
     left = max((energy_explained(one, last) for one in unknown if one.delta_bic > LEAST_EVIDENCE), default=0.0)
     return left / max(left + first.energy - last.energy, np.finfo(float).tiny)
 
 
 def energy_explained(one: Evidence, base: Base) -> float:
-    """Return the energy that a hypothesis explains of the residual of a base."""
+    """Return the energy that a hypothesis explains of the residual of a base.
+
+    Parameters
+    ----------
+    one : Evidence
+        For the hypothesis, in the residual of this base.
+    base : Base
+        Null model with its residual energy.
+    """
     return base.energy * -expm1(-one.gain / base.channels.count)
 
 
 def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
-    """Whether a candidate is a cause of its own beside those accepted, not a repetition or special case of one."""
+    """Whether a candidate is a cause of its own beside those accepted, not a repetition or special case of one.
+
+    Parameters
+    ----------
+    candidate : Evidence
+        For the hypothesis that may be accepted.
+    steps : sequence of Step
+        Causes that were accepted.
+    base : Base
+        The calibration with these causes.
+    """
     same_effect = [step.accepted for step in steps if step.accepted.effect == candidate.effect]
     if isinstance(candidate.form, Hypothesis) and candidate.form.effect.is_of_one_sensor:
         sensors = sensors_of(places_of(candidate.form))
@@ -257,7 +315,15 @@ def _is_same(one: Evidence, other: Evidence, base: Base) -> bool:
 
 
 def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
-    """Return noise or spikes in sensors that saturate, round or lose samples as a part of that cause."""
+    """Return noise or spikes in sensors that saturate, round or lose samples as a part of that cause.
+
+    Parameters
+    ----------
+    accepted : Evidence
+        For the hypothesis that is accepted now.
+    steps : sequence of Step
+        Causes that were accepted before.
+    """
     if not isinstance(accepted.form, Finding) or accepted.is_certain:
         return accepted
     sensors = sensors_of(places_of(accepted.form))

@@ -38,7 +38,15 @@ class SurrogateTest:
 
     @classmethod
     def among(cls, gain: float, others: FloatArray) -> "SurrogateTest":
-        """Return the test of a gain against those of surrogates (S,)."""
+        """Return the test of a gain against those of surrogates.
+
+        Parameters
+        ----------
+        gain : float
+            Twice the log-likelihood ratio of the form.
+        others : (S,) array
+            The same of each surrogate; S may be 0.
+        """
         largest = float(np.max(others, initial=0.0))
         return cls(gain, largest, float(1 + np.sum(others >= gain)) / (1 + len(others)))
 
@@ -63,6 +71,13 @@ def surrogate_test_of(base: Base, form: Hypothesis) -> SurrogateTest:
 
     It stops at the first surrogate that explains as much (sequential Monte Carlo test; Besag and Clifford, Biometrika
     78, 1991, p. 301).
+
+    Parameters
+    ----------
+    base : Base
+        Null model, in the residual of which the form has its gain.
+    form : Hypothesis
+        Terms at the samples of this base; its effect tells how surrogates are made.
     """
     count = base.channels.count
     gain = base.project(base.channels.design(form.terms)).gain()[0]

@@ -21,6 +21,13 @@ def sensors_and_axes(places: Iterable[Place], recording: Recording) -> tuple[tup
     """Return the sensor numbers (or "scalar") and axes of places.
 
     A constant intensity in place of a scalar channel counts as all sensors.
+
+    Parameters
+    ----------
+    places : iterable of Place
+        Index of the sensor, ``SCALAR`` or ``ALL``, and of the axis; None for all axes.
+    recording : Recording
+        Of K sensors, with or without a scalar channel.
     """
     sensor_count = recording.sensor_count
     places = [(ALL if sensor == SCALAR and recording.scalar_T is None else sensor, axis) for sensor, axis in places]
@@ -88,7 +95,15 @@ def _energy_along(
 
 
 def span_of(channels: WhitenedChannels, excess: FloatArray) -> tuple[float, float] | None:
-    """Return the span, s, that holds nearly all energy in excess of noise (N,), where it is a small part of the run."""
+    """Return the span, s, that holds nearly all energy in excess of noise, where it is a small part of the run.
+
+    Parameters
+    ----------
+    channels : WhitenedChannels
+        Of N samples, with their time stamps.
+    excess : (N,) array
+        Energy of each sample in excess of that expected of noise alone; 0 where a sample does not count.
+    """
     total = np.cumsum(excess)
     if total[-1] <= 0:
         return None
@@ -101,7 +116,17 @@ def span_of(channels: WhitenedChannels, excess: FloatArray) -> tuple[float, floa
 
 
 def band_of(channels: WhitenedChannels, row: int, variance: float) -> tuple[float, float] | None:
-    """Return the band, Hz, that holds most power of a row in excess of white noise, where it is not white."""
+    """Return the band, Hz, that holds most power of a row in excess of white noise, where it is not white.
+
+    Parameters
+    ----------
+    channels : WhitenedChannels
+        Of N samples; the median of their time steps gives the frequencies.
+    row : int
+        Index of the row.
+    variance : float
+        Of the channels' white noise, over that of the array.
+    """
     covariates = channels.covariates
     if covariates.sample_count < 2 * LEAST_SAMPLES:
         return None
@@ -164,7 +189,15 @@ def locate(
 
 
 def main_places(base: Base, rival: Evidence) -> list[Place]:
-    """Return the place of a rival: the single axis, or the fewest sensors, that explain nearly all of its gain."""
+    """Return the place of a rival: the single axis, or the fewest sensors, that explain nearly all of its gain.
+
+    Parameters
+    ----------
+    base : Base
+        Null model, which is eliminated.
+    rival : Evidence
+        For a function without physics, in the residual of this base.
+    """
     assert isinstance(rival.form, Hypothesis)
     terms = rival.form.terms
     columns = columns_of(terms)

@@ -229,7 +229,15 @@ class WhitenedChannels:
         return coupling
 
     def terms(self, effect: LinearEffect, shape: Shape) -> list[Term]:
-        """Return the terms of an effect at the samples that the normal equations take."""
+        """Return the terms of an effect at the samples that the normal equations take.
+
+        Parameters
+        ----------
+        effect : LinearEffect
+            Its terms are those at the covariates of these channels.
+        shape : Shape
+            Parameters on which the effect depends otherwise than linearly, SI.
+        """
         terms = effect.terms(self.covariates, shape)
         return list(terms) if self.stride == 1 else list(thinned(terms, self.stride))
 
@@ -310,10 +318,14 @@ class WhitenedChannels:
         )
 
     def cross(self, left: Regressors, right: Regressors, part: slice | None = None) -> FloatArray:
-        """Return the information (P, Q) between the columns of two designs, from all samples or a slice of them.
+        """Return the information (P, Q) between the columns of two designs.
 
-        The designs are those of ``design`` and ``calibration``; the slice counts their samples. The information from
-        all samples is cached as long as both designs exist.
+        Parameters
+        ----------
+        left, right : Regressors
+            Of P and Q columns, made by ``design`` or ``calibration``.
+        part : slice, optional
+            Of the samples that the normal equations take; by default all, cached as long as both designs exist.
         """
         if part is not None:
             return self._cross(left, right, part)
@@ -347,6 +359,18 @@ class WhitenedChannels:
         """Return the features (F, n) of a design, 0 in samples not counted, and its effect on the whitened common mode.
 
         For a short recording they are cached as long as the design exists.
+
+        Parameters
+        ----------
+        design : Regressors
+            Made by ``design`` or ``calibration``, with F features.
+        piece : slice
+            The n samples, of those that the normal equations take.
+
+        Returns
+        -------
+        (F, n) array, (W, n) array
+            W is the ``common_width`` of the design, or 0 without any reference.
         """
         if len(self._taken[0]) > _PIECE:
             return self._compute_samples(design, piece)
@@ -412,7 +436,15 @@ class WhitenedChannels:
         return np.where(counted[:, None], self.differential[every], 0.0), common
 
     def with_residual(self, differential: FloatArray, common: FloatArray) -> "WhitenedChannels":
-        """Return channels of the same samples with other whitened residuals, both of the samples that are taken."""
+        """Return channels of the same samples with other whitened residuals.
+
+        Parameters
+        ----------
+        differential : (n, C) array
+            Between the sensors, or against the field of the world, in the samples that the normal equations take.
+        common : (n,) array
+            Of the common mode in the same samples; not used where there is no reference.
+        """
         every = slice(None, None, self.stride)
         root = np.sqrt(self.precision[every])
         intensity_residual_T, between = self.intensity_residual_T.copy(), self.differential.copy()
@@ -426,7 +458,15 @@ class WhitenedChannels:
         return other
 
     def score(self, design: Regressors, part: slice | None = None) -> FloatArray:
-        """Return the score (P,) of the columns of a design: their products with the residuals."""
+        """Return the score (P,) of the columns of a design: their products with the residuals.
+
+        Parameters
+        ----------
+        design : Regressors
+            Of P columns, made by ``design`` or ``calibration``.
+        part : slice, optional
+            Of the samples that the normal equations take; by default all.
+        """
         total = np.zeros((design.features.shape[1], self.turn.shape[1]))
         for piece in self._pieces(part):
             total += design.features[piece].T @ self._taken_score[piece]
@@ -445,7 +485,15 @@ class WhitenedChannels:
         return by_row
 
     def normal(self, design: Regressors, part: slice | None = None) -> Normal:
-        """Return the normal equations of a design from all samples or a slice of them."""
+        """Return the normal equations of a design.
+
+        Parameters
+        ----------
+        design : Regressors
+            Of P columns, made by ``design`` or ``calibration``.
+        part : slice, optional
+            Of the samples that the normal equations take; by default all.
+        """
         chosen = slice(None) if part is None else part
         every = slice(None, None, self.stride)
         energy = (self.energy_per_sample * self.is_counted)[every][chosen]

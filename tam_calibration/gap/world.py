@@ -85,7 +85,16 @@ class World:
         return turns(attitude) @ self.field_T
 
     def stepped(self, errors: SensorErrors, step: FloatArray, unit_T: float) -> tuple[SensorErrors, "World"]:
-        """Return errors and world after a step of their designs: [D Λ | o] of each sensor, then the world's field.
+        """Return errors and world after a step of their designs.
+
+        Parameters
+        ----------
+        errors : SensorErrors
+            Before the step, of K sensors.
+        step : (12K + 3,) array
+            Change of each row of [D Λ | o], then of the world's field; biases o and field in units of ``unit_T``.
+        unit_T : float
+            Mean intensity of the field, tesla.
 
         Raises
         ------
@@ -101,7 +110,17 @@ class World:
 
 
 def world_design(covariates: Covariates, unit_T: float, stride: int = 1) -> Regressors:
-    """Return the regressors of the world's field: its three components in each row, in units of the intensity."""
+    """Return the regressors of the world's field: its three components in each row.
+
+    Parameters
+    ----------
+    covariates : Covariates
+        Of K sensors, with the attitude of the array.
+    unit_T : float
+        Tesla per unit of a coefficient: the mean intensity of the field.
+    stride : int
+        Every stride-th sample is taken.
+    """
     assert covariates.attitude is not None
     read = unit_T * covariates.errors.matrix.reshape(-1, 3) @ turns(covariates.attitude[::stride])
     rows, columns = np.divmod(np.arange(read[0].size), 3)
