@@ -40,7 +40,15 @@ def true_outputs(run: "Simulation") -> FloatArray:
 
 
 def errors_of(run: "Simulation", outputs: FloatArray) -> tuple[float, float]:
-    """Return the root mean square errors of |B| at the centre and of the tensor's five components, T and T/m."""
+    """Return the root mean square errors of |B| at the centre and of the tensor's five components, T and T/m.
+
+    Parameters
+    ----------
+    run : Simulation
+        The N samples with their truth.
+    outputs : (N, 9) array
+        Estimated centre vector, T, and gradient components xx, xy, xz, yy, yz, zz, T/m, in the array frame.
+    """
     true = true_outputs(run)
     intensity = norm(outputs[:, :3], axis=1) - norm(true[:, :3], axis=1)
     tensor = (outputs - true)[:, TENSOR_OUTPUTS]
@@ -95,6 +103,13 @@ def _parameter_table(truth: SensorErrors, calibration: Calibration) -> Table:
 
 def require_success(run: "Simulation", live: FloatArray) -> None:
     """Check that every sample was corrected, and the tensor error is near the noise floor.
+
+    Parameters
+    ----------
+    run : Simulation
+        The run that was corrected, with its truth.
+    live : (M, 18) array
+        Rows of ``field_gradient`` that the corrector published: nine outputs, T and T/m, and their standard errors.
 
     Raises
     ------

@@ -33,14 +33,30 @@ class LazyGroup(click.Group):
         return list(SUBCOMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return a subcommand."""
+        """Import and return a subcommand; None where there is none of that name.
+
+        Parameters
+        ----------
+        ctx : Context
+            Of the group; not used.
+        cmd_name : str
+            Name as the user typed it.
+        """
         if cmd_name not in SUBCOMMANDS:
             return None
         command: click.Command = import_module(f"tam_calibration.cli.{cmd_name}").command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the list of subcommands without importing them."""
+        """Write the list of subcommands without importing them.
+
+        Parameters
+        ----------
+        ctx : Context
+            Of the group; not used.
+        formatter : HelpFormatter
+            Of the help text, to which the list is added.
+        """
         with formatter.section("Commands"):
             formatter.write_dl(list(SUBCOMMANDS.items()))
 

@@ -118,6 +118,13 @@ def _twin(calibration_path: Path, run_path: Path, output: Path, seed: int, stora
 def beside(output: Path, ending: str) -> Path:
     """Return the path of a file that goes with a recording: run.csv or the folder run gives run.ENDING.
 
+    Parameters
+    ----------
+    output : Path
+        Path of the recording.
+    ending : str
+        Last part of the name, such as ``array.yaml``.
+
     Raises
     ------
     InputError

@@ -26,7 +26,27 @@ class Number(click.FloatRange):
     """A number within a range, which NaN, unlike click's, is not."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the number, or fail with a sentence."""
+        """Return the number, or fail with a sentence.
+
+        Parameters
+        ----------
+        value : Any
+            What the user typed, or a default.
+        param : Parameter or None
+            Named in the error.
+        ctx : Context or None
+            Of the command, for the error.
+
+        Returns
+        -------
+        float
+            Within the range.
+
+        Raises
+        ------
+        BadParameter
+            When it is no number, NaN, or out of range.
+        """
         number = float(super().convert(value, param, ctx))
         if math.isnan(number):
             self.fail(f"{value} is not a number.", param, ctx)
@@ -62,7 +82,15 @@ def reading(progress: Progress) -> ProgressCallback:
 
 
 def working(progress: Progress, description: str) -> ProgressCallback:
-    """Return a callback that shows how many bytes of the recording are done."""
+    """Return a callback that shows how many bytes are done.
+
+    Parameters
+    ----------
+    progress : Progress
+        Display to which the task is added.
+    description : str
+        What is being done, shown beside the bar.
+    """
     task = progress.add_task(description, total=None)
     return lambda done, total: progress.update(task, completed=done, total=total)
 

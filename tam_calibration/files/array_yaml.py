@@ -140,6 +140,13 @@ def array_to_mapping(array: Array) -> dict[str, Any]:
 def write_array(path: Path, array: Array) -> None:
     """Write an array file.
 
+    Parameters
+    ----------
+    path : Path
+        The YAML file; one that is there is replaced once the new one is whole.
+    array : Array
+        Its positions are written in metres, its noise in nT where it is known.
+
     Raises
     ------
     InputError

@@ -73,6 +73,13 @@ def _reader_of(path: Path) -> Reader:
 def raw_messages(reader: Reader, connections: Sequence[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
     """Yield connection, time of recording in nanoseconds, and serialised message, in the order of the bag.
 
+    Parameters
+    ----------
+    reader : Reader
+        An open bag.
+    connections : sequence of Connection
+        Those of its connections that are wanted.
+
     Raises
     ------
     InputError
@@ -88,7 +95,18 @@ def raw_blocks(
     progress: Progress = lambda done, total: None,
     with_times: bool = True,
 ) -> Iterator[RawMessages]:
-    """Yield the messages of some connections, many at once, in the order of the bag; their times where wanted.
+    """Yield the messages of some connections, many at once, in the order of the bag.
+
+    Parameters
+    ----------
+    reader : Reader
+        An open bag.
+    connections : sequence of Connection
+        Those of its connections that are wanted; their places in it stand for them in the messages.
+    progress : callable
+        Called now and then with the bytes read, and how many there are.
+    with_times : bool
+        Whether the times of recording are wanted; without them some storages are read sooner.
 
     Raises
     ------
@@ -156,6 +174,17 @@ def read_bag_pieces(
 
     The pieces follow each other in time without a sample lost or doubled. A channel without a value in a whole piece
     is None in that piece alone.
+
+    Parameters
+    ----------
+    path : Path
+        The bag.
+    sensor_count : int, optional
+        Number of sensors that there must be; by default as many as there are.
+    tolerance_ns : int
+        Greatest difference of stamps within a sample, nanoseconds.
+    progress : callable
+        Called now and then with the bytes read, and how many there are.
 
     Raises
     ------

@@ -33,7 +33,17 @@ CHUNK_BYTES = 1 << 20
 def read_blocks(
     file: McapReader, position: Mapping[int, int], with_times: bool
 ) -> Iterator[tuple[RawMessages, int]] | None:
-    """Return blocks of messages as ``Storage`` asks, always with times; None where no chunk has an index."""
+    """Return blocks of messages as ``Storage`` asks; None where no chunk has an index.
+
+    Parameters
+    ----------
+    file : McapReader
+        An open file.
+    position : mapping of int to int
+        For the id of each wanted connection the number that stands for it in the messages.
+    with_times : bool
+        Makes no difference: the times of recording are always read.
+    """
     return _chunks(file, position) if any(chunk.message_index_offsets for chunk in file.chunks) else None
 
 

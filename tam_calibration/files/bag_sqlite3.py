@@ -75,7 +75,14 @@ def read_blocks(
 ) -> Iterator[tuple[RawMessages, int]] | None:
     """Return blocks of messages as ``Storage`` asks; None where a file lacks the index by time that ROS writes.
 
-    Without the times of recording it takes four fifths of the time.
+    Parameters
+    ----------
+    file : Sqlite3Reader
+        An open file.
+    position : mapping of int to int
+        For the id of each wanted connection the number that stands for it in the messages.
+    with_times : bool
+        Whether to read the times of recording, else they are ``NOT_READ``, which takes four fifths of the time.
     """
     has_index = _fetch(file, "SELECT 1 FROM sqlite_master WHERE type = 'index' AND name = ?", _INDEX) is not None
     return _rows(file, position, with_times) if has_index else None
@@ -126,7 +133,15 @@ class Sqlite3BlockWriter(Sqlite3Writer):
         self.conn.executescript(f"PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; DROP INDEX {_INDEX};")
 
     def close(self, version: int, metadata: str) -> None:
-        """Make the index, and close the file."""
+        """Make the index, and close the file.
+
+        Parameters
+        ----------
+        version : int
+            Of the bag's metadata.
+        metadata : str
+            What ``metadata.yaml`` of the bag says, kept in the file too.
+        """
         self.cursor.execute(f"CREATE INDEX {_INDEX} ON messages (timestamp ASC)")
         super().close(version, metadata)
 

@@ -40,8 +40,16 @@ class Storage(Protocol):
     ) -> Iterator[tuple[RawMessages, int]] | None:
         """Return the messages of some connections many at once, and the bytes read for them, in the order of recording.
 
-        ``position`` has for the id of each connection that is read the number that stands for it. None where the file
-        lacks what that needs, such as an index: its messages are then read one by one.
+        None where the file lacks what that needs, such as an index: its messages are then read one by one.
+
+        Parameters
+        ----------
+        file : StoredFile
+            Opened by ``READER``.
+        position : mapping of int to int
+            For the id of each connection that is read the number that stands for it in the messages.
+        with_times : bool
+            Whether the times of recording are wanted; without them they may be ``NOT_READ``.
         """
 
 

@@ -55,6 +55,13 @@ class BlockWriter(Writer):
 def write_bag(path: Path, storage: str) -> Iterator[BlockWriter]:
     """Give a writer of a bag that appears whole: a folder, or a single file where its storage stands alone.
 
+    Parameters
+    ----------
+    path : Path
+        Where the bag appears once it is whole; a file that is there is replaced, a folder is not.
+    storage : str
+        What a folder holds: a name in ``bag_storages.STORAGES``. A single file has the storage of its suffix.
+
     Raises
     ------
     InputError
@@ -74,6 +81,15 @@ def write_bag(path: Path, storage: str) -> Iterator[BlockWriter]:
 
 def write_bag_recording(path: Path, recording: Recording, storage: str = DEFAULT) -> None:
     """Write a recording as the topics that sensors publish, the scalar as a stamped field of that intensity.
+
+    Parameters
+    ----------
+    path : Path
+        The bag to write: a folder, or a single file where its storage stands alone.
+    recording : Recording
+        Its times become stamps; a topic has no message where its values are NaN.
+    storage : str
+        What a folder holds: a name in ``bag_storages.STORAGES``.
 
     Raises
     ------
@@ -113,7 +129,17 @@ def _write_rows(
 
 
 def serialise(msgtype: str, values: FloatArray, stamps_ns: NDArray[np.int64]) -> ByteArray:
-    """Return (N, bytes) serialised messages of a sensor's type, one for each row of values."""
+    """Return (N, bytes) serialised messages of a sensor's type, one for each row of values.
+
+    Parameters
+    ----------
+    msgtype : str
+        ROS type of the messages: ``MAGNETIC_FIELD``, ``TEMPERATURE``, ``FLOAT64`` or ``IMU``.
+    values : (N, n) array
+        Doubles of each message: field, tesla (n = 3), temperature, °C, or current, A (1), or quaternion x, y, z, w (4).
+    stamps_ns : (N,) array of int
+        Stamps of the headers, nanoseconds; ``FLOAT64`` has none.
+    """
     template, from_end, has_header = _TEMPLATES[msgtype]
     return fill(template, from_end, values, stamps_ns if has_header else None)
 

@@ -86,7 +86,14 @@ def write_calibration(path: str | Path, calibration: Calibration) -> None:
 
 
 def calibration_from_yaml(text: str, where: str) -> Calibration:
-    """Return the calibration that a text holds; ``where`` names the text in problems.
+    """Return the calibration that a text holds.
+
+    Parameters
+    ----------
+    text : str
+        Content of a calibration file.
+    where : str
+        Path or topic that the text came from, for the message of an `InputError`.
 
     Raises
     ------

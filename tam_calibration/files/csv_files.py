@@ -162,6 +162,13 @@ def _recording(names: list[str], table: FloatArray) -> Recording:
 def write_csv_recording(path: Path, recording: Recording) -> None:
     """Write a recording with its fields in nT.
 
+    Parameters
+    ----------
+    path : Path
+        The CSV file; one that is there is replaced once the new one is whole.
+    recording : Recording
+        A channel that it lacks has no column; NaN is written as nan.
+
     Raises
     ------
     InputError
@@ -211,6 +218,13 @@ _COLUMNS = ("time_s", *(f"{name}_nT" if name.startswith("b") else f"{name}_nT_pe
 
 def write_csv_corrected(path: Path, pieces: Iterable[Corrected]) -> None:
     """Write the centre vector in nT and the gradient tensor in nT/m, piece by piece; nan where there is no gradient.
+
+    Parameters
+    ----------
+    path : Path
+        The CSV file; one that is there is replaced once the new one is whole.
+    pieces : iterable of Corrected
+        Results in the order of time.
 
     Raises
     ------

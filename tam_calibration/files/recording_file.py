@@ -112,7 +112,18 @@ def read_samples(
     tolerance_s: float = TOLERANCE_S,
     progress: Progress = lambda done, total: None,
 ) -> Samples:
-    """Read a recording as `read_recording` does, with the exact stamps of a bag, and tell the progress.
+    """Read a recording as `read_recording` does, with the exact stamps of a bag.
+
+    Parameters
+    ----------
+    path : Path
+        The bag or CSV file.
+    sensor_count : int, optional
+        Number of sensors that there must be; by default as many as there are.
+    tolerance_s : float
+        Greatest difference of stamps within a sample of a bag, seconds.
+    progress : callable
+        Called now and then with the bytes read of a bag, and how many there are; not of a CSV file.
 
     Raises
     ------
@@ -138,6 +149,17 @@ def read_pieces(
     """Yield a recording as `read_samples` returns it, in pieces of bounded size.
 
     A channel without a value in a whole piece is None in that piece.
+
+    Parameters
+    ----------
+    path : Path
+        The bag or CSV file.
+    sensor_count : int, optional
+        Number of sensors that there must be; by default as many as there are.
+    tolerance_s : float
+        Greatest difference of stamps within a sample of a bag, seconds.
+    progress : callable
+        Called now and then with the bytes read of a bag, and how many there are; not of a CSV file.
 
     Raises
     ------
@@ -173,6 +195,17 @@ def read_stream(
     progress: Progress = lambda done, total: None,
 ) -> RecordingStream:
     """Read a recording that may be larger than memory: it is kept in temporary files as numbers.
+
+    Parameters
+    ----------
+    path : Path
+        The bag or CSV file.
+    sensor_count : int, optional
+        Number of sensors that there must be; by default as many as there are.
+    tolerance_s : float
+        Greatest difference of stamps within a sample of a bag, seconds.
+    progress : callable
+        Called now and then with the bytes read of a bag, and how many there are; not of a CSV file.
 
     Raises
     ------
@@ -239,7 +272,19 @@ def write_corrected_pieces(
     source: Path | None = None,
     progress: Progress = lambda done, total: None,
 ) -> None:
-    """Write corrected data as `write_corrected` does, from results and stamps that come piece by piece.
+    """Write corrected data as `write_corrected` does, piece by piece.
+
+    Parameters
+    ----------
+    path : Path
+        Where to write.
+    pieces : iterable of (Corrected, (N,) array of int)
+        Results with the stamps of the messages they came from, nanoseconds; None for the results' times.
+    source : Path, optional
+        The recording they came from. When it is a bag, a bag that is written carries its other topics too and has the
+        same storage.
+    progress : callable
+        Called now and then with the bytes of a source bag that were carried over, and how many there are.
 
     Raises
     ------
@@ -262,7 +307,18 @@ def correct_file(
     tolerance_s: float = TOLERANCE_S,
     progress: Progress = lambda done, total: None,
 ) -> Iterator[tuple[Corrected, NDArray[np.int64] | None]]:
-    """Yield the corrected pieces of a recording with their stamps, None where they were no messages.
+    """Yield the corrected pieces of a recording with the stamps of its messages; None where it is a CSV file.
+
+    Parameters
+    ----------
+    path : Path
+        The bag or CSV file.
+    calibration : Calibration
+        What to correct with; where it holds effects, the whole recording is one piece.
+    tolerance_s : float
+        Greatest difference of stamps within a sample of a bag, seconds.
+    progress : callable
+        Called now and then with the bytes read of a bag, and how many there are; not of a CSV file.
 
     Raises
     ------

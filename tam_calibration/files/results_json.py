@@ -45,7 +45,15 @@ def write_gap(path: Path, gap: Gap, source: Provenance | None = None) -> None:
 
 
 def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]:
-    """Return the content of a gap file."""
+    """Return the content of a gap file.
+
+    Parameters
+    ----------
+    gap : Gap
+        The diagnosis.
+    source : Provenance, optional
+        The recording that it is of.
+    """
     return {
         "schema": _SCHEMA,
         "verdict": gap.verdict,
@@ -77,6 +85,14 @@ def numbers_of(fitted: FittedEffect, units: Mapping[str, str]) -> dict[str, dict
 
     Names are such as "time constant" of the shape, and "sensor 2 x offset" of a coefficient, with the name of its
     term where it would not be unique otherwise; a standard error that is not known is NaN.
+
+    Parameters
+    ----------
+    fitted : FittedEffect
+        Shape and coefficients, SI.
+    units : mapping of str to str
+        SI unit of each parameter of the shape and each coefficient, by name; what is returned has the unit of files,
+        such as nT for T.
     """
     parameters = {
         _without_unit(name, units[name]): _parameter(value, fitted.shape_errors.get(name, math.nan), units[name])

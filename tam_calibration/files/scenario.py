@@ -61,6 +61,14 @@ def read_scenario(name_or_path: str | Path) -> Scenario:
 def write_truth(path: Path, simulation: Simulation) -> None:
     """Write what was simulated: the sensors' true errors and effects as a calibration file states them, and the field.
 
+    Parameters
+    ----------
+    path : Path
+        The YAML file; one that is there is replaced once the new one is whole.
+    simulation : Simulation
+        Errors are written in nT and degrees, of the field the mean and standard deviation of its intensity at the
+        centre.
+
     Raises
     ------
     InputError

@@ -222,7 +222,14 @@ class ScenarioFile(Document):
 
 
 def scenario_of(content: dict[str, Any], folder: Path) -> Scenario:
-    """Return the scenario of the keys and values of a scenario file; paths in it are relative to a folder.
+    """Return the scenario of the keys and values of a scenario file.
+
+    Parameters
+    ----------
+    content : dict
+        Keys and values as read from YAML, with units in the keys.
+    folder : Path
+        To which paths in the scenario are relative: that of its file.
 
     Raises
     ------

@@ -70,6 +70,13 @@ def mapping_in(path: Path) -> Iterator[dict[str, Any]]:
 def check(content: Mapping[str, Any], schema: type[Schema]) -> Schema:
     """Return the content as an instance of its schema.
 
+    Parameters
+    ----------
+    content : mapping of str
+        Keys and values of a file.
+    schema : type of BaseModel
+        Keys that there may be, with types and bounds of their values.
+
     Raises
     ------
     InputError

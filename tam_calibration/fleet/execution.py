@@ -17,10 +17,22 @@ _PRELOADED = (process.__module__, "tam_calibration.files.bag_corrected", "scipy.
 
 
 def run_here(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, str]]:
-    """Do tasks in so many processes; yield each as it is done, with what kept its result from being written.
+    """Do tasks in processes; yield each as it is done, with what kept its result from being written.
 
     When a process is killed, as the system does when memory runs out, the tasks that were not done yet are done one
     after another, each in a process of its own, so that one of them cannot take the others with it.
+
+    Parameters
+    ----------
+    tasks : list of Task
+        One for each recording.
+    jobs : int
+        Number of processes that work at once.
+
+    Returns
+    -------
+    iterator of (Task, str)
+        With an empty text where the result was written.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     left = []
@@ -77,6 +89,18 @@ CONNECT_S = 10.0
 
 def run_on_cluster(tasks: list[Task], scheduler: str) -> Iterator[tuple[Task, str]]:
     """Do tasks on the workers of a scheduler; yield each as it is done, with what kept its result from being written.
+
+    Parameters
+    ----------
+    tasks : list of Task
+        One for each recording; workers see the same paths.
+    scheduler : str
+        Address of a Dask scheduler, as in tcp://host:8786.
+
+    Returns
+    -------
+    iterator of (Task, str)
+        With an empty text where the result was written.
 
     Raises
     ------

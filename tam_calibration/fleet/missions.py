@@ -158,7 +158,15 @@ def by_platform(results: Sequence[Result]) -> dict[str, list[Result]]:
 
 
 def missions_of(platform: str, results: Sequence[Result]) -> Missions | None:
-    """Return the calibrated missions of a platform; None where there is none."""
+    """Return the calibrated missions of a platform; None where there is none.
+
+    Parameters
+    ----------
+    platform : str
+        Name of the platform.
+    results : sequence of Result
+        Of all recordings of this platform; those without a calibration are left out.
+    """
     calibrated = [result for result in results if result.sensors and result.time_span_s]
     if not calibrated:
         return None

@@ -42,7 +42,15 @@ _HEIGHT_INCH = 1.5
 
 @matplotlib.rc_context(STYLE | {"date.converter": "concise"})
 def plot_missions(missions: Missions, group: Group) -> Figure:
-    """Draw three parameters of each sensor less their means, with standard errors, over time."""
+    """Draw three parameters of each sensor less their means, with standard errors, over time.
+
+    Parameters
+    ----------
+    missions : Missions
+        Of one platform, with M missions and K sensors.
+    group : Group
+        Parameters to draw; those without a unit are drawn in ppm.
+    """
     factor, unit = (1.0, group.unit) if group.unit else (1e6, "ppm")
     values, errors = factor * missions.values[group], factor * missions.standard_errors[group]
     count = values.shape[1]

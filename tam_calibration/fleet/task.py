@@ -59,7 +59,16 @@ class Options:
 
 
 def read_options(array_path: Path, calibration_path: Path | None, tolerance_s: float) -> Options:
-    """Return what is asked for, read from its files.
+    """Return what is asked for every recording.
+
+    Parameters
+    ----------
+    array_path : Path
+        Array file.
+    calibration_path : Path or None
+        Calibration to correct all recordings with; None where each is corrected with its own.
+    tolerance_s : float
+        Greatest difference of stamps within a sample of a bag, seconds.
 
     Raises
     ------
@@ -89,12 +98,32 @@ class Task:
 
     @classmethod
     def of(cls, path: Path, out: Path, options: Options) -> "Task":
-        """Return the task of a recording; its folder tells recordings of one name apart by their paths."""
+        """Return the task of a recording.
+
+        Parameters
+        ----------
+        path : Path
+            Absolute path of the recording; its digest is in the folder's name, to tell recordings of one name apart.
+        out : Path
+            Folder of the batch, in which that of the task will lie.
+        options : Options
+            What is asked for every recording.
+        """
         digest = sha256(str(path).encode()).hexdigest()[:_DIGEST_LETTERS]
         return cls(path, out.resolve() / "recordings" / path.parent.name / f"{path.name}-{digest}", options)
 
     def result(self, status: Status, problems: dict[str, str], **rest: Any) -> Result:
-        """Return a result of this recording."""
+        """Return a result of this recording.
+
+        Parameters
+        ----------
+        status : str
+            ``done``, ``refused`` or ``failed``.
+        problems : dict of str to str
+            What kept a step from its result, one sentence each, by the step's name.
+        **rest
+            Further fields of `Result`.
+        """
         names = self.path.name, self.path.parent.name, str(self.path)
         return Result(*names, status, problems, self.options.digest, **rest)
 

@@ -90,7 +90,15 @@ class Result:
 
 
 def write_result(folder: Path, result: Result) -> None:
-    """Write a result into its folder."""
+    """Write a result into its folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the recording's task; an older result there is overwritten.
+    result : Result
+        What became of the recording.
+    """
     (folder / RESULT).write_text(to_json({"schema": SCHEMA} | asdict(result)), encoding="utf-8")
 
 

@@ -60,7 +60,15 @@ class Arrivals:
 
     @classmethod
     def of(cls, sensors: Sequence[StreamMessages], newest_ns: int) -> "Arrivals":
-        """Return the arrivals of a batch after the newest stamp of earlier ones."""
+        """Return the arrivals of a batch.
+
+        Parameters
+        ----------
+        sensors : sequence of StreamMessages
+            What came of each sensor in the batch; none of a sensor that was silent.
+        newest_ns : int
+            Newest stamp of any sensor before the batch, nanoseconds; ``LONG_AGO`` before the first.
+        """
         none = np.zeros(0, dtype=np.int64)
         order = np.concatenate([none, *(each.order for each in sensors)])
         stamps = np.concatenate([none, *(each.stamps_ns for each in sensors if each.stamps_ns is not None)])
@@ -111,7 +119,17 @@ class Queue:
 
     @classmethod
     def of(cls, stream: Stream, messages: StreamMessages | None, arrivals: Arrivals) -> "Queue":
-        """Return the queue of a stream with what came of it."""
+        """Return the queue of a stream with what came of it.
+
+        Parameters
+        ----------
+        stream : Stream
+            Its buffer holds what waits from earlier batches.
+        messages : StreamMessages or None
+            What came of it in this batch; None where nothing did.
+        arrivals : Arrivals
+            Of the sensors in this batch; a message without a stamp takes the sensors' newest stamp at its arrival.
+        """
         none, width = np.zeros(0, dtype=np.int64), width_of(stream)
         if messages is None:
             messages = StreamMessages(none, none, np.zeros((0, width)))
@@ -166,7 +184,15 @@ class Queue:
         return Match(self, index, np.abs(self.keys[index] - keys) <= self.stream.window_ns)
 
     def match_held(self, keys: IntArray, index: IntArray) -> "Match":
-        """Return the match of held messages, -1 for none, as far as they are not too old."""
+        """Return the match of held messages, as far as they are not too old.
+
+        Parameters
+        ----------
+        keys : (n,) array of int
+            Stamps of the samples, nanoseconds.
+        index : (n,) array of int
+            Place in the queue of the message for each sample; -1 for none.
+        """
         found = (index >= 0) & (keys - self.keys[index] <= self.stream.window_ns)
         return Match(self, np.maximum(index, 0), found)
 
@@ -176,7 +202,15 @@ class Queue:
         return np.where((moment == NEVER) & (keys <= self.decided_until_ns), EARLIER, moment)
 
     def keep(self, first: int, joined: int) -> None:
-        """Count what became of the messages, and let the stream wait with those from the first on."""
+        """Count what became of the messages, and let the stream wait with those that may still join a sample.
+
+        Parameters
+        ----------
+        first : int
+            Place in the queue of the first message that is kept.
+        joined : int
+            Number of messages before it that joined samples; not used for a held stream.
+        """
         stream, losses, count = self.stream, self.stream.losses, len(self.stamps_ns)
         repeats = int((~self.is_new & (self.stamps_ns == self.previous_ns)).sum())
         losses.received += count
@@ -205,7 +239,15 @@ class Match:
         return not self.queue.is_held and bool((joins[:-1] & (index[1:] == index[:-1])).any())
 
     def arrived_until(self, keys: IntArray, order: IntArray) -> "Match":
-        """Return the match of held messages among those that arrived until a moment of each sample."""
+        """Return the match of held messages among those that had arrived in time.
+
+        Parameters
+        ----------
+        keys : (n,) array of int
+            Stamps of the samples, nanoseconds.
+        order : (n,) array of int
+            When each sample was complete, among the arrivals of the batch.
+        """
         latest = np.searchsorted(self.queue.order_of_keys, order, "right") - 1
         return self.queue.match_held(keys, np.minimum(np.where(self.found, self.index, -1), latest))
 
@@ -220,7 +262,15 @@ class Match:
         return values
 
     def used(self, keys: IntArray, is_sample: BoolArray) -> tuple[int, int]:
-        """Return the first message that may join a later sample, and how many joined these."""
+        """Return the first message that may join a later sample, and how many joined these.
+
+        Parameters
+        ----------
+        keys : (n,) array of int
+            Stamps of sensor 1 that were decided in this batch, rising, nanoseconds.
+        is_sample : (n,) array of bool
+            Which of them became samples.
+        """
         if not len(keys):
             return 0, 0
         if self.queue.is_held:

@@ -44,14 +44,34 @@ class RawMessages:
     def of(
         cls, connection: Sequence[int] | IntArray, recorded_ns: Sequence[int] | IntArray, messages: Sequence[bytes]
     ) -> "RawMessages":
-        """Return single messages as one block."""
+        """Return single messages as one block.
+
+        Parameters
+        ----------
+        connection : (n,) sequence of int
+            Which connection each message is of.
+        recorded_ns : (n,) sequence of int
+            Times of recording, nanoseconds.
+        messages : sequence of bytes
+            n serialised messages, of any sizes.
+        """
         size = np.array([len(message) for message in messages], dtype=np.int64)
         block = np.frombuffer(b"".join(messages), np.uint8)
         return cls(np.array(connection), np.array(recorded_ns), np.cumsum(size) - size, size, block)
 
     @classmethod
     def of_rows(cls, connection: int, recorded_ns: IntArray, rows: ByteArray) -> "RawMessages":
-        """Return the (n, bytes) messages of one connection."""
+        """Return messages of one connection that are all of one size.
+
+        Parameters
+        ----------
+        connection : int
+            The connection they are of.
+        recorded_ns : (n,) array of int
+            Times of recording, nanoseconds.
+        rows : (n, bytes) array of uint8
+            A serialised message in each row.
+        """
         count, size = rows.shape
         start = np.arange(count) * size
         return cls(np.full(count, connection), recorded_ns, start, np.full(count, size), rows.ravel())
@@ -84,12 +104,33 @@ def join(parts: Sequence[RawMessages]) -> RawMessages:
 
 
 def windows(block: ByteArray, size: int) -> NDArray[np.void]:
-    """Return the bytes from each place of a block on as one item, without a copy: made to be indexed."""
+    """Return the bytes from each place of a block on as one item, without a copy: made to be indexed.
+
+    Parameters
+    ----------
+    block : (bytes,) array of uint8
+        Contiguous.
+    size : int
+        Bytes of each item.
+
+    Returns
+    -------
+    (bytes - size + 1,) array of void
+        Item i views the bytes i to i + size - 1; none where the block is shorter than an item.
+    """
     return np.ndarray(max(len(block) - size + 1, 0), f"V{size}", block, strides=(1,))
 
 
 def interleave(parts: Sequence[RawMessages], places: Sequence[IntArray]) -> RawMessages:
-    """Return several as one in the order of the places of their messages; at equal places in the order of the parts."""
+    """Return several as one in the order of the places of their messages; at equal places in the order of the parts.
+
+    Parameters
+    ----------
+    parts : sequence of RawMessages
+        Each in its own order.
+    places : sequence of (n,) array of int
+        For each part the place of each of its n messages in the common order.
+    """
     return join(parts).take(np.argsort(np.concatenate(places), kind="stable"))
 
 
@@ -112,6 +153,13 @@ _DAMAGED = "a message is damaged: it is too short, or not in the serialisation C
 
 def read_stamped_doubles(messages: RawMessages, count: int) -> tuple[IntArray, FloatArray]:
     """Return the (n,) stamps in nanoseconds and the (n, count) doubles of messages that begin with header and doubles.
+
+    Parameters
+    ----------
+    messages : RawMessages
+        n messages of one type.
+    count : int
+        Number of doubles to read behind the header.
 
     Raises
     ------
@@ -142,7 +190,14 @@ def read_float64s(messages: RawMessages) -> tuple[None, FloatArray]:
 
 
 def read_stamp_and_doubles(message: bytes, count: int) -> tuple[int, tuple[float, ...]]:
-    """Return stamp and doubles of one message: as ``read_stamped_doubles``, faster for a single one.
+    """Return stamp, nanoseconds, and doubles of one message: as ``read_stamped_doubles``, faster for a single one.
+
+    Parameters
+    ----------
+    message : bytes
+        Serialised, beginning with a header.
+    count : int
+        Number of doubles to read behind the header.
 
     Raises
     ------

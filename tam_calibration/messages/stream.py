@@ -68,7 +68,15 @@ class Stream:
         self.rejoins_after = -1
 
     def find(self, key: int, is_overdue: bool) -> tuple[bool, Message | None]:
-        """Return whether it is decided which message joins the sample at a stamp, and that message."""
+        """Return whether it is decided which message joins the sample at a stamp, and that message.
+
+        Parameters
+        ----------
+        key : int
+            Of the sample: the stamp of sensor 1, nanoseconds, raised with each epoch; no lower than at calls before.
+        is_overdue : bool
+            Whether the sample goes without a message rather than wait for one.
+        """
         raise NotImplementedError
 
     def forget(self, before: int) -> None:
@@ -80,7 +88,15 @@ class JoinedStream(Stream):
     """A stream whose messages join one sample each, by the nearest stamp."""
 
     def find(self, key: int, is_overdue: bool) -> tuple[bool, Message | None]:
-        """Return whether it is decided which message joins the sample at a stamp, and that message."""
+        """Return whether it is decided which message joins the sample at a stamp, and the nearest one in the window.
+
+        Parameters
+        ----------
+        key : int
+            Of the sample, as in `Stream.find`; messages that are too old for it, or farther than the next, are dropped.
+        is_overdue : bool
+            Whether to decide among the messages that are there.
+        """
         buffer = self.buffer
         self.forget(key)
         while len(buffer) > 1 and key - buffer[0][0] > abs(buffer[1][0] - key):
@@ -107,7 +123,15 @@ class HeldStream(Stream):
     """A stream whose newest value holds until the next, for a limited time."""
 
     def find(self, key: int, is_overdue: bool) -> tuple[bool, Message | None]:
-        """Return whether it is decided which message joins the sample at a stamp, and that message."""
+        """Return whether it is decided which message joins the sample at a stamp, and the newest one until then.
+
+        Parameters
+        ----------
+        key : int
+            Of the sample, as in `Stream.find`; a message older than the window does not join it.
+        is_overdue : bool
+            Whether to decide among the messages that are there.
+        """
         if self.newest < key and self.awaited and not is_overdue:
             return False, None
         self.forget(key)

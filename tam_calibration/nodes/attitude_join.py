@@ -31,7 +31,15 @@ class AttitudeJoin:
         self._newest_attitude = self._newest_outputs = -1
 
     def push_attitude(self, stamp_ns: int, attitude: FloatArray) -> list[Joined]:
-        """Take the attitude (4,) of a sample and return the outputs that waited for it."""
+        """Take the attitude of a sample and return the outputs that waited for it.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Stamp of the sample, nanoseconds; one that does not rise begins a new run.
+        attitude : (4,) array
+            Quaternion x, y, z, w that turns the array frame into the world.
+        """
         if stamp_ns <= self._newest_attitude:
             self._attitudes.clear()
         self._newest_attitude = stamp_ns
@@ -41,7 +49,15 @@ class AttitudeJoin:
         return self._drain()
 
     def push_outputs(self, stamp_ns: int, outputs: FloatArray) -> list[Joined]:
-        """Take outputs (18,) and return those that need not wait."""
+        """Take the outputs of a sample and return those that need not wait.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Stamp of the sample, nanoseconds; one that does not rise begins a new run.
+        outputs : (18,) array
+            Row of ``field_gradient``: nine outputs, T and T/m, and their standard errors.
+        """
         joined = []
         if stamp_ns <= self._newest_outputs:  # a new run: what still waits is of the old one
             joined = [self._join(*self._waiting.popleft()) for _ in range(len(self._waiting))]

@@ -87,13 +87,35 @@ class TamNode(Node):
         return self.get_parameter(name).value
 
     def offer(self, message_type: Any, topic: str, quality: QoSProfile) -> Publisher:
-        """Return a publisher whose quality of service parameters may override (``qos_overrides.…``)."""
+        """Return a publisher whose quality of service parameters may override (``qos_overrides.…``).
+
+        Parameters
+        ----------
+        message_type : type
+            Class of the messages.
+        topic : str
+            Name, relative or absolute.
+        quality : QoSProfile
+            Used where no parameter says otherwise.
+        """
         return self.create_publisher(
             message_type, topic, copy(quality), qos_overriding_options=QoSOverridingOptions.with_default_policies()
         )
 
     def listen(self, message_type: Any, topic: str, take: Callable[[bytes], None], quality: QoSProfile) -> Subscription:
-        """Have a function called with every serialised message of a topic; parameters may override the quality."""
+        """Have a function called with every serialised message of a topic; parameters may override the quality.
+
+        Parameters
+        ----------
+        message_type : type
+            Class of the messages.
+        topic : str
+            Name, relative or absolute.
+        take : callable
+            Called with each message.
+        quality : QoSProfile
+            Used where no parameter says otherwise.
+        """
         return self.create_subscription(
             message_type,
             topic,
@@ -109,6 +131,17 @@ class TamNode(Node):
         """Have a function called with all serialised messages that wait, oldest first.
 
         A node that falls behind gets more of them in a call, so that each costs less and it catches up.
+
+        Parameters
+        ----------
+        message_type : type
+            Class of the messages.
+        topic : str
+            Name, relative or absolute.
+        take : callable
+            Called with the list of the messages.
+        quality : QoSProfile
+            Used where no parameter says otherwise; its depth bounds how many wait.
         """
 
         def take_waiting(first: bytes) -> None:
@@ -146,11 +179,27 @@ class TamNode(Node):
         self.create_steady_timer(period_s, turn)
 
     def create_steady_timer(self, period_s: float, callback: Callable[[], None]) -> None:
-        """Have a function called periodically, whatever the time on /clock."""
+        """Have a function called periodically, whatever the time on /clock.
+
+        Parameters
+        ----------
+        period_s : float
+            Time from call to call, seconds.
+        callback : callable
+            Called without arguments.
+        """
         self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def refuse(self, topic: str, problem: str) -> None:
-        """Count a message that cannot be used; the first of a topic is logged, all are told in /diagnostics."""
+        """Count a message that cannot be used; the first of a topic is logged, all are told in /diagnostics.
+
+        Parameters
+        ----------
+        topic : str
+            By which messages are counted.
+        problem : str
+            What is wrong with the message, for the log.
+        """
         if not self._unusable[topic]:
             self.get_logger().warning(f"{topic}: {problem}; more of them are counted in /diagnostics")
         self._unusable[topic] += 1

@@ -20,7 +20,15 @@ def describe(calibration: Calibration) -> str:
 
 
 def figures(calibration: Calibration | None, now_s: float) -> dict[str, object]:
-    """Return the figures of a calibration for /diagnostics (SI); nothing where there is none."""
+    """Return the figures of a calibration for /diagnostics (SI); nothing where there is none.
+
+    Parameters
+    ----------
+    calibration : Calibration or None
+        The one in use.
+    now_s : float
+        Present time on the clock of the recording's stamps, seconds; the age counts from the recording's end.
+    """
     if calibration is None:
         return {"calibration": "none"}
     best, floor = _best(calibration), calibration.floor

@@ -59,7 +59,15 @@ class SampleStore:
         self._newest_s = -np.inf
 
     def add(self, columns: tuple[str, ...], row: FloatArray) -> None:
-        """Add one sample, whose first column is its time."""
+        """Add one sample.
+
+        Parameters
+        ----------
+        columns : tuple of str
+            Names of the columns, as in ``SampleLayout.columns``.
+        row : (columns,) array
+            The values, SI, the first of which is the time, seconds.
+        """
         with self._lock:
             if columns != self._columns or row[0] <= self._newest_s:
                 self._columns = columns

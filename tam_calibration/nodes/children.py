@@ -34,7 +34,24 @@ def node_commands(
     method: str | None = None,
     params_file: Path | None = None,
 ) -> dict[str, list[str]]:
-    """Return the command of each process that the nodes run in, with the parameters that a user set."""
+    """Return the command of each process that the nodes run in, with the parameters that a user set.
+
+    Parameters
+    ----------
+    array : Path, optional
+        Array file, given to every node.
+    calibration : Path, optional
+        Calibration file, which the calibrator loads and saves.
+    method : str, optional
+        Method of the calibrator's fit.
+    params_file : Path, optional
+        ROS parameter file, read by every node.
+
+    Returns
+    -------
+    dict of str to list of str
+        Arguments of the Python interpreter, by the name of the process.
+    """
     everywhere = {"array_file": array}
     own = {"calibrator": {"calibration_file": calibration, "method": method}}
     shared = ["--params-file", str(params_file)] if params_file else []
@@ -125,7 +142,15 @@ class Children:
         return {name: self.end_one(name) for name in reversed(self.names)}
 
     def end_one(self, name: str, signal_number: signal.Signals = signal.SIGINT) -> int:
-        """End one process and return its exit code; it is no longer watched."""
+        """End one process and return its exit code; it is no longer watched.
+
+        Parameters
+        ----------
+        name : str
+            Name of a process that is watched.
+        signal_number : Signals
+            What asks it to end; it is killed when it has not ended five seconds later.
+        """
         process = self._processes.pop(name)
         process.send_signal(signal_number)
         try:

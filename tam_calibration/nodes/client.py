@@ -77,6 +77,15 @@ class Client(Monitor):
     def wait_until(self, condition: Callable[[], object], what: str, timeout_s: float) -> None:
         """Wait until a condition holds.
 
+        Parameters
+        ----------
+        condition : callable
+            Called without arguments; what it returns is taken as true or false.
+        what : str
+            Name of what is waited for, for the message of `Refused`.
+        timeout_s : float
+            Longest time to wait, seconds.
+
         Raises
         ------
         Refused
@@ -94,6 +103,13 @@ class Client(Monitor):
 
     def call(self, service: str, timeout_s: float) -> str:
         """Call a service and return its message.
+
+        Parameters
+        ----------
+        service : str
+            Name, relative or absolute, of a ``Trigger`` service.
+        timeout_s : float
+            Longest time to wait for the service, and again for its answer, seconds.
 
         Raises
         ------

@@ -40,22 +40,56 @@ class MessageWriter:
 
     @classmethod
     def of(cls, message: Any, doubles: int) -> "MessageWriter":
-        """Return the writer of messages like this one, with a header, whose last doubles, so many, differ."""
+        """Return the writer of messages like this one.
+
+        Parameters
+        ----------
+        message : ROS message
+            With a header; all but its stamp and its last doubles is kept.
+        doubles : int
+            Number of doubles at its end that differ from message to message.
+        """
         template = serialize_message(message)
         return cls.of_template(template, len(template) - FLOAT64_SIZE * doubles, doubles)
 
     @classmethod
     def of_template(cls, template: bytes, start: int, doubles: int) -> "MessageWriter":
-        """Return the writer of messages like a serialised one whose doubles, so many, begin at a place in it."""
+        """Return the writer of messages like a serialised one.
+
+        Parameters
+        ----------
+        template : bytes
+            Serialised message with a header; all but its stamp and some doubles is kept.
+        start : int
+            Byte at which the doubles begin.
+        doubles : int
+            Number of doubles that differ from message to message.
+        """
         return cls(template[: STAMP.start], template[STAMP.stop : start], template[start + FLOAT64_SIZE * doubles :])
 
     @classmethod
     def of_unstamped(cls, message: Any, doubles: int) -> "MessageWriter":
-        """Return the writer of messages like this one, without a header, whose last doubles, so many, differ."""
+        """Return the writer of messages like this one, which has no header.
+
+        Parameters
+        ----------
+        message : ROS message
+            All but its last doubles is kept.
+        doubles : int
+            Number of doubles at its end that differ from message to message.
+        """
         return cls(serialize_message(message)[: -FLOAT64_SIZE * doubles], b"", b"")
 
     def message(self, stamp: bytes, doubles: bytes) -> bytes:
-        """Return a serialised message with a stamp, empty for one without header, and doubles."""
+        """Return a serialised message.
+
+        Parameters
+        ----------
+        stamp : bytes
+            As of `to_stamp`; empty for a message without header.
+        doubles : bytes
+            Little-endian, as many as the writer was made for.
+        """
         return b"".join((self.before_stamp, stamp, self.before_doubles, doubles, self.after_doubles))
 
 
@@ -76,7 +110,17 @@ _AFTER_DATA = 1
 
 
 def make_cloud(header: Header, columns: tuple[str, ...], row: Sequence[float] = ()) -> PointCloud2:
-    """Return a cloud of one row, or of none."""
+    """Return a cloud of one row, or of none.
+
+    Parameters
+    ----------
+    header : Header
+        Stamp and frame of the row.
+    columns : tuple of str
+        Names of the fields.
+    row : sequence of float
+        A value for each column; empty for a cloud without a row.
+    """
     size = FLOAT64_SIZE * len(columns)
     cloud = PointCloud2(header=header, height=1, width=1 if row else 0, fields=_fields(columns))
     cloud.point_step, cloud.row_step, cloud.is_dense = size, size if row else 0, True
@@ -105,7 +149,15 @@ def read_cloud(cloud: PointCloud2) -> tuple[tuple[str, ...], FloatArray]:
 
 
 def cloud_writer(columns: tuple[str, ...], frame_id: str) -> MessageWriter:
-    """Return what serialises clouds of one row that differ in stamp and numbers alone."""
+    """Return what serialises clouds of one row that differ in stamp and numbers alone.
+
+    Parameters
+    ----------
+    columns : tuple of str
+        Names of the fields.
+    frame_id : str
+        Frame of the header.
+    """
     template = serialize_message(make_cloud(Header(frame_id=frame_id), columns, [0.0] * len(columns)))
     return MessageWriter.of_template(template, _start_of_data(template, len(columns)), len(columns))
 

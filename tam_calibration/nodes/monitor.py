@@ -48,7 +48,15 @@ class Monitor(Node):
         return _figures_of(self.statuses[name])
 
     def count(self, name: str, figure: str) -> int | None:
-        """Return a figure of a node's status that counts; None where it has none yet."""
+        """Return a figure of a node's status that counts; None where it has none yet.
+
+        Parameters
+        ----------
+        name : str
+            Name of the node.
+        figure : str
+            Key of the figure in its status, such as ``samples``.
+        """
         value = self.figures(name).get(figure)
         return None if value is None else int(value)
 

@@ -40,7 +40,14 @@ class CalibrationView:
 
 
 def view_of(calibration: Calibration, recording: Recording) -> CalibrationView:
-    """Work out residuals and coverage.
+    """Work out residuals and coverage of a calibration.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        The estimate that the report is about.
+    recording : Recording
+        The raw recording that it came from.
 
     Raises
     ------

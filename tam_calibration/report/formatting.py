@@ -8,7 +8,15 @@ _THIN_SPACE = "\u202f"
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Format with the given significant digits, never cutting an integer part: 8172, 5.99, 0.0123, 1.2 × 10⁻⁹."""
+    """Format with the given significant digits, never cutting an integer part: 8172, 5.99, 0.0123, 1.2 × 10⁻⁹.
+
+    Parameters
+    ----------
+    value : float
+        In the unit in which it is shown; NaN gives a dash.
+    digits : int
+        Number of significant digits.
+    """
     if math.isnan(value):
         return _UNKNOWN
     if math.isinf(value):
@@ -22,7 +30,15 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def fixed(value: float, decimals: int) -> str:
-    """Format with the given number of decimals; from ten thousand on with gaps between thousands."""
+    """Format with the given number of decimals; from ten thousand on with gaps between thousands.
+
+    Parameters
+    ----------
+    value : float
+        In the unit in which it is shown; NaN and infinity give a dash.
+    decimals : int
+        Number of digits behind the point.
+    """
     if not math.isfinite(value):
         return _UNKNOWN
     text = f"{value:,.{decimals}f}" if abs(value) >= 1e4 else f"{value:.{decimals}f}"
@@ -32,7 +48,14 @@ def fixed(value: float, decimals: int) -> str:
 def with_error(value: float, standard_error: float, decimals: int) -> str:
     """Format value ± standard error, the error with two significant digits.
 
-    ``decimals`` serve where the standard error is unknown (NaN); a standard error of zero marks a value that is fixed.
+    Parameters
+    ----------
+    value : float
+        In the unit in which it is shown.
+    standard_error : float
+        In the same unit; zero marks a value that is fixed, NaN an error that is not known.
+    decimals : int
+        Digits behind the point of a value whose standard error is not known.
     """
     if math.isnan(standard_error):
         return fixed(value, decimals)

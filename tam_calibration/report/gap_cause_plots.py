@@ -69,7 +69,15 @@ _BINS = 12
 
 @matplotlib.rc_context(STYLE)
 def plot_dependence(view: GapView, row: int) -> Figure:
-    """Draw one row, in noise floors: its mean over temperature and current, its root mean square over the rate."""
+    """Draw one row, in noise floors: its mean over temperature and current, its root mean square over the rate.
+
+    Parameters
+    ----------
+    view : GapView
+        The gap with its residuals; temperature and current are drawn where they were recorded.
+    row : int
+        3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
+    """
     residue = view.gap.residue
     panels: list[tuple[str, FloatArray, Callable[[FloatArray], float], str]] = [
         ("rate of turning (°/s)", to_degrees(residue.rate), _root_mean_square, "root mean square")
@@ -95,7 +103,17 @@ def plot_dependence(view: GapView, row: int) -> Figure:
 def binned(
     channel: FloatArray, values: FloatArray, measure: Callable[[FloatArray], float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return median of the channel and measure of the values in bins of equally many samples."""
+    """Return median of the channel and measure of the values in bins of equally many samples.
+
+    Parameters
+    ----------
+    channel : (N,) array
+        What the values may depend on; samples with NaN here or in the values are left out.
+    values : (N,) array
+        Residuals of one row, in noise floors.
+    measure : callable
+        Returns one number for the values of a bin.
+    """
     known = np.isfinite(channel) & np.isfinite(values)
     order = np.argsort(channel[known], kind="stable")
     parts = [part for part in np.array_split(order, _BINS) if len(part)]
@@ -117,7 +135,15 @@ _SHADES = LinearSegmentedColormap.from_list("signed", [AFTER_COLOR, "#f4f6f8", B
 
 @matplotlib.rc_context(STYLE)
 def plot_sphere(view: GapView, row: int) -> Figure:
-    """Draw the mean residual of one row in each cell of the sphere of field directions (Hammer), one map a state."""
+    """Draw the mean residual of one row in each cell of the sphere of field directions (Hammer), one map a state.
+
+    Parameters
+    ----------
+    view : GapView
+        The gap with its residuals and the field directions in the array frame.
+    row : int
+        3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
+    """
     states, cell = view.states, cell_of(view.gap.residue.direction)
     means = [_cell_means(to_nanotesla(state.rows_T[:, row]), cell) for state in states]
     reach = float(np.nanmax(np.abs(means), initial=0.0)) or 1.0

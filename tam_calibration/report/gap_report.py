@@ -92,7 +92,15 @@ def _range(check: Check, row: int) -> str:
 
 @matplotlib.rc_context(STYLE)
 def plot_autocorrelation(checks: Checks, row: int) -> Figure:
-    """Draw the autocorrelation of one row, and the band of noise."""
+    """Draw the autocorrelation of one row, and the band of noise.
+
+    Parameters
+    ----------
+    checks : Checks
+        Statistics of the residual with the causes, and their ranges in noise.
+    row : int
+        3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
+    """
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.8), layout="constrained")
     axes = figure.subplots()
     check = checks.lag_1_correlation

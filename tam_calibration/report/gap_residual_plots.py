@@ -49,7 +49,15 @@ def _draw(axes: Axes, state: State, sensor_count: int, scale: LogNorm) -> None:
 
 @matplotlib.rc_context(STYLE)
 def plot_time(view: GapView, row: int) -> Figure:
-    """Draw the residual of one row over time, one panel a state on common axes; the span of the gap is shaded."""
+    """Draw the residual of one row over time, one panel a state on common axes; the span of the gap is shaded.
+
+    Parameters
+    ----------
+    view : GapView
+        The gap with its residuals.
+    row : int
+        3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
+    """
     residue, where = view.gap.residue, view.gap.where
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 4.2), layout="constrained")
     panels = figure.subplots(len(view.states), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
@@ -82,7 +90,15 @@ _LOWEST, _HIGHEST = 4.5, 30.0
 
 @matplotlib.rc_context(STYLE)
 def plot_histogram(view: GapView, row: int) -> Figure:
-    """Draw the distributions of one row, all states together, on a logarithmic scale that shows the tails."""
+    """Draw the distributions of one row, all states together, on a logarithmic scale that shows the tails.
+
+    Parameters
+    ----------
+    view : GapView
+        The gap with its residuals.
+    row : int
+        3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
+    """
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 3.0), layout="constrained")
     axes = figure.subplots()
     floor = float(view.gap.residue.floor_T[row])
@@ -112,7 +128,15 @@ _LONGEST = 1 << 21
 
 @matplotlib.rc_context(STYLE)
 def plot_spectrum(view: GapView, row: int) -> Figure:
-    """Draw the amplitude spectrum of one row, all states together; the band of the gap is shaded."""
+    """Draw the amplitude spectrum of one row, all states together; the band of the gap is shaded.
+
+    Parameters
+    ----------
+    view : GapView
+        The gap with its residuals.
+    row : int
+        3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
+    """
     residue, where = view.gap.residue, view.gap.where
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 3.0), layout="constrained")
     axes = figure.subplots()
@@ -137,6 +161,13 @@ def spectrum(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatA
 
     The samples are placed on a grid of their median step, with zeros in its gaps; where the grid would be too long, the
     samples are taken as consecutive.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Time stamps, seconds, rising.
+    values : (N,) array
+        The series, in noise floors; NaN where there is none.
     """
     step = float(np.median(np.diff(time_s)))
     place = np.rint((time_s - time_s[0]) / step).astype(int)

@@ -113,7 +113,15 @@ def closed_words(size: Size) -> str:
 
 
 def where_words(where: Where, sensor_count: int) -> str:
-    """Say in which sensors, axes, times and frequencies the gap lies."""
+    """Say in which sensors, axes, times and frequencies the gap lies.
+
+    Parameters
+    ----------
+    where : Where
+        Place of the gap.
+    sensor_count : int
+        Number of sensors of the array: all of them are not named one by one.
+    """
     parts = [place(where.sensors, where.axes, sensor_count)]
     if where.time_s is not None:
         parts.append(f"from {fixed(where.time_s[0], 2)} to {fixed(where.time_s[1], 2)} s")
@@ -123,7 +131,17 @@ def where_words(where: Where, sensor_count: int) -> str:
 
 
 def place(sensors: Sequence[int | str], axes: Sequence[str], sensor_count: int) -> str:
-    """Say which sensors and axes: "sensor 2, axis x", "the scalar magnetometer", "all sensors alike"."""
+    """Say which sensors and axes: "sensor 2, axis x", "the scalar magnetometer", "all sensors alike".
+
+    Parameters
+    ----------
+    sensors : sequence of int or str
+        Numbers from 1, and "scalar".
+    axes : sequence of str
+        "x", "y", "z"; named where they are not all three.
+    sensor_count : int
+        Number of sensors of the array: all of them are not named one by one.
+    """
     numbers = [str(sensor) for sensor in sensors if sensor != "scalar"]
     names = ["the scalar magnetometer"] if "scalar" in sensors else []
     if len(numbers) == sensor_count > 1:
@@ -137,7 +155,15 @@ def place(sensors: Sequence[int | str], axes: Sequence[str], sensor_count: int) 
 
 
 def cause_row(cause: Cause, sensor_count: int) -> list[str]:
-    """Return the evidence for a cause in the order of ``CAUSES_HEADER``."""
+    """Return the evidence for a cause in the order of ``CAUSES_HEADER``.
+
+    Parameters
+    ----------
+    cause : Cause
+        A cause of the gap.
+    sensor_count : int
+        Number of sensors of the array.
+    """
     return [
         cause.fitted.effect,
         place(cause.sensors, cause.axes, sensor_count),
@@ -155,7 +181,16 @@ def parameter_rows(cause: Cause) -> list[list[str]]:
 
 
 def number_rows(fitted: FittedEffect, units: Mapping[str, str]) -> list[list[str]]:
-    """Return name, value ± standard error and unit of each number of an effect."""
+    """Return name, value ± standard error and unit of each number of an effect.
+
+    Parameters
+    ----------
+    fitted : FittedEffect
+        Shape and coefficients, SI.
+    units : mapping of str to str
+        SI unit of each parameter of the shape and each coefficient, by name; the rows have the units of files, such as
+        nT for T.
+    """
     return [
         [name, _with_error(parameter["value"], parameter["standard_error"]), parameter["unit"]]
         for name, parameter in numbers_of(fitted, units).items()

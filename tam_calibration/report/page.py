@@ -93,12 +93,29 @@ class Section:
 
 
 def sections_of(makers: Sequence[Callable[[About], Section | None]], about: About) -> list[Section]:
-    """Return the sections that the ``SECTIONS`` of a report make of what it is about."""
+    """Return the sections that the ``SECTIONS`` of a report make of what it is about.
+
+    Parameters
+    ----------
+    makers : sequence of callable
+        Each takes what the report is about, and returns a section or None.
+    about : object
+        What the report is about, such as a ``GapView``.
+    """
     return [section for make in makers if (section := make(about)) is not None]
 
 
 def write_page(path: Path, title: str, subtitle: str, sections: Sequence[Section]) -> None:
     """Write a page; nothing is left at the path when writing fails, and an older file stays as it was.
+
+    Parameters
+    ----------
+    path : Path
+        The HTML file.
+    title, subtitle : str
+        Plain text.
+    sections : sequence of Section
+        In the order in which they are read.
 
     Raises
     ------
@@ -111,7 +128,15 @@ def write_page(path: Path, title: str, subtitle: str, sections: Sequence[Section
 
 
 def render(title: str, subtitle: str, sections: Sequence[Section]) -> str:
-    """Return the page's HTML."""
+    """Return the HTML of a page.
+
+    Parameters
+    ----------
+    title, subtitle : str
+        Plain text.
+    sections : sequence of Section
+        In the order in which they are read.
+    """
     environment = Environment(
         loader=PackageLoader("tam_calibration.report", "templates"),
         autoescape=True,
@@ -129,12 +154,34 @@ def _keep_units(text: str) -> str:
 
 
 def figure_blocks(figure: Figure, title: str, seen: str, otherwise: str) -> Sequence[Block]:
-    """Return a figure with what is seen on it, and what it would be without a gap."""
+    """Return a figure of a gap, and a list of what to look for on it.
+
+    Parameters
+    ----------
+    figure : Figure
+        Drawn of the gap.
+    title : str
+        Its caption, and the words that stand for it.
+    seen : str
+        What is seen on it.
+    otherwise : str
+        What would be seen without a gap.
+    """
     return embed(figure, title, title), Points([f"What you see: {seen}", f"Without a gap: {otherwise}"])
 
 
 def embed(figure: Figure, alternative: str, caption: str = "") -> Image:
-    """Return a figure as an SVG image within the page; the same figure always gives the same bytes."""
+    """Return a figure as an SVG image within the page; the same figure always gives the same bytes.
+
+    Parameters
+    ----------
+    figure : Figure
+        What it draws rasterized has 200 dots an inch.
+    alternative : str
+        Words that stand for it where it is not shown.
+    caption : str
+        Words under it.
+    """
     buffer = BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "tam_calibration"}):
         figure.savefig(buffer, format="svg", dpi=_RASTER_DPI, metadata={"Date": None})

@@ -118,7 +118,19 @@ def thinning_note(sample_count: int) -> str:
 
 @matplotlib.rc_context(STYLE)
 def plot_over_time(time_s: FloatArray, panels: Sequence[Panel], unit: str, color: str) -> Figure:
-    """Draw residuals over time, one row a panel on common axes, with dashed lines at ± the noise floor."""
+    """Draw residuals over time, one row a panel on common axes, with dashed lines at ± the noise floor.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Time stamps, seconds.
+    panels : sequence of Panel
+        Residuals with their noise floors.
+    unit : str
+        Unit of all residuals.
+    color : str
+        Of the residuals, as matplotlib names it.
+    """
     figure = Figure(figsize=(WIDTH_INCH, 0.75 + 0.95 * len(panels)), layout="constrained")
     rows = figure.subplots(len(panels), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     elapsed = time_s - time_s[0]
@@ -136,7 +148,15 @@ def plot_over_time(time_s: FloatArray, panels: Sequence[Panel], unit: str, color
 
 @matplotlib.rc_context(STYLE)
 def plot_histograms(panels: Sequence[Panel], unit: str) -> Figure:
-    """Draw the distribution of residuals, one small plot a panel, against the Gaussian of the noise floor."""
+    """Draw the distribution of residuals, one small plot a panel, against the Gaussian of the noise floor.
+
+    Parameters
+    ----------
+    panels : sequence of Panel
+        Residuals with their noise floors.
+    unit : str
+        Unit of all residuals.
+    """
     columns = min(2, len(panels))
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(WIDTH_INCH, 0.9 + 1.25 * rows), layout="constrained")
@@ -160,7 +180,19 @@ def time_axis(span_s: float) -> tuple[str, float]:
 
 
 def draw_series(axes: Axes, time: FloatArray, values: FloatArray, color: str) -> None:
-    """Draw values over time, as strokes from the smallest to the largest where there are many."""
+    """Draw values over time, as strokes from the smallest to the largest where there are many.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    time : (N,) array
+        In the unit of the axis.
+    values : (N,) array
+        NaN where there is none.
+    color : str
+        As matplotlib names it; strokes are paler.
+    """
     if len(values) <= _DRAWN_SINGLY:
         axes.plot(time, values, ".", color=color, markersize=2, rasterized=True)
         return
@@ -194,7 +226,15 @@ COMPONENT_NAMES = tuple(OUTPUT_NAMES[output][1:] for output in TENSOR_OUTPUTS)
 
 
 def intensity_panels(series: ResidualSeries, floor: Residuals) -> list[Panel]:
-    """Return a panel of |B| − reference for each sensor and, of more than one, for their centre."""
+    """Return a panel of |B| − reference, nT, for each sensor and, of more than one, for their centre.
+
+    Parameters
+    ----------
+    series : ResidualSeries
+        Residuals of N samples of K sensors.
+    floor : Residuals
+        Their root mean squares from noise alone.
+    """
     sensors = zip(series.sensor_intensity_T.T, floor.sensor_intensity_T, strict=True)
     panels = [
         Panel(f"sensor {i + 1}", to_nanotesla(values), to_nanotesla(float(noise)))
@@ -206,6 +246,14 @@ def intensity_panels(series: ResidualSeries, floor: Residuals) -> list[Panel]:
 
 
 def tensor_panels(series: ResidualSeries, floor: Residuals) -> list[Panel]:
-    """Return a panel for each independent component of the gradient tensor."""
+    """Return a panel for each independent component of the gradient tensor, nT/m.
+
+    Parameters
+    ----------
+    series : ResidualSeries
+        Residuals of N samples.
+    floor : Residuals
+        Their root mean squares from noise alone.
+    """
     components = zip(COMPONENT_NAMES, series.tensor_T_per_m.T, floor.tensor_T_per_m, strict=True)
     return [Panel(name, to_nanotesla(values), to_nanotesla(float(noise))) for name, values, noise in components]

@@ -69,7 +69,15 @@ def plot_survey_map(survey: Survey) -> Figure:
 
 @matplotlib.rc_context(STYLE)
 def plot_source_spectrum(spectrum: Spectrum, frequency_hz: float) -> Figure:
-    """Draw the power of all readings over that of their noise; the frequency that was demodulated is marked."""
+    """Draw the power of all readings over that of their noise; the frequency that was demodulated is marked.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        Frequencies, hertz, power over that of noise, and the threshold that chance reaches.
+    frequency_hz : float
+        Frequency of the source, hertz.
+    """
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.6), layout="constrained")
     axes = figure.subplots()
     axes.plot(spectrum.frequency_hz, spectrum.power, color=AFTER_COLOR, linewidth=0.7, rasterized=True)

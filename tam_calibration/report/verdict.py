@@ -45,7 +45,16 @@ class Verdict:
 
 
 def judge(calibration: Calibration, coverage: Coverage) -> Verdict:
-    """Judge a calibration by its residuals against the noise floor, its coverage and its standard errors."""
+    """Judge whether a calibration can be used.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Its residuals are held against the noise floor, its standard errors against what sensor noise alone makes; its
+        warnings are doubts too.
+    coverage : Coverage
+        Field directions in the array frame that its recording visited.
+    """
     reasons = (
         _doubt_residuals(calibration),
         _doubt_coverage(coverage),
