@@ -64,7 +64,7 @@ def test_people_see_the_verdict_and_what_it_rests_on(folder, asked, name):
 
 
 def test_people_see_what_is_left_and_what_it_means(folder, asked, gap):
-    """Standing, sizes, the unknown part, the set that holds the truth, and what departs from the twin."""
+    """Surrogates, sizes, the unknown part, the set that holds the truth, and what departs from the twin."""
     residue = gap.residue
     cause = replace(
         gap.causes[0],

@@ -112,12 +112,12 @@ def bench():
 
 @pytest.fixture(scope="session")
 def turning():
-    """Return the maker of situations of a cross that tumbles for a minute, or as long as asked, with all channels."""
+    """Return the maker of covariates of a cross that tumbles for a minute, or as long as asked, with all channels."""
     return make_turning
 
 
 def make_turning(samples=1200, step_s=0.05, sensors=4, start_s=0.0, attitude=None):
-    """Return a situation whose field is known exactly; temperature and current vary."""
+    """Return covariates whose field is known exactly; temperature and current vary."""
     generator = np.random.default_rng(5)
     time = start_s + step_s * np.arange(samples)
     phase = time - start_s
@@ -196,7 +196,7 @@ def refit(effect, covariates, shape, *terms):
 
 @pytest.fixture(scope="session")
 def left_by():
-    """Return the maker of the residuals that an effect leaves in a situation, with noise, under the true errors."""
+    """Return the maker of the residuals that an effect leaves for some covariates, with noise, under the true errors."""
     return make_left_by
 
 

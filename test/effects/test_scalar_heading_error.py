@@ -13,7 +13,7 @@ AXIS = {"azimuth_rad": 0.7, "elevation_rad": 0.4}
 
 @pytest.fixture(scope="module")
 def sphere(turning):
-    """Return a situation with fields from all directions."""
+    """Return covariates with fields from all directions."""
     return turning(attitude=Rotation.random(1200, random_state=2).as_quat())
 
 
