@@ -1,4 +1,4 @@
-"""Reading and writing of arrays, recordings, calibrations and corrected data."""
+"""Reading and writing of arrays, recordings, calibrations, corrected data, scenarios and results."""
 
 from tam_calibration.files.array_yaml import array_to_mapping, read_array, write_array
 from tam_calibration.files.calibration_yaml import (
