@@ -47,7 +47,8 @@ def _limits(effect: Effect) -> list[str]:
     if isinstance(effect, LinearEffect) and effect.largest_signal is not None:
         limits["part of the field" if effect.largest_signal.unit == "1" else "size"] = effect.largest_signal
     return [
-        f"| `{effect.name}` | {name} | {limit.with_unit(limit.largest)} | {limit.source} |" for name, limit in limits.items()
+        f"| `{effect.name}` | {name} | {limit.with_unit(limit.largest)} | {limit.source} |"
+        for name, limit in limits.items()
     ]
 
 

@@ -196,7 +196,7 @@ def refit(effect, covariates, shape, *terms):
 
 @pytest.fixture(scope="session")
 def left_by():
-    """Return the maker of the residuals that an effect leaves for some covariates, with noise, under the true errors."""
+    """Return the maker of the residuals that an effect leaves, with noise, under the true errors."""
     return make_left_by
 
 
