@@ -57,7 +57,7 @@ class Constant:
     @property
     def told(self) -> str:
         """Its value as people read it."""
-        return _told(self.value)
+        return _in_words(self.value)
 
     def scaled(self, factor: float) -> Any:
         """Return the value times a factor; of a part between 0.9 and 1, what it lacks of 1 is scaled."""
@@ -218,11 +218,11 @@ def _scaled(value: Any, factor: float) -> Any:
     return value * factor
 
 
-def _told(value: Any) -> str:
+def _in_words(value: Any) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(f"{name}: {_told(one)}" for name, one in value.items())
+        return ", ".join(f"{name}: {_in_words(one)}" for name, one in value.items())
     if isinstance(value, tuple | list):
-        return "(" + ", ".join(map(_told, value)) + ")"
+        return "(" + ", ".join(map(_in_words, value)) + ")"
     if isinstance(value, float):
         return f"{value:.4g}" if not 0.999 < value < 1 else f"1 − {1 - value:.2g}"
     if hasattr(value, "largest"):

@@ -32,7 +32,7 @@ LEAST_FALL = 4.0
 """Ratio of the residual energies without and with a gross jump that it must reach: far above that of noise."""
 
 
-def moved_sphere(recording: Recording) -> FittedEffect | None:
+def gross_bias_jump(recording: Recording) -> FittedEffect | None:
     """Return the bias jump, once or on and off, that explains most of a gross residual; None where none does.
 
     Parameters
@@ -175,7 +175,7 @@ class BiasJump(LinearEffect):
             dict(zip(self.shape_units, (float(middle[cut]) for cut in found), strict=False)) for found in cuts
         ]
         is_small = covariates.follows_attitude or np.sqrt(np.mean(residuals.row_shift_T**2)) < NEGLIGIBLE * intensity
-        gross = None if is_small else moved_sphere(residuals.recording)
+        gross = None if is_small else gross_bias_jump(residuals.recording)
         return shapes if gross is None else [gross.shape, *shapes]
 
     def always(self, shape: Shape) -> Shape | None:

@@ -29,6 +29,8 @@ class BlockWriter(Writer):
     """The writer of rosbags that takes many messages at once beside single ones."""
 
     def __init__(self, path: Path, storage: str) -> None:
+        if storage not in STORAGES:
+            raise InputError(f"storage {storage!r} is not known: choose one of {', '.join(STORAGES)}")
         plugin: Any = STORAGES[storage]  # rosbags takes its name for metadata.yaml
         super().__init__(path, version=9, storage_plugin=plugin)
         self.STORAGE_PLUGINS = {plugin: plugin.load().WRITER}

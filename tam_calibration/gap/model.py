@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.least_squares import iterate
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.effects.bias_jump import moved_sphere
+from tam_calibration.effects.bias_jump import gross_bias_jump
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.removal import attitude_known, filled
@@ -202,7 +202,7 @@ class Model:
 
         The one with which more samples agree; None without a jump where the plain fit is as good.
         """
-        jump, rest = moved_sphere(recording), without_channels(recording)
+        jump, rest = gross_bias_jump(recording), without_channels(recording)
         jumping = None if jump is None else cls._within_bounds(without_jump(recording, jump), array, stride)
         if jump is not None and jumping is not None:
             jumping = replace(jumping, gross=_mostly(jump))

@@ -96,7 +96,7 @@ class SampleStore:
         return SampleLayout.from_columns(columns).recording(np.array(rows))
 
 
-_RULES = (
+RULES = (
     ARRAY_FILE,
     Rule("method", DEFAULT_METHOD, "Method of the fit.", choices=tuple(METHODS), read_only=False),
     Rule(
@@ -124,7 +124,7 @@ class Calibrator(TamNode):
 
     def __init__(self) -> None:
         self._worked: list[Service] = []
-        super().__init__("calibrator", _RULES)
+        super().__init__("calibrator", RULES)
         self._array = array_of(self)
         self._store = SampleStore(self.value("max_samples"))
         self._problem = ""

@@ -27,7 +27,7 @@ from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, ar
 _SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
 _SCALAR_TYPES = {"sensor_msgs/MagneticField": MagneticField, "std_msgs/Float64": Float64}
 
-_RULES = (
+RULES = (
     ARRAY_FILE,
     FRAME_ID,
     Rule("scalar_type", "sensor_msgs/MagneticField", f"Message type of {_SCALAR_TOPIC}.", choices=tuple(_SCALAR_TYPES)),
@@ -45,7 +45,7 @@ class Collector(TamNode):
     """Publishes `samples` of the sensors' topics; /diagnostics tells what is missing, lost or silent."""
 
     def __init__(self) -> None:
-        super().__init__("collector", _RULES)
+        super().__init__("collector", RULES)
         sensor_count = array_of(self).sensor_count
         self._layout = SampleLayout(sensor_count, scalar=True, temperature=True, current=True, attitude=True)
         self._sensors = [sensor_stream(sensor + 1) for sensor in range(sensor_count)]

@@ -27,7 +27,7 @@ from tam_calibration.nodes.calibration_figures import figures
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, Rows, cloud_writer, layout_of
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 
-_RULES = (
+RULES = (
     ARRAY_FILE,
     FRAME_ID,
     Rule("calibration_file", "", "Calibration YAML that is loaded at the start; a newer one comes over `calibration`."),
@@ -50,7 +50,7 @@ class Corrector(TamNode):
     """
 
     def __init__(self) -> None:
-        super().__init__("corrector", _RULES)
+        super().__init__("corrector", RULES)
         self._array = array_of(self)
         self._calibration: Calibration | None = None
         self._correction: Correction | None = None

@@ -28,7 +28,7 @@ from tam_calibration.nodes.cloud import CloudReader, MessageWriter, cloud_writer
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 
 _FITTED, _NONE = "fitted", "none"
-_RULES = (
+RULES = (
     ARRAY_FILE,
     FRAME_ID,
     Rule("calibration_file", "", "Calibration YAML that is loaded at the start; a newer one comes over `calibration`."),
@@ -83,7 +83,7 @@ class Localizer(TamNode):
     """
 
     def __init__(self) -> None:
-        super().__init__("localizer", _RULES)
+        super().__init__("localizer", RULES)
         self._stated_array = self._array = array_of(self)
         self._calibration: Calibration | None = None
         import_module("scipy.spatial.transform")  # else it would be loaded while the first samples wait

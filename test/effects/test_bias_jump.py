@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.bias_jump import BiasJump, moved_sphere
+from tam_calibration.effects.bias_jump import BiasJump, gross_bias_jump
 from tam_calibration.model.fitted_effect import SCALAR, FittedEffect
 from tam_calibration.model.recording import Recording
 
@@ -91,7 +91,7 @@ def jumped(covariates, start, stop, size=1.0, noise_T=2e-9):
 def test_times_and_offsets_are_found(turning, sensors, stop):
     """A jump for good, and one on and off, are found to some samples in spite of errors of scale."""
     covariates = turning(sensors=sensors)
-    found = moved_sphere(jumped(covariates, 500, stop))
+    found = gross_bias_jump(jumped(covariates, 500, stop))
     assert_allclose(found.shape["time_s"], 24.975, atol=0.2)
     assert ("end_s" in found.shape) == (stop < 1200)
     if stop < 1200:
@@ -103,14 +103,14 @@ def test_times_and_offsets_are_found(turning, sensors, stop):
 def test_without_a_jump_there_is_none(turning):
     """Errors of scale and some outliers are no jump."""
     recording = jumped(turning(sensors=2), 0, 0)
-    assert moved_sphere(recording) is None
+    assert gross_bias_jump(recording) is None
     recording.readings_T[::97] += 20e-6
-    assert moved_sphere(recording) is None
+    assert gross_bias_jump(recording) is None
 
 
 def test_short_records_tell_nothing(turning):
     """Two spheres need samples."""
-    assert moved_sphere(jumped(turning(samples=60, sensors=1), 0, 0)) is None
+    assert gross_bias_jump(jumped(turning(samples=60, sensors=1), 0, 0)) is None
 
 
 def test_the_jump_of_gross_misfits_is_tried_first(turning, left_by):
@@ -127,14 +127,14 @@ def test_the_jump_of_gross_misfits_is_tried_first(turning, left_by):
 def test_a_sphere_lies_through_blocks_of_some_samples(turning, samples, is_told):
     """Three blocks tell a jump, two do not."""
     covariates = turning(samples=samples, step_s=60 / samples, sensors=1)
-    assert (moved_sphere(jumped(covariates, samples // 2, samples)) is not None) == is_told
+    assert (gross_bias_jump(jumped(covariates, samples // 2, samples)) is not None) == is_told
 
 
 @pytest.mark.parametrize(("noise_T", "is_told"), [(3.5e-6, True), (6e-6, False)])
 def test_a_jump_leaves_a_quarter_of_the_squares(turning, noise_T, is_told):
     """Six times less without noise and three times less with more of it: that may be one sphere."""
     recording = jumped(turning(sensors=1), 500, 1200, 0.5, noise_T)
-    assert (moved_sphere(recording) is not None) == is_told
+    assert (gross_bias_jump(recording) is not None) == is_told
 
 
 @pytest.mark.parametrize(("part", "is_gross"), [(0.075, False), (0.14, True)])
@@ -142,14 +142,14 @@ def test_a_jump_of_less_than_a_tenth_of_the_field_is_small(turning, part, is_gro
     """However little noise there is."""
     covariates = turning(sensors=1)
     size = part * covariates.intensity_T[0] / np.linalg.norm(OFFSETS[0])
-    assert (moved_sphere(jumped(covariates, 500, 1200, size)) is not None) == is_gross
+    assert (gross_bias_jump(jumped(covariates, 500, 1200, size)) is not None) == is_gross
 
 
 @pytest.mark.parametrize(("part", "is_gross"), [(0.007, False), (0.014, True)])
 def test_misfits_of_a_hundredth_of_the_field_are_gross(bench, monkeypatch, part, is_gross):
     """Below, sums of small disturbances find all jumps; above, the readings themselves are asked."""
     told = FittedEffect("bias_jump", {"time_s": -1.0}, ())
-    monkeypatch.setattr("tam_calibration.effects.bias_jump.moved_sphere", lambda recording: told)
+    monkeypatch.setattr("tam_calibration.effects.bias_jump.gross_bias_jump", lambda recording: told)
     residuals = bench().residuals()
     size = part * 50e-6 / np.sqrt(np.mean(residuals.row_shift_T**2))
     large = replace(residuals, differential=size * residuals.differential, common_mode=size * residuals.common_mode)

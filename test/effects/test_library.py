@@ -55,11 +55,11 @@ class Tide(LinearEffect):
     def shapes(self, covariates, residuals):
         return ({"period_s": 40.0},)
 
-    def terms(self, situation, shape):
-        tide = np.sin(2 * np.pi * situation.time_s / shape["period_s"])
+    def terms(self, covariates, shape):
+        tide = np.sin(2 * np.pi * covariates.time_s / shape["period_s"])
         return [
-            Term.of_row(situation, row, "tide", [Coefficient("height", "T")], tide[:, None])
-            for row in range(situation.scalar_row)
+            Term.of_row(covariates, row, "tide", [Coefficient("height", "T")], tide[:, None])
+            for row in range(covariates.scalar_row)
         ]
 """
 

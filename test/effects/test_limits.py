@@ -144,7 +144,7 @@ def test_a_size_relative_to_the_field_grows_with_it(turning):
 
 def test_a_value_is_told_in_its_unit():
     """Teslas are told as nanoteslas; what has no unit has none."""
-    assert Limit(1.0, "a book", "T/K").told(12e-9) == "12 nT/K"
-    assert Limit(1.0, "a book", "rad").told(0.5) == "0.5 rad"
+    assert Limit(1.0, "a book", "T/K").with_unit(12e-9) == "12 nT/K"
+    assert Limit(1.0, "a book", "rad").with_unit(0.5) == "0.5 rad"
     assert Limit(1.0, "a book").excess("gain", 1.0) is None
     assert Limit(1.0, "a book").excess("gain", float(np.nextafter(1, 2))) is not None

@@ -9,6 +9,7 @@ from numpy.testing import assert_array_equal
 from tam_calibration.files import bag_sqlite3, read_recording, write_recording
 from tam_calibration.files.bag_storages import STORAGES, RegisteredStorage, storage_of
 from tam_calibration.files.recording_file import is_bag
+from tam_calibration.model.exceptions import InputError
 
 
 class Renamed:
@@ -70,3 +71,10 @@ def test_the_storages_of_ros_are_told_by_their_folders(tmp_path, recording, name
     """As the bag that is written beside a bag has its storage."""
     write_recording(tmp_path / "bag", recording, storage=name)
     assert storage_of(tmp_path / "bag") == name
+
+
+def test_a_storage_that_is_not_registered_is_named(tmp_path, recording):
+    """In one sentence with those that are; nothing is written."""
+    with pytest.raises(InputError, match="storage 'drawer' is not known: choose one of sqlite3, mcap"):
+        write_recording(tmp_path / "bag", recording, "drawer")
+    assert not list(tmp_path.iterdir())

@@ -206,7 +206,7 @@ def test_an_axis_jumps_from_a_hundredth_of_another_on(run, monkeypatch, part, ax
     is_after = made.recording.time_s > 27
     parts = tuple(Contribution(1, axis, "offset", {"offset": 60e-6 * size}) for axis, size in enumerate((1, part)))
     jump = FittedEffect("bias_jump", {"time_s": 27.0}, parts)
-    monkeypatch.setattr(module, "moved_sphere", lambda recording: jump)
+    monkeypatch.setattr(module, "gross_bias_jump", lambda recording: jump)
     jumped = made.with_row(3, 60e-6 * is_after).with_row(4, part * 60e-6 * is_after)
     nominal = Model.nominal(jumped.recording, jumped.array)
     assert {(one.sensor, one.axis) for one in nominal.gross.contributions} == axes

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.linalg import norm
 
-from tam_calibration.effects.bias_jump import BiasJump, moved_sphere
+from tam_calibration.effects.bias_jump import BiasJump, gross_bias_jump
 from tam_calibration.files import read_array, read_recording
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.coloured import sandwich
@@ -56,7 +56,7 @@ def test_a_magnet_on_and_off_is_found_by_attitude_whatever_noise_is_stated(name,
     noise = None if noise_T is None else np.array([noise_T])
     model = Model.nominal(recording, replace(array, vector_noise_T=noise))
     if times is None:
-        by_length = moved_sphere(recording)
+        by_length = gross_bias_jump(recording)
         times = tuple(by_length.shape.values())
         size = [one.values["offset"] for one in by_length.contributions]
     assert model.world is not None
