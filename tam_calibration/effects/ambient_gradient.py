@@ -23,7 +23,15 @@ from tam_calibration.model.units import FloatArray
 
 
 def turned(tensors: FloatArray, attitude: FloatArray) -> FloatArray:
-    """Return tensors (P, 3, 3) of the world as (N, P, 3, 3) in the array frame at attitudes (N, 4)."""
+    """Return tensors (P, 3, 3) of the world as (N, P, 3, 3) in the array frame at attitudes (N, 4).
+
+    Parameters
+    ----------
+    tensors : (P, 3, 3) array
+        P gradients in the world, T/m.
+    attitude : (N, 4) array
+        Quaternions x, y, z, w from the array to the world.
+    """
     from scipy.spatial.transform import Rotation
 
     matrix = Rotation.from_quat(attitude).as_matrix()[:, None]
@@ -32,7 +40,17 @@ def turned(tensors: FloatArray, attitude: FloatArray) -> FloatArray:
 
 
 def gradient_field(gradient_T_per_m: FloatArray, attitude: FloatArray, positions_m: FloatArray) -> FloatArray:
-    """Return what a gradient (3, 3) of the world adds to the field at positions (P, 3) of the array: (N, P, 3), T."""
+    """Return what a gradient (3, 3) of the world adds to the field at positions (P, 3) of the array: (N, P, 3), T.
+
+    Parameters
+    ----------
+    gradient_T_per_m : (3, 3) array
+        Gradient of the ambient field in the world, T/m.
+    attitude : (N, 4) array
+        Quaternions x, y, z, w from the array to the world.
+    positions_m : (P, 3) array
+        Positions in the array frame, metres.
+    """
     tensors = turned(gradient_T_per_m[None], attitude)[:, 0]
     field: FloatArray = np.einsum("nij,pj->npi", tensors, positions_m)
     return field
@@ -130,7 +148,15 @@ class AmbientGradient(LinearEffect):
         return None
 
     def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
-        """Yield the harmonic potentials of degree 2, 3 and 4, by their derivatives in the world at the centre."""
+        """Yield the harmonic potentials of degree 2, 3 and 4, by their derivatives in the world at the centre.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            Not used: this effect has no shape parameters.
+        """
         array = covariates.array
         rotation = np.ascontiguousarray(to_world(covariates).transpose(1, 2, 0))
         places = [

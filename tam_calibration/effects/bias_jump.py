@@ -163,6 +163,13 @@ class BiasJump(LinearEffect):
         """Return the times, and pairs of times, at which jumps of one row or of all explain most, of all samples.
 
         Samples at the end of an axis' range, and spikes that occur with the motion, do not count.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            Of the same N samples.
         """
         if covariates.sample_count < LEAST_SAMPLES:
             return []
@@ -183,7 +190,15 @@ class BiasJump(LinearEffect):
         return {"time_s": -np.inf}
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return an offset of each row from the one time on, until the other where there is one."""
+        """Return an offset of each row from the one time on, until the other where there is one.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``time_s`` of the jump and, where it ends, ``end_s``, seconds.
+        """
         is_off = (covariates.time_s < shape["time_s"]) | (covariates.time_s >= shape.get("end_s", np.inf))
         step = np.where(is_off, 0.0, 1.0)[:, None]
         parts = [Coefficient("offset", "T")]

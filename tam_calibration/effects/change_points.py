@@ -50,6 +50,15 @@ class Path:
         """Return the path of functions (N, P) that change in residuals (N, C), all zero in samples that do not count.
 
         The residuals and the orthonormal basis (N, Q) of the nuisance functions are those of ``without``.
+
+        Parameters
+        ----------
+        left : (N, C) array
+            Residuals, nuisance functions projected out.
+        basis : (N, Q) array
+            Orthonormal basis of the nuisance functions.
+        functions : (N, P) array
+            Functions whose coefficients change.
         """
         return cls(_summed(functions, left), _summed(functions, functions), _summed(basis, functions))
 
@@ -114,7 +123,15 @@ class Path:
 
 
 def without(residual: FloatArray, nuisance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return residuals (N, C) with functions (N, Q) projected out, and an orthonormal basis of these."""
+    """Return residuals (N, C) with functions (N, Q) projected out, and an orthonormal basis of these.
+
+    Parameters
+    ----------
+    residual : (N, C) array
+        Residuals of C channels.
+    nuisance : (N, Q) array
+        Nuisance functions, which may be linearly dependent.
+    """
     value, vector = np.linalg.eigh(nuisance.T @ nuisance)
     kept = value > _PRECISE**2 * value[-1]
     basis = nuisance @ (vector[:, kept] / np.sqrt(value[kept]))

@@ -59,7 +59,15 @@ class Crosstalk(LinearEffect):
         return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return how late it is, where there is continuous motion, and the windows in which an axis bleeds most."""
+        """Return how late it is, where there is continuous motion, and the windows in which an axis bleeds most.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            Of the same N samples.
+        """
         is_continuous = jumps(covariates) is None
         late = [{name: steps * covariates.step_s} for name in _SHAPES for steps in _LATE if is_continuous]
         windows = _windows(covariates, residuals)
@@ -72,7 +80,15 @@ class Crosstalk(LinearEffect):
         return {**late, "on_1_s": -np.inf} if "on_1_s" in shape else None
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return what each axis gets of the late channel: its change, or all of it in windows."""
+        """Return what each axis gets of the late channel: its change, or all of it in windows.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``late_x_s``, ``late_y_s`` or ``late_z_s``, the delay of that channel, and the limits of windows, seconds.
+        """
         name = next((name for name in _SHAPES if name in shape), " or ".join(_SHAPES))
         source = _SHAPES.get(name, 0)
         bled = _change(covariates, source, shape[name])

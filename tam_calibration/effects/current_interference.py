@@ -50,13 +50,29 @@ class CurrentInterference(LinearEffect):
         return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return the field without a lagged part, then with one."""
+        """Return the field without a lagged part, then with one.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            Not used: the lags follow from the time step.
+        """
         assert covariates.current_A is not None
         reference = {"reference_A": float(np.mean(covariates.current_A))}
         return [reference, *({**reference, "time_constant_s": lag * covariates.step_s} for lag in _LAGS)]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return the field of the current at each axis and along the field at the scalar, its second order and lag."""
+        """Return the field of the current at each axis and along the field at the scalar, its second order and lag.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``reference_A``, ampere, and with a lagged part ``time_constant_s``, seconds.
+        """
         assert covariates.current_A is not None
         current = covariates.current_A - shape["reference_A"]
         features = [("field", "T/A", current[:, None]), ("quadratic", "T/A²", current[:, None] ** 2)]

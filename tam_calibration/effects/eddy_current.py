@@ -59,6 +59,13 @@ class EddyCurrent(LinearEffect):
         """Return time constants from part of a step of time to seconds.
 
         Currents that decay more slowly than the field turns change the scale factor, and a lag of it is a slow drift.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            Not used: the constants follow from the motion.
         """
         shortest = _SHORTEST * covariates.step_s
         change = np.diff(covariates.field_T, axis=0)
@@ -69,7 +76,15 @@ class EddyCurrent(LinearEffect):
         return [{"time_constant_s": float(constant)} for constant in np.geomspace(shortest, longest, _COUNT)]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return what each sensor gets of the currents, and of a second mode that decays more slowly."""
+        """Return what each sensor gets of the currents, and of a second mode that decays more slowly.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``time_constant_s`` of the first mode, seconds.
+        """
         constant = shape["time_constant_s"]
         columns = np.arange(9)
         terms = []

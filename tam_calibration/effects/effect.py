@@ -63,7 +63,15 @@ class Limit:
         return number if self.unit == "1" else f"{number} {'n' * is_field}{self.unit}"
 
     def excess(self, name: str, value: float) -> str | None:
-        """Return that a value of some name is larger than any in nature, in one clause; None where it is not."""
+        """Return that a value of some name is larger than any in nature, in one clause; None where it is not.
+
+        Parameters
+        ----------
+        name : str
+            Name of the value as in the clause.
+        value : float
+            In SI units; its sign does not count.
+        """
         if abs(value) <= self.largest:
             return None
         size, known = self.with_unit(value), self.with_unit(self.largest)
@@ -167,11 +175,27 @@ class Effect(ABC):
     output_stage: ClassVar[int] = 0
 
     def oversize(self, covariates: Covariates, fitted: FittedEffect) -> str | None:
-        """Return which value of a fitted effect is larger than any in nature, in one clause; None where none is."""
+        """Return which value of a fitted effect is larger than any in nature, in one clause; None where none is.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        fitted : FittedEffect
+            Its values are compared with ``limits``.
+        """
         return next((sized.excess for sized in self.sizes(covariates, fitted) if sized.excess), None)
 
     def sizes(self, covariates: Covariates, fitted: FittedEffect) -> list[Sized]:
-        """Return the sizes of a fitted effect of which nature has a largest one."""
+        """Return the sizes of a fitted effect of which nature has a largest one.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        fitted : FittedEffect
+            Its values are compared with ``limits``.
+        """
         largest: dict[str, Sized] = {}
         for one in fitted.contributions:
             for name, value in one.values.items():
@@ -188,7 +212,19 @@ class Effect(ABC):
     def add(
         self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
     ) -> FloatArray:
-        """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
+        """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
+
+        Parameters
+        ----------
+        rows_T : (N, 3K + 1) array
+            Readings of K sensors, and the scalar reading, without the effect, tesla.
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        fitted : FittedEffect
+            Where the effect acts, and its numbers.
+        generator : numpy.random.Generator
+            Source of the random numbers.
+        """
 
 
 class LinearEffect(Effect):
@@ -239,7 +275,15 @@ class LinearEffect(Effect):
     largest_signal: ClassVar[Limit | None] = None
 
     def sizes(self, covariates: Covariates, fitted: FittedEffect) -> list[Sized]:
-        """Return the sizes of a fitted effect, values and the whole, of which nature has a largest one."""
+        """Return the sizes of a fitted effect, values and the whole, of which nature has a largest one.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        fitted : FittedEffect
+            Its values are compared with ``limits``, its signal with ``largest_signal``.
+        """
         sizes = super().sizes(covariates, fitted)
         if self.largest_signal is None:
             return sizes
@@ -254,7 +298,15 @@ class LinearEffect(Effect):
         return other in self.limit_of or other in self.nearly_within
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return the shapes to try; by default the one without parameters."""
+        """Return the shapes to try; by default the one without parameters.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            In which the effect is searched.
+        """
         return ({},)
 
     def always(self, shape: Shape) -> Shape | None:
@@ -262,15 +314,38 @@ class LinearEffect(Effect):
         return None
 
     def is_same(self, shape: Shape, other: Shape, covariates: Covariates) -> bool:
-        """Whether a recording does not tell two shapes apart, so that they are one cause; by default it does."""
+        """Whether a recording does not tell two shapes apart, so that they are one cause; by default it does.
+
+        Parameters
+        ----------
+        shape, other : Shape
+            Parameters of two shapes by name, SI units.
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        """
         return False
 
     @abstractmethod
     def terms(self, covariates: Covariates, shape: Shape) -> Iterable[Term]:
-        """Return all that the effect could add, at all sensors that it could act on; once, and in the same order."""
+        """Return all that the effect could add, at all sensors that it could act on; once, and in the same order.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            Parameters of the shape by name, SI units, as ``shapes`` returns them.
+        """
 
     def signal(self, covariates: Covariates, fitted: FittedEffect) -> FloatArray:
         """Return what the effect adds to the rows, (N, 3K + 1), tesla.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        fitted : FittedEffect
+            Shape and coefficients of the effect.
 
         Raises
         ------
@@ -292,7 +367,19 @@ class LinearEffect(Effect):
     def add(
         self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
     ) -> FloatArray:
-        """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
+        """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
+
+        Parameters
+        ----------
+        rows_T : (N, 3K + 1) array
+            Readings of K sensors, and the scalar reading, without the effect, tesla.
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        fitted : FittedEffect
+            Where the effect acts, and its numbers.
+        generator : numpy.random.Generator
+            Not used: the effect is not random.
+        """
         return rows_T + self.signal(covariates, fitted)
 
 

@@ -104,7 +104,15 @@ class ChannelMoments:
         return self.channel_count * float(np.log(self.energy / self.channel_count)) + self.channel_count
 
     def profile(self, rows: tuple[int, ...], part: FloatArray) -> tuple[float, float]:
-        """Return minus twice the log likelihood with excess of rows, relative to the floor, and the floor s²."""
+        """Return minus twice the log likelihood with excess of rows, relative to the floor, and the floor s².
+
+        Parameters
+        ----------
+        rows : tuple of int
+            J rows with excess noise.
+        part : (J,) array
+            Excess variance of each row over the floor s², T².
+        """
         chosen = np.ix_(range(len(self.count)), rows, rows)
         root = np.sqrt(part)
         gram = root[:, None] * self.gram[chosen] * root
@@ -156,7 +164,15 @@ class Excess:
 
 
 def best_excess(moments: ChannelMoments, covariates: Covariates) -> Excess | None:
-    """Return the excess with the best BIC among all places, None where none has any."""
+    """Return the excess with the best BIC among all places, None where none has any.
+
+    Parameters
+    ----------
+    moments : ChannelMoments
+        Second moments of the whitened residuals.
+    covariates : Covariates
+        Number of sensors, and the noise that the array states.
+    """
     stated = _stated_variance(covariates)
     single = np.array([_scaled(moments, (row,), np.ones(1))[0] for row in range(moments.row_count)])
     best, best_bic = None, 0.0

@@ -39,7 +39,15 @@ class Flexure(LinearEffect):
         return None
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return the nine elements of C of each sensor."""
+        """Return the nine elements of C of each sensor.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            Not used: this effect has no shape parameters.
+        """
         up, field = upwards(covariates), covariates.field_T
         terms = []
         for sensor, matrix in enumerate(covariates.errors.matrix):

@@ -61,6 +61,13 @@ class GainSwitching(LinearEffect):
         """Return the windows of the axis in which two states explain most, or the thresholds that make them.
 
         None where as much follows from the samples around each: what changes slowly is no switching.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            Of the same N samples.
         """
         if covariates.sample_count < LEAST_SAMPLES:
             return []
@@ -73,7 +80,15 @@ class GainSwitching(LinearEffect):
         return {"on_1_s": -np.inf} if "on_1_s" in shape else None
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return the change of each axis' gain, by which the bias is amplified too."""
+        """Return the change of each axis' gain, by which the bias is amplified too.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            Thresholds of the size of the reading, tesla, or the limits of windows, seconds.
+        """
         states = _states(covariates, shape)
         amplified = np.where(states, covariates.sensed_T + covariates.errors.bias_T.ravel(), 0.0)
         return [

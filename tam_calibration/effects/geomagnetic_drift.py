@@ -55,18 +55,42 @@ class GeomagneticDrift(LinearEffect):
         return None
 
     def sizes(self, covariates: Covariates, fitted: FittedEffect) -> list[Sized]:
-        """Return how fast the drift is beside the fastest storm: the root of the mean square of its rate."""
+        """Return how fast the drift is beside the fastest storm: the root of the mean square of its rate.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        fitted : FittedEffect
+            Coefficients of the drift on the scalar row.
+        """
         drift = self.signal(covariates, fitted)[:, -1]
         rate = np.diff(drift) / np.diff(covariates.time_s)
         return [Sized(_RATE, float(np.sqrt(np.mean(rate**2))), _STORM)] if len(rate) else []
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return the span of time of the recording."""
+        """Return the span of time of the recording.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            Not used: the span follows from the times.
+        """
         start, stop = float(covariates.time_s[0]), float(covariates.time_s[-1])
         return ({"start_s": start, "span_s": stop - start},)
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return Legendre polynomials of time, held at their last value outside the span."""
+        """Return Legendre polynomials of time, held at their last value outside the span.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``start_s`` and ``span_s``, over which the polynomials are defined, seconds.
+        """
         phase = np.clip(2 * (covariates.time_s - shape["start_s"]) / shape["span_s"] - 1, -1, 1)
         functions = legvander(phase, ORDERS[-1][1])
         row = covariates.scalar_row

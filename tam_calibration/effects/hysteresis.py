@@ -72,7 +72,15 @@ class Hysteresis(LinearEffect):
         return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return the largest field as the full scale, alone and with directions of soft iron."""
+        """Return the largest field as the full scale, alone and with directions of soft iron.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            Not used: the grid is fixed.
+        """
         scale = full_scale(covariates)
         shapes: list[Shape] = [{"full_scale_T": scale}]
         for x, y, z in _DIRECTIONS.tolist():
@@ -81,7 +89,15 @@ class Hysteresis(LinearEffect):
         return shapes
 
     def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
-        """Yield loops of each axis in its own field, or in the field along a direction of the array."""
+        """Yield loops of each axis in its own field, or in the field along a direction of the array.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``full_scale_T``, tesla; for soft iron its direction too, ``azimuth_rad`` and ``elevation_rad``, array frame.
+        """
         scale = shape["full_scale_T"]
         drives = covariates.sensed_T
         if "azimuth_rad" in shape:
@@ -105,7 +121,17 @@ def _loops(scale: float, drive: FloatArray, plays: FloatArray, rounded: Sequence
 
 
 def rounded_loop(drive: FloatArray, width: float, memory: Memory | None = None) -> FloatArray:
-    """Return x (N, R) of dx = ds - |ds| x / width for drives s (N, R), from rest at zero (Dahl's model of friction)."""
+    """Return x (N, R) of dx = ds - |ds| x / width for drives s (N, R), from rest at zero (Dahl's model of friction).
+
+    Parameters
+    ----------
+    drive : (N, R) array
+        Field that drives each of R loops, tesla.
+    width : float
+        Path of the drive over which a loop settles, tesla.
+    memory : Memory, optional
+        State after the previous batch of samples; by default the loops start from rest.
+    """
     before = None if memory is None else memory.recall()
     path, state = (drive[:1], np.zeros(drive.shape[1])) if before is None else before
     change = np.diff(np.concatenate([path, drive]), axis=0)
@@ -124,6 +150,15 @@ def play(drive: FloatArray, widths: FloatArray, memory: Memory | None = None) ->
     p_n = min(s_n + w, max(s_n - w, p_{n-1})). Such steps in a row are one step of the same kind, so that blocks of
     samples are worked through side by side: first from the extremes, which tells what each makes of any state before,
     then what all blocks up to each make of the first, by doubling their reach.
+
+    Parameters
+    ----------
+    drive : (N, R) array
+        Field that pushes the operators, tesla.
+    widths : (W,) array
+        Half-widths w, tesla.
+    memory : Memory, optional
+        State after the previous batch of samples; by default the operators start from rest.
     """
     count = len(drive)
     length = max(int(np.cbrt(count)), 1)

@@ -59,7 +59,19 @@ class InterpolatedSamples(FoundEffect):
     def add(
         self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
     ) -> FloatArray:
-        """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
+        """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
+
+        Parameters
+        ----------
+        rows_T : (N, 3K + 1) array
+            Readings of K sensors, and the scalar reading, without the effect, tesla.
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        fitted : FittedEffect
+            Where the effect acts, and its numbers.
+        generator : numpy.random.Generator
+            Source of the random numbers.
+        """
         rows, count = rows_T.copy(), covariates.sample_count
         for part in fitted.contributions:
             burst = max(1, round(part.values["burst"]))

@@ -61,7 +61,17 @@ _FIELD_T = 5e-5
 
 
 def units_of(fitted: FittedEffect, errors: SensorErrors, array: Array) -> dict[str, str]:
-    """Return the SI unit of each coefficient and parameter of the shape, by name."""
+    """Return the SI unit of each coefficient and parameter of the shape, by name.
+
+    Parameters
+    ----------
+    fitted : FittedEffect
+        Its name and shape select the terms.
+    errors : SensorErrors
+        Calibration of the K sensors.
+    array : Array
+        Positions of the K sensors and of the scalar magnetometer.
+    """
     effect = effect_named(fitted.effect)
     if not isinstance(effect, LinearEffect):
         units: dict[str, str] = dict(getattr(effect, "units", {}))
@@ -72,6 +82,15 @@ def units_of(fitted: FittedEffect, errors: SensorErrors, array: Array) -> dict[s
 
 def check_numbers(fitted: FittedEffect, errors: SensorErrors, array: Array) -> None:
     """Check that an effect has what its numbers are of.
+
+    Parameters
+    ----------
+    fitted : FittedEffect
+        Name, shape and contributions to check.
+    errors : SensorErrors
+        Calibration of the K sensors.
+    array : Array
+        Positions of the K sensors and of the scalar magnetometer.
 
     Raises
     ------

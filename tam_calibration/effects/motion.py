@@ -17,7 +17,15 @@ MOST_NEIGHBOURS = 20_000
 
 
 def sum_around(values: FloatArray, span: int) -> FloatArray:
-    """Return the sums (N, ...) of values (N, ...) over span samples on either side, without the sample itself."""
+    """Return the sums (N, ...) of values (N, ...) over span samples on either side, without the sample itself.
+
+    Parameters
+    ----------
+    values : (N, ...) array
+        Values of N samples; beyond the ends they count as zero.
+    span : int
+        Number of samples on either side.
+    """
     padding = [(span + 1, span), *[(0, 0)] * (values.ndim - 1)]
     total = np.cumsum(np.pad(values, padding), axis=0)
     around: FloatArray = total[2 * span + 1 :] - total[: -2 * span - 1] - values
@@ -124,7 +132,15 @@ Statistic = Callable[[NDArray[np.intp]], float]
 
 
 def is_chance(statistic: Statistic, rate: FloatArray) -> bool:
-    """Return whether any permutation among samples of similar rate (N,) reaches the statistic."""
+    """Return whether any permutation among samples of similar rate (N,) reaches the statistic.
+
+    Parameters
+    ----------
+    statistic : callable
+        Test statistic of a permutation (N,) of the samples; large where a law holds.
+    rate : (N,) array
+        Rate of change of the expected reading, T/s; only the order of the samples by it matters.
+    """
     generator, dealt = np.random.default_rng(0), np.arange(len(rate))
     size = min(_PERMUTED, len(rate))
     blocks = np.argsort(rate)[len(rate) % size :].reshape(-1, size)  # without a few of the slowest

@@ -44,11 +44,27 @@ class Nonlinearity(LinearEffect):
         return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return the largest field as the full scale."""
+        """Return the largest field as the full scale.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            Not used: the full scale follows from the field.
+        """
         return ({"full_scale_T": full_scale(covariates)},)
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return Legendre polynomials of degree 2 to 9 of the field along each axis."""
+        """Return Legendre polynomials of degree 2 to 9 of the field along each axis.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``full_scale_T``, the field that the polynomials are scaled by, tesla.
+        """
         terms = []
         for row in range(covariates.scalar_row):
             curves = legvander(covariates.sensed_T[:, row] / shape["full_scale_T"], 9)

@@ -42,7 +42,15 @@ class AgainstOthers:
 
     @classmethod
     def of(cls, residuals: WhitenedResiduals, sensor: int) -> "AgainstOthers":
-        """Return one sensor against the others, of which there must be one at least."""
+        """Return one sensor against the others, of which there must be one at least.
+
+        Parameters
+        ----------
+        residuals : WhitenedResiduals
+            Of all sensors.
+        sensor : int
+            Index of the one that is compared.
+        """
         own = residuals.directions[3 * sensor : 3 * sensor + 3]
         information = ridged(own @ own.T)
         beyond = np.linalg.solve(information, own @ residuals.differential.T).T

@@ -69,7 +69,19 @@ class Outliers(FoundEffect):
     def add(
         self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
     ) -> FloatArray:
-        """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
+        """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
+
+        Parameters
+        ----------
+        rows_T : (N, 3K + 1) array
+            Readings of K sensors, and the scalar reading, without the effect, tesla.
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        fitted : FittedEffect
+            Where the effect acts, and its numbers.
+        generator : numpy.random.Generator
+            Source of the random numbers.
+        """
         rows, count = rows_T.copy(), covariates.sample_count
         for part in fitted.contributions:
             burst = max(1, round(part.values.get("burst", 1.0)))
@@ -116,7 +128,15 @@ def _best_place(residuals: WhitenedResiduals, spikes: Spikes, floor: float) -> t
 
 
 def position_nats(sample_count: int, chosen: int) -> float:
-    """Return ln C(N, k), the code length of the flagged samples, in nats."""
+    """Return ln C(N, k), the code length of the flagged samples, in nats.
+
+    Parameters
+    ----------
+    sample_count : int
+        Number of samples N.
+    chosen : int
+        Number of flagged samples k.
+    """
     from scipy.special import gammaln
 
     return float(gammaln(sample_count + 1) - gammaln(chosen + 1) - gammaln(sample_count - chosen + 1))

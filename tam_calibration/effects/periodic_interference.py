@@ -70,19 +70,43 @@ class PeriodicInterference(LinearEffect):
         return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return the frequencies of the strongest lines above the band of the motion and of drifts."""
+        """Return the frequencies of the strongest lines above the band of the motion and of drifts.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            Of the same N samples.
+        """
         if covariates.sample_count <= 2 * _LEAST_PERIODS:
             return []
         start = float(covariates.time_s[0])
         return [{"frequency_hz": frequency, "start_s": start} for frequency in _lines(residuals)]
 
     def is_same(self, shape: Shape, other: Shape, covariates: Covariates) -> bool:
-        """Whether two frequencies lie within the width of a line: a tone that trembles is one."""
+        """Whether two frequencies lie within the width of a line: a tone that trembles is one.
+
+        Parameters
+        ----------
+        shape, other : Shape
+            Each with ``frequency_hz``, hertz.
+        covariates : Covariates
+            Their times state the duration, hence the width of a line.
+        """
         apart = abs(shape["frequency_hz"] - other["frequency_hz"])
         return apart * float(np.ptp(covariates.time_s)) < SAME_LINE
 
     def sizes(self, covariates: Covariates, fitted: FittedEffect) -> list[Sized]:
-        """Return the amplitudes, and that of the harmonics beside that of the line."""
+        """Return the amplitudes, and that of the harmonics beside that of the line.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        fitted : FittedEffect
+            Amplitudes of the line and its harmonics.
+        """
         squares = {"line": 0.0, "harmonics": 0.0}
         for one in fitted.contributions:
             squares[one.term] += sum(value**2 for value in one.values.values())
@@ -90,7 +114,15 @@ class PeriodicInterference(LinearEffect):
         return [*super().sizes(covariates, fitted), Sized(_OVERTONES, ratio, _DISTORTION)]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return cosine and sine on each row, and those of the second and third harmonic."""
+        """Return cosine and sine on each row, and those of the second and third harmonic.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``frequency_hz``, hertz, and ``start_s``, the time of phase zero, seconds.
+        """
         phase = 2 * np.pi * shape["frequency_hz"] * (covariates.time_s - shape["start_s"])
         terms = []
         for name, orders in (("line", (1,)), ("harmonics", (2, 3))):

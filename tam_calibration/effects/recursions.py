@@ -38,6 +38,17 @@ def lagged(drive: FloatArray, time_s: FloatArray, time_constant_s: float, memory
 
     The lag is settled at the first sample, or goes on from where it stood in its memory; sample n depends on none
     after it.
+
+    Parameters
+    ----------
+    drive : (N,) or (N, C) array
+        Quantity that is lagged, in any unit.
+    time_s : (N,) array
+        Increasing times, seconds.
+    time_constant_s : float
+        Of the lag, seconds; where it is not positive there is no lag.
+    memory : Memory, optional
+        State after the previous batch of samples.
     """
     if time_constant_s <= 0:
         return drive.copy()
@@ -65,6 +76,17 @@ def lagged_smooth(drive: FloatArray, rate: FloatArray, time_s: FloatArray, time_
     """Return a drive (N, C) with known rates of change after a first-order lag, exact for cubics between samples.
 
     Right for time constants below the step of time too, which ``lagged`` takes for a lag of half a step.
+
+    Parameters
+    ----------
+    drive : (N, C) array
+        Quantity that is lagged, in any unit.
+    rate : (N, C) array
+        Its time derivative, per second.
+    time_s : (N,) array
+        Increasing times, seconds.
+    time_constant_s : float
+        Of the lag, seconds; where it is not positive there is no lag.
     """
     if time_constant_s <= 0 or len(drive) < 2:
         return drive.copy()
@@ -75,6 +97,17 @@ def mode(drive: FloatArray, rate: FloatArray, time_s: FloatArray, tau: complex) 
     """Return x (N, C) of x' = (drive - x) / τ, settled at first, exact for cubics between samples.
 
     A complex time constant, of positive real part, is that of an oscillation.
+
+    Parameters
+    ----------
+    drive : (N, C) array
+        Quantity that drives the mode, in any unit.
+    rate : (N, C) array
+        Its time derivative, per second.
+    time_s : (N,) array
+        Increasing times, seconds.
+    tau : complex
+        Time constant τ, seconds.
     """
     step = np.diff(time_s)[:, None]
     slope = np.diff(drive, axis=0) / step
@@ -92,6 +125,15 @@ def follow(end: NDArray[Any], start: NDArray[Any], initial: NDArray[Any], ratio:
     """Return x (N, C) of x_n = end_n + exp(-ratio_n) (x_{n-1} - start_n), by doubling the reach of each sample.
 
     Ends and starts are (N - 1, C), of the samples after the first; ratios the same or (N - 1, 1).
+
+    Parameters
+    ----------
+    end, start : (N - 1, C) array
+        Particular solution at the end and at the start of each step.
+    initial : (C,) array
+        State x at the first sample.
+    ratio : (N - 1, C) or (N - 1, 1) array
+        Exponent of the decay in each step; its real part is not negative.
     """
     decay = np.exp(-ratio)
     factor = np.concatenate([np.zeros_like(decay[:1]), decay]) if len(decay) else np.zeros((1, 1))

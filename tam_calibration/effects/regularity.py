@@ -25,7 +25,15 @@ _BANDS = 40
 
 
 def objection_to(residuals: WhitenedResiduals, excess: Excess) -> str | None:
-    """Return in one clause which regularity excludes noise as the cause of an excess, or None."""
+    """Return in one clause which regularity excludes noise as the cause of an excess, or None.
+
+    Parameters
+    ----------
+    residuals : WhitenedResiduals
+        Residuals with the excess in them.
+    excess : Excess
+        Its row of largest excess variance is tested.
+    """
     counted = residuals.is_counted
     largest = int(np.argmax(excess.part))
     row = excess.place.rows[largest]

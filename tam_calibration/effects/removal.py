@@ -97,6 +97,17 @@ def added_to(
 
     Holes in its channels are filled as in ``filled``.
 
+    Parameters
+    ----------
+    recording : Recording
+        N samples of K sensors, with the channels that the effects need.
+    effects : sequence of FittedEffect
+        Linear effects.
+    errors : SensorErrors
+        Of the calibration that the effects were fitted with.
+    array : KnownNoiseArray
+        Positions and noise of the sensors.
+
     Raises
     ------
     InputError
@@ -197,6 +208,17 @@ def agreed_field(
     """Return the least-squares field (N, 3) of readings (N, K, 3), each weighted by its noise, tesla.
 
     Axes that are not trusted (3K,) do not count.
+
+    Parameters
+    ----------
+    readings_T : (N, K, 3) array
+        Readings of K sensors, tesla.
+    errors : SensorErrors
+        Bias and matrix of each sensor.
+    array : KnownNoiseArray
+        Noise of the sensors.
+    is_trusted : (3K,) array of bool, optional
+        Axes that count; by default all.
     """
     unbiased = (readings_T - errors.bias_T).reshape(len(readings_T), -1)
     weight = np.where(True if is_trusted is None else is_trusted, 1 / np.repeat(array.vector_noise_T, 3), 0.0)

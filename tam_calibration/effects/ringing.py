@@ -53,7 +53,15 @@ class Ringing(LinearEffect):
     }
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return frequencies from above that of the motion to half the sampling rate, with little and much damping."""
+        """Return frequencies from above that of the motion to half the sampling rate, with little and much damping.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            Not used: the frequencies follow from the motion.
+        """
         highest = 0.5 / covariates.step_s
         lowest = {"tail_hz": _LOWEST_TAIL / covariates.step_s}
         if jumps(covariates) is None:
@@ -66,7 +74,15 @@ class Ringing(LinearEffect):
         ]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return the response of a sensor and of a single axis, each with a delay, or the tails of its jumps."""
+        """Return the response of a sensor and of a single axis, each with a delay, or the tails of its jumps.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``frequency_hz`` of the filter or ``tail_hz`` of the tails, hertz, and the ratio ``damping``.
+        """
         matrix = covariates.errors.matrix.reshape(-1, 3)
         if "tail_hz" in shape:
             tail = _tail(covariates, shape["tail_hz"], shape["damping"]) @ matrix.T

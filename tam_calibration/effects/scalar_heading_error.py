@@ -77,11 +77,27 @@ class ScalarHeadingError(LinearEffect):
         return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return any function of the direction, and functions of the angle to the axes that explain most."""
+        """Return any function of the direction, and functions of the angle to the axes that explain most.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Not used: the residuals hold the same.
+        residuals : WhitenedResiduals
+            Of the same N samples.
+        """
         return [{}, *({"azimuth_rad": azimuth, "elevation_rad": elevation} for azimuth, elevation in _axes(residuals))]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return spherical harmonics of degrees 3 to 6, or Legendre polynomials about an axis of degrees 3 to 12."""
+        """Return spherical harmonics of degrees 3 to 6, or Legendre polynomials about an axis of degrees 3 to 12.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            Empty, or ``azimuth_rad``, ``elevation_rad`` of an axis in the array frame, rad.
+        """
         direction = covariates.field_T / covariates.intensity_T[:, None]
         row = covariates.scalar_row
         if "azimuth_rad" in shape:

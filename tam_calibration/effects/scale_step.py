@@ -70,6 +70,13 @@ class ScaleStep(LinearEffect):
         """Return the times at which a step, and a pair of steps, of one axis and of a sensor explain most.
 
         None where it explains no more than chance beside polynomials of time.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            Of the same N samples.
         """
         if covariates.sample_count < LEAST_SAMPLES:
             return []
@@ -95,6 +102,13 @@ class ScaleStep(LinearEffect):
         """Return from the one time on a scale and a tilt of each axis and a turn of each sensor.
 
         The axes' scales and tilts together are any change of the response; what changes a scale amplifies the bias too.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``time_s`` of the step and, where it ends, ``end_s``, seconds.
         """
         since = (covariates.time_s >= shape["time_s"]) & (covariates.time_s < shape.get("end_s", np.inf))
         field = np.where(since[:, None], covariates.field_T, 0.0)

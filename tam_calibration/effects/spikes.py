@@ -96,6 +96,13 @@ def come_with_motion(residuals: WhitenedResiduals, spikes: Spikes) -> bool:
 
     By Fisher's method: the sum of the logarithms of the parts of the record in which a row changes as much, or as
     little. A single spike may show the former, only several the latter.
+
+    Parameters
+    ----------
+    residuals : WhitenedResiduals
+        In which the spikes were found.
+    spikes : Spikes
+        Their samples, and the row of each.
     """
     from scipy.stats import combine_pvalues, norm
 

@@ -70,7 +70,15 @@ class Switching:
 
 
 def in_windows(covariates: Covariates, shape: Shape) -> NDArray[np.bool_]:
-    """Return whether each sample (N,) is in a window of a shape."""
+    """Return whether each sample (N,) is in a window of a shape.
+
+    Parameters
+    ----------
+    covariates : Covariates
+        Times of the N samples.
+    shape : Shape
+        ``on_1_s``, ``off_1_s``, ``on_2_s``, ...: limits of the windows, seconds; a last one without ``off`` has no end.
+    """
     is_in = np.zeros(covariates.sample_count, dtype=bool)
     for number in range(1, _MOST_WINDOWS + 1):
         if f"on_{number}_s" not in shape:
@@ -99,7 +107,17 @@ class Level:
 
     @classmethod
     def of_row(cls, residuals: WhitenedResiduals, row: int, function: FloatArray) -> "Level":
-        """Return the level of a function (N,) in a row, beside the row's calibration."""
+        """Return the level of a function (N,) in a row, beside the row's calibration.
+
+        Parameters
+        ----------
+        residuals : WhitenedResiduals
+            Of N samples.
+        row : int
+            Index of the row.
+        function : (N,) array
+            Function that the level multiplies, tesla per unit of the level.
+        """
         direction = residuals.covariates.field_T / residuals.covariates.intensity_T[:, None]
         information = np.where(residuals.is_counted, residuals.row_information[:, row], 0.0)
         held = np.column_stack([np.ones(len(function)), direction])

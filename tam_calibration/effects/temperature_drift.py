@@ -75,7 +75,15 @@ class TemperatureDrift(LinearEffect):
         return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return lags from none to a third of the record, of one layer and of two alike."""
+        """Return lags from none to a third of the record, of one layer and of two alike.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            Not used: the lags follow from the duration.
+        """
         assert covariates.temperature_C is not None
         span = float(covariates.time_s[-1] - covariates.time_s[0])
         reference = {"reference_C": float(np.mean(covariates.temperature_C))}
@@ -87,7 +95,15 @@ class TemperatureDrift(LinearEffect):
         return [{"time_constant_s": 0.0} | reference, *(lag | reference | start for lag in lags)]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return drifts of offset and scale, the second order of the offset, and how the start settles."""
+        """Return drifts of offset and scale, the second order of the offset, and how the start settles.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``time_constant_s`` and ``start_s``, seconds, ``reference_C``, °C, and ``inner_share``, part of the lag.
+        """
         assert covariates.temperature_C is not None
         inner = shape.get("inner_share", 0.0) * shape["time_constant_s"]
         outer = shape["time_constant_s"] - inner

@@ -128,7 +128,15 @@ def everywhere(sensor_count: int) -> Place:
 
 
 def rows_of(part: Contribution, covariates: Covariates) -> list[int]:
-    """Return the rows on which a contribution acts."""
+    """Return the rows on which a contribution acts.
+
+    Parameters
+    ----------
+    part : Contribution
+        Its sensor and axis are used.
+    covariates : Covariates
+        Tell the number of sensors.
+    """
     if part.sensor == SCALAR:
         return [covariates.scalar_row]
     sensors = range(covariates.sensor_count) if part.sensor == ALL else [part.sensor]
@@ -149,7 +157,17 @@ def row_deviations(residuals: WhitenedResiduals) -> FloatArray:
 
 
 def explained_energy(residuals: WhitenedResiduals, samples: np.ndarray, place: Place) -> FloatArray:
-    """Return the energy of chosen samples that shifts of the rows of a place explain."""
+    """Return the energy of chosen samples that shifts of the rows of a place explain.
+
+    Parameters
+    ----------
+    residuals : WhitenedResiduals
+        Of all samples.
+    samples : (S,) array of int
+        Indices of the chosen samples.
+    place : Place
+        Rows that are shifted, in each sample by its own amounts.
+    """
     rows = np.array(place.rows)
     slope = residuals.row_slope[np.ix_(samples, rows)] * np.isfinite(residuals.common_mode[samples])[:, None]
     differential = np.vstack([residuals.directions, np.zeros((1, residuals.directions.shape[1]))])[rows]
@@ -208,7 +226,21 @@ class Term:
     def of_row(
         cls, covariates: Covariates, row: int, name: str, coefficients: Sequence[Coefficient], features: FloatArray
     ) -> "Term":
-        """Make the term of one row whose coefficients have a feature each, (N, P)."""
+        """Make the term of one row whose coefficients have a feature each, (N, P).
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Tell which row is the scalar magnetometer's.
+        row : int
+            Row of a sample: 3 i + a for axis a of sensor i, or the last for the scalar.
+        name : str
+            Name of the term.
+        coefficients : sequence of Coefficient
+            P of them.
+        features : (N, P) array
+            Regressor of each coefficient, tesla per unit of the coefficient.
+        """
         sensor, axis = (SCALAR, None) if row == covariates.scalar_row else divmod(row, 3)
         return cls(sensor, axis, name, tuple(coefficients), features, *_of_row(row, len(coefficients)))
 
@@ -218,7 +250,15 @@ class Term:
         return self.sensor, self.axis, self.name
 
     def signal(self, values: FloatArray, row_count: int) -> FloatArray:
-        """Return what coefficients (P,) add to the rows, (N, row_count), tesla."""
+        """Return what coefficients (P,) add to the rows, (N, row_count), tesla.
+
+        Parameters
+        ----------
+        values : (P,) array
+            Coefficients in their SI units.
+        row_count : int
+            Number of rows, 3K + 1.
+        """
         added = np.zeros((len(self.features), row_count))
         for atom, (row, column) in enumerate(zip(self.rows, self.columns, strict=True)):
             added[:, row] += values[column] * self.features[:, atom]
@@ -226,14 +266,30 @@ class Term:
 
 
 def chosen(terms: Iterable[Term], keys: Sequence[Key]) -> list[Term]:
-    """Return those of an effect's terms that have some keys, in the order of these."""
+    """Return those of an effect's terms that have some keys, in the order of these.
+
+    Parameters
+    ----------
+    terms : iterable of Term
+        All terms of an effect.
+    keys : sequence of tuple
+        Sensor, axis and name of each term to return; all must exist.
+    """
     wanted = set(keys)
     found = {term.key: term for term in terms if term.key in wanted}
     return [found[key] for key in keys]
 
 
 def thinned(terms: Iterable[Term], stride: int) -> Iterator[Term]:
-    """Yield terms at every stride-th sample; terms that share features still share them."""
+    """Yield terms at every stride-th sample; terms that share features still share them.
+
+    Parameters
+    ----------
+    terms : iterable of Term
+        Terms with features at all samples.
+    stride : int
+        Distance of the samples that are kept.
+    """
     known: dict[int, tuple[ref[FloatArray], FloatArray]] = {}
     for term in terms:
         whole, own = known.get(id(term.features), (None, term.features))

@@ -43,7 +43,15 @@ class TimeSkew(LinearEffect):
         return jumps(covariates)
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return delays of a sensor, of a single axis and of the scalar magnetometer."""
+        """Return delays of a sensor, of a single axis and of the scalar magnetometer.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            Not used: this effect has no shape parameters.
+        """
         field_rate = rates(covariates)
         late = -field_rate @ covariates.errors.matrix.reshape(-1, 3).T
         terms = []

@@ -82,7 +82,19 @@ class TimingJitter(FoundEffect):
     def add(
         self, rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
     ) -> FloatArray:
-        """Return simulated rows (N, 3K + 1) with the effect in them, tesla."""
+        """Return simulated rows (N, 3K + 1) with the effect in them, tesla.
+
+        Parameters
+        ----------
+        rows_T : (N, 3K + 1) array
+            Readings of K sensors, and the scalar reading, without the effect, tesla.
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        fitted : FittedEffect
+            Where the effect acts, and its numbers.
+        generator : numpy.random.Generator
+            Source of the random numbers.
+        """
         rows, changing = rows_T.copy(), rates(covariates) @ covariates.errors.matrix.reshape(-1, 3).T
         for part in fitted.contributions:
             own = slice(3 * part.sensor, 3 * part.sensor + 3)
