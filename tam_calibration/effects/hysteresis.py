@@ -79,7 +79,7 @@ class Hysteresis(LinearEffect):
         covariates : Covariates
             Time, field in the array frame and recorded channels of the N samples.
         residuals : WhitenedResiduals
-            Not used: the grid is fixed.
+            Not used: the directions are fixed.
         """
         scale = full_scale(covariates)
         shapes: list[Shape] = [{"full_scale_T": scale}]
@@ -96,7 +96,7 @@ class Hysteresis(LinearEffect):
         covariates : Covariates
             Time, field in the array frame and recorded channels of the N samples.
         shape : Shape
-            ``full_scale_T``, tesla; for soft iron its direction too, ``azimuth_rad`` and ``elevation_rad``, array frame.
+            ``full_scale_T``, tesla; for soft iron its direction too: ``azimuth_rad``, ``elevation_rad``, array frame.
         """
         scale = shape["full_scale_T"]
         drives = covariates.sensed_T
