@@ -82,9 +82,9 @@ class ScalarHeadingError(LinearEffect):
         Parameters
         ----------
         covariates : Covariates
-            Not used: the residuals hold the same.
+            Not used: those of the residuals are taken.
         residuals : WhitenedResiduals
-            Of the same N samples.
+            Of N samples of the recording.
         """
         return [{}, *({"azimuth_rad": azimuth, "elevation_rad": elevation} for azimuth, elevation in _axes(residuals))]
 

@@ -157,7 +157,7 @@ def row_deviations(residuals: WhitenedResiduals) -> FloatArray:
 
 
 def explained_energy(residuals: WhitenedResiduals, samples: np.ndarray, place: Place) -> FloatArray:
-    """Return the energy of chosen samples that shifts of the rows of a place explain.
+    """Return the energy (S,) of chosen samples that shifts of the rows of a place explain.
 
     Parameters
     ----------
