@@ -19,7 +19,8 @@ LAYERS = (
     ("fit", "simulation"),
     ("correction", "sources"),
     ("effects",),
-    ("core", "messages"),
+    ("messages",),
+    ("core",),
     ("model",),
 )
 """The rooms from above to below; a room imports what stands below it."""

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -35,6 +36,9 @@ from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.units import to_degrees, to_nanotesla
 from tam_calibration.report.calibration_rows import NUMBERS_HEADER, effect_number_rows, parameter_rows
 from tam_calibration.report.formatting import number, sentence, with_error
+
+if TYPE_CHECKING:
+    from tam_calibration.gap.delays import Delays
 
 
 def _print_calibration(console: Console, calibration: Calibration, coverage: Coverage, weakness: Weakness) -> None:
@@ -148,6 +152,11 @@ _Fit = Callable[[SampleSource, Array], Calibration]
     type=PATH,
     help="YAML of a known source and its recording: fit baselines, common frame and places of the axes too.",
 )
+@click.option(
+    "--estimate-delays",
+    is_flag=True,
+    help="Estimate first how much later than sensor 1's the other sensors' readings are stamped, and take that off.",
+)
 @tolerance_option
 @click.option("--json", "json_path", type=PATH, help="Write the result as JSON; - is stdout, instead of the tables.")
 @click.option("--report", type=PATH, help="Write an HTML page with residuals, coverage and parameters.")
@@ -160,6 +169,7 @@ def command(
     ambient_gradient: bool,
     effects: str | None,
     source: Path | None,
+    estimate_delays: bool,
     tolerance_s: float,
     json_path: Path | None,
     report: Path | None,
@@ -170,21 +180,56 @@ def command(
     with write_together(outputs, [recording, array, *([source] if source else [])]) as beside:
         fit = _fit_of(method, ambient_gradient, effects)
         with showing_progress() as progress:
-            calibration, data = _calibrate(recording, read_array(array), fit, place, tolerance_s, progress)
+            found = read_array(array)
+            delays = _delays(recording, found, place, tolerance_s, progress) if estimate_delays else None
+            if delays is not None:
+                found = replace(found, delay_s=delays.delay_s)
+            calibration, data = _calibrate(recording, found, fit, place, tolerance_s, progress)
             if source is not None:
                 calibration = _complete(calibration, source, tolerance_s, progress)
         if "yaml" in beside:
             beside["yaml"].write_text(calibration_to_yaml(calibration), encoding="utf-8")
         if "json" in beside:
-            beside["json"].write_text(to_json(calibration_to_mapping(calibration)), encoding="utf-8")
+            beside["json"].write_text(to_json(_to_mapping(calibration, delays)), encoding="utf-8")
         if "report" in beside:
             from tam_calibration.report import write_calibration_report
 
             write_calibration_report(beside["report"], calibration, data)
     if to_stdout:
-        click.echo(to_json(calibration_to_mapping(calibration)))
+        click.echo(to_json(_to_mapping(calibration, delays)))
     else:
         _print(data, calibration, [path for path in outputs.values() if path])
+        if delays is not None:
+            stdout().print(_delays_in_words(delays))
+
+
+def _to_mapping(calibration: Calibration, delays: "Delays | None") -> dict[str, Any]:
+    content = calibration_to_mapping(calibration)
+    if delays is not None:
+        content["delays"] = {
+            "delay_s": delays.delay_s.tolist(),
+            "standard_error_s": delays.standard_error_s.tolist(),
+        }
+    return content
+
+
+def _delays(path: Path, array: Array, place: str | None, tolerance_s: float, progress: Progress) -> "Delays":
+    """Return the delays of the sensors after sensor 1, whatever the array file states of them."""
+    from tam_calibration.gap.delays import estimate_delays
+
+    recording = read_samples(path, array.sensor_count, tolerance_s, reading(progress)).recording
+    progress.add_task("estimating delays", total=None)
+    return estimate_delays(recording if place is None else _with_intensity(recording, place), array)
+
+
+def _delays_in_words(delays: "Delays") -> str:
+    milliseconds = zip(1e3 * delays.delay_s[1:], 1e3 * delays.standard_error_s[1:], strict=True)
+    words = ", ".join(
+        f"sensor {sensor} {with_error(float(value), float(error), 4)} ms"
+        for sensor, (value, error) in enumerate(milliseconds, start=2)
+    )
+    stated = ", ".join(f"{value:.6f}" for value in delays.delay_s)
+    return f"Stamped after sensor 1: {words}. For the array file, live too: delay_s: [{stated}]."
 
 
 def _fit_of(method: str, ambient_gradient: bool, effects: str | None) -> _Fit:
@@ -212,9 +257,9 @@ def _calibrate(
     """
     samples: SampleSource
     if is_large(path):
-        samples = read_stream(path, array.sensor_count, tolerance_s, reading(progress))
+        samples = read_stream(path, array.sensor_count, tolerance_s, reading(progress), array.delay_s)
     else:
-        samples = read_samples(path, array.sensor_count, tolerance_s, reading(progress)).recording
+        samples = read_samples(path, array.sensor_count, tolerance_s, reading(progress), array.delay_s).recording
     if place is not None:
         samples = _with_intensity(samples.whole(), place)
     progress.add_task(f"fitting {samples.sample_count} samples", total=None)
@@ -229,7 +274,9 @@ def _complete(calibration: Calibration, path: Path, tolerance_s: float, progress
     from tam_calibration.fit.source_completion import complete
 
     stated = read_known_source(path)
-    seen = read_samples(stated.recording, calibration.array.sensor_count, tolerance_s, reading(progress)).recording
+    array = calibration.array
+    given = stated.recording, array.sensor_count, tolerance_s, reading(progress), array.delay_s
+    seen = read_samples(*given).recording
     return complete(calibration, seen, stated.source, stated.frequency_hz)
 
 

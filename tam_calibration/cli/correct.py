@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from tam_calibration.cli.terminal import PATH, reading, showing_progress, tolerance_option, working
 from tam_calibration.correction.calibration import Calibration, Corrected
@@ -16,7 +15,7 @@ from tam_calibration.files.recording_file import correct_file
 from tam_calibration.files.text_files import to_json
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import FloatArray, IntArray, to_nanotesla
 
 
 @click.command()
@@ -80,8 +79,8 @@ class _Intensity:
 
 
 def _counted(
-    pieces: Iterable[tuple[Corrected, NDArray[np.int64] | None]], intensity: _Intensity
-) -> Iterator[tuple[Corrected, NDArray[np.int64] | None]]:
+    pieces: Iterable[tuple[Corrected, IntArray | None]], intensity: _Intensity
+) -> Iterator[tuple[Corrected, IntArray | None]]:
     """Yield the corrected pieces, their intensities added up."""
     for corrected, stamps_ns in pieces:
         intensity.add(corrected.outputs)

@@ -160,7 +160,7 @@ def _diagnose(
         effect_named(name)
     calibration = None if calibration_path is None else read_calibration(calibration_path)
     with showing_progress() as progress:
-        recording = read_samples(path, array.sensor_count, tolerance_s, reading(progress)).recording
+        recording = read_samples(path, array.sensor_count, tolerance_s, reading(progress), array.delay_s).recording
         if calibration is not None:
             recording = calibration.without_effects(recording)
         return diagnose(recording, array, without=without, progress=_diagnosing(progress))

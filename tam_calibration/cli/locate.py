@@ -120,7 +120,8 @@ def _vector(words: str) -> FloatArray:
 
 def _read(path: Path, calibration: Calibration, tolerance_s: float) -> Recording:
     with showing_progress() as progress:
-        return read_samples(path, calibration.errors.sensor_count, tolerance_s, reading(progress)).recording
+        array = calibration.array
+        return read_samples(path, array.sensor_count, tolerance_s, reading(progress), array.delay_s).recording
 
 
 def _print(survey: Survey, as_json: bool, report: Path | None) -> None:

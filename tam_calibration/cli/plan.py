@@ -250,7 +250,8 @@ def _start(
         return start_from_calibration(calibration)
     if recording_path is None:
         return _start_from_nothing(array, intensity_nT)
-    recording = read_samples(recording_path, array.sensor_count, tolerance_s, reading(progress)).recording
+    source = recording_path, array.sensor_count, tolerance_s, reading(progress), array.delay_s
+    recording = read_samples(*source).recording
     if intensity_nT is not None and recording.scalar_T is None:
         recording = replace(recording, scalar_T=np.full(recording.sample_count, from_nanotesla(intensity_nT)))
     progress.add_task(f"fitting {recording.sample_count} samples", total=None)

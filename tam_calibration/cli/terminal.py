@@ -58,7 +58,7 @@ tolerance_option = click.option(
     type=Number(0, 60),
     default=TOLERANCE_S,
     show_default=True,
-    help="Greatest difference of stamps within a bag's sample.",
+    help="Difference of stamps in a bag up to which readings count as of one moment; beyond, they are interpolated.",
 )
 
 

@@ -36,6 +36,9 @@ class ArrayFile(Document):
     intensity_nT : [low, high], optional
         What the intensity of the field can be in which the array is turned, where it is not the Earth's alone: that of
         a coil or a shielded room.
+    delay_s : list of float, optional
+        How much later than it was read a reading of each sensor is stamped, s; ``tam calibrate --estimate-delays``
+        finds them.
     notes, recording
         Anything; not read.
     """
@@ -47,6 +50,7 @@ class ArrayFile(Document):
     scalar_position_m: tuple[float, float, float] | None = None
     axis_offsets_m: list[_Offsets] | None = None
     intensity_nT: tuple[float, float] | None = None
+    delay_s: list[float] | None = None
     notes: Any = None
     recording: Any = None
 
@@ -76,6 +80,7 @@ class ArrayFile(Document):
             None if self.scalar_position_m is None else np.array(self.scalar_position_m),
             None if self.axis_offsets_m is None else np.array(self.axis_offsets_m),
             field,
+            None if self.delay_s is None else np.array(self.delay_s),
         )
 
 
@@ -132,6 +137,8 @@ def array_to_mapping(array: Array) -> dict[str, Any]:
         content["scalar_position_m"] = array.scalar_position_m.tolist()
     if array.axis_offsets_m is not None:
         content["axis_offsets_m"] = array.axis_offsets_m.tolist()
+    if array.delay_s is not None:
+        content["delay_s"] = array.delay_s.tolist()
     if array.field != EARTH_FIELD:
         content["intensity_nT"] = nanotesla_to_write(np.array([array.field.low_T, array.field.high_T])).tolist()
     return content

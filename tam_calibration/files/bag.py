@@ -14,13 +14,13 @@ from rosbags.rosbag2.reader import DirectoryReader
 from tam_calibration.files.bag_blocks import read_blocks
 from tam_calibration.files.bag_storages import STORAGES
 from tam_calibration.files.text_files import in_file
-from tam_calibration.messages.batch_stream import IntArray, StreamMessages
+from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.samples import Progress, Samples, seconds_of
 from tam_calibration.messages.topics import StreamTopics, find_topics
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, IntArray
 
 PATIENCE_NS = 5_000_000_000
 """How far in stamps the topics of a bag may lag behind each other."""
@@ -129,8 +129,9 @@ def _damage_named(path: Path) -> Iterator[None]:
 def read_bag(
     path: Path,
     sensor_count: int | None = None,
-    tolerance_ns: int = 1_000_000,
+    tolerance_ns: int = 0,
     progress: Progress = lambda done, total: None,
+    delay_s: FloatArray | None = None,
 ) -> Samples:
     """Read the topics of an array from a bag and join them by their stamps; losses are logged.
 
@@ -144,6 +145,8 @@ def read_bag(
         Greatest difference of stamps within a sample.
     progress : callable
         Called now and then with the bytes read, and how many there are.
+    delay_s : (K,) array, optional
+        How much later than it was read a reading of each sensor is stamped, seconds.
 
     Raises
     ------
@@ -155,7 +158,7 @@ def read_bag(
         rows = np.empty((reader.message_count // topics.layout.sensor_count, len(topics.layout.columns)))
         stamps = np.empty(len(rows), dtype=np.int64)
         count = 0
-        for stamps_ns, values in _join(reader, topics, tolerance_ns, progress):
+        for stamps_ns, values in _join(reader, topics, tolerance_ns, progress, delay_s):
             chosen = slice(count, count + len(stamps_ns))
             if chosen.stop > len(rows):
                 raise InputError("the bag holds more messages than its metadata say: `ros2 bag reindex` counts them")
@@ -167,8 +170,9 @@ def read_bag(
 def read_bag_pieces(
     path: Path,
     sensor_count: int | None = None,
-    tolerance_ns: int = 1_000_000,
+    tolerance_ns: int = 0,
     progress: Progress = lambda done, total: None,
+    delay_s: FloatArray | None = None,
 ) -> Iterator[Samples]:
     """Yield what `read_bag` returns in pieces of some ten thousand samples, so that a bag may be larger than memory.
 
@@ -185,6 +189,8 @@ def read_bag_pieces(
         Greatest difference of stamps within a sample, nanoseconds.
     progress : callable
         Called now and then with the bytes read, and how many there are.
+    delay_s : (K,) array, optional
+        How much later than it was read a reading of each sensor is stamped, seconds.
 
     Raises
     ------
@@ -193,13 +199,13 @@ def read_bag_pieces(
     """
     with open_bag(path) as reader, in_file(path):
         topics = find_topics(reader.connections, sensor_count)
-        for stamps_ns, values in _join(reader, topics, tolerance_ns, progress):
+        for stamps_ns, values in _join(reader, topics, tolerance_ns, progress, delay_s):
             rows = np.column_stack([seconds_of(stamps_ns), values])
             yield Samples(topics.layout.recording(rows), stamps_ns)
 
 
 def _join(
-    reader: Reader, topics: StreamTopics, tolerance_ns: int, progress: Progress
+    reader: Reader, topics: StreamTopics, tolerance_ns: int, progress: Progress, delay_s: FloatArray | None
 ) -> Iterator[tuple[IntArray, FloatArray]]:
     """Yield stamps and values of the samples, never none; the losses are logged at the end."""
     synchroniser = BatchSynchroniser(
@@ -210,6 +216,7 @@ def _join(
         scalar_is_held=topics.scalar_is_held,
         expected=topics.layout.channels,
         capacity=_CAPACITY,
+        delay_s=delay_s,
     )
     for batch in _batches(reader, topics, progress):
         stamps_ns, values = synchroniser.push_batch(batch)
@@ -224,7 +231,7 @@ def _join(
     if not synchroniser.delivered:
         raise InputError(
             f"no sample could be joined by the stamps of the topics ({synchroniser.explain_losses()}): "
-            "compare the stamps; where they only differ a little, raise the tolerance"
+            "compare the stamps: do the drivers share one clock?"
         )
     if len(stamps_ns):
         yield stamps_ns, values

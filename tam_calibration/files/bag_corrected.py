@@ -12,7 +12,7 @@ from tam_calibration.correction.calibration import Corrected
 from tam_calibration.files.bag import open_bag, raw_blocks
 from tam_calibration.files.bag_storages import DEFAULT, storage_of
 from tam_calibration.files.bag_writing import TYPESTORE, BlockWriter, header, write_bag
-from tam_calibration.messages.cdr import IntArray, RawMessages, fill, interleave, read_stamped_doubles
+from tam_calibration.messages.cdr import RawMessages, fill, interleave, read_stamped_doubles
 from tam_calibration.messages.point_cloud import (
     FIELD_GRADIENT_COLUMNS,
     FLOAT64_SIZE,
@@ -25,7 +25,7 @@ from tam_calibration.messages.point_cloud import (
 from tam_calibration.messages.samples import Progress
 from tam_calibration.messages.samples import pieces as pieces_of
 from tam_calibration.messages.topics import find_topics
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, IntArray
 
 _MAGNETIC_FIELD, _MULTI_ARRAY = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64MultiArray"
 _POINT_CLOUD = "sensor_msgs/msg/PointCloud2"

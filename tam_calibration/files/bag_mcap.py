@@ -9,8 +9,9 @@ from typing import Literal
 import numpy as np
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, McapWriter, decompress
 
-from tam_calibration.messages.cdr import ByteArray, IntArray, RawMessages, join, windows
+from tam_calibration.messages.cdr import ByteArray, RawMessages, join, windows
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import IntArray
 
 _RECORD = np.dtype(
     [("kind", "u1"), ("size", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")]

@@ -10,8 +10,9 @@ from rosbags.rosbag2 import CompressionMode, ReaderError
 from rosbags.rosbag2.metadata import ReaderMetadata, parse_qos
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader, Sqlite3Writer
 
-from tam_calibration.messages.cdr import NOT_READ, IntArray, RawMessages
+from tam_calibration.messages.cdr import NOT_READ, RawMessages
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import IntArray
 
 ROWS, _BYTES = 8_192, 2_000_000
 """How much a query gathers, at most rows, and bytes of messages of mean size: more leaves the caches."""

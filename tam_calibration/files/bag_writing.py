@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -19,7 +18,7 @@ from tam_calibration.messages.samples import pieces, stamps_of
 from tam_calibration.messages.topics import CHANNEL_TOPICS, FLOAT64, IMU, MAGNETIC_FIELD, TEMPERATURE, sensor_topic
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, IntArray
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
 _TYPES = TYPESTORE.types
@@ -115,9 +114,7 @@ def write_bag_recording(path: Path, recording: Recording, storage: str = DEFAULT
         _write_rows(writer, stamps_ns, [(f"/{topic}", msgtype, values) for topic, msgtype, values in topics])
 
 
-def _write_rows(
-    writer: BlockWriter, stamps_ns: NDArray[np.int64], topics: Sequence[tuple[str, str, FloatArray]]
-) -> None:
+def _write_rows(writer: BlockWriter, stamps_ns: IntArray, topics: Sequence[tuple[str, str, FloatArray]]) -> None:
     """Write a message for each row of each topic, sample by sample; rows with NaN are left out."""
     ids = [writer.add_connection(topic, msgtype, typestore=TYPESTORE).id for topic, msgtype, _ in topics]
     for piece in pieces(len(stamps_ns)):
@@ -130,7 +127,7 @@ def _write_rows(
         writer.write_block(interleave(parts, places))
 
 
-def serialise(msgtype: str, values: FloatArray, stamps_ns: NDArray[np.int64]) -> ByteArray:
+def serialise(msgtype: str, values: FloatArray, stamps_ns: IntArray) -> ByteArray:
     """Return (N, bytes) serialised messages of a sensor's type, one for each row of values.
 
     Parameters

@@ -4,9 +4,7 @@ from collections.abc import Iterable, Iterator
 from hashlib import sha256
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tam_calibration.core.interpolation import without_delays
 from tam_calibration.correction.calibration import Calibration, Corrected, Provenance
 from tam_calibration.files.bag_storages import DEFAULT, STORAGES
 from tam_calibration.files.csv_files import (
@@ -21,6 +19,7 @@ from tam_calibration.files.yaml_document import parse_mapping
 from tam_calibration.messages.samples import Progress, Samples, stamps_of
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray, IntArray
 
 
 def provenance(path: Path) -> Provenance:
@@ -53,7 +52,8 @@ _BAG_SUFFIXES = tuple(storage.suffix for storage in STORAGES.values())
 
 _LARGE_BYTES = 1 << 26
 
-TOLERANCE_S = 1e-3
+TOLERANCE_S = 0.0
+"""Difference of stamps up to which readings count as of one moment; beyond it they are interpolated."""
 
 
 def is_bag(path: Path) -> bool:
@@ -111,6 +111,7 @@ def read_samples(
     sensor_count: int | None = None,
     tolerance_s: float = TOLERANCE_S,
     progress: Progress = lambda done, total: None,
+    delay_s: FloatArray | None = None,
 ) -> Samples:
     """Read a recording as `read_recording` does, with the exact stamps of a bag.
 
@@ -124,6 +125,8 @@ def read_samples(
         Greatest difference of stamps within a sample of a bag, seconds.
     progress : callable
         Called now and then with the bytes read of a bag, and how many there are; not of a CSV file.
+    delay_s : (K,) array, optional
+        How much later than it was read a reading of each sensor is stamped, seconds.
 
     Raises
     ------
@@ -134,10 +137,10 @@ def read_samples(
     if is_bag(path):
         from tam_calibration.files.bag import read_bag
 
-        return read_bag(path, sensor_count, round(tolerance_s * 1e9), progress)
+        return read_bag(path, sensor_count, round(tolerance_s * 1e9), progress, delay_s)
     recording = read_csv_recording(path)
     _require_sensors(path, recording, sensor_count)
-    return Samples(recording)
+    return Samples(recording if delay_s is None else without_delays(recording, delay_s))
 
 
 def read_pieces(
@@ -145,6 +148,7 @@ def read_pieces(
     sensor_count: int | None = None,
     tolerance_s: float = TOLERANCE_S,
     progress: Progress = lambda done, total: None,
+    delay_s: FloatArray | None = None,
 ) -> Iterator[Samples]:
     """Yield a recording as `read_samples` returns it, in pieces of bounded size.
 
@@ -160,6 +164,8 @@ def read_pieces(
         Greatest difference of stamps within a sample of a bag, seconds.
     progress : callable
         Called now and then with the bytes read of a bag, and how many there are; not of a CSV file.
+    delay_s : (K,) array, optional
+        How much later than it was read a reading of each sensor is stamped, seconds.
 
     Raises
     ------
@@ -170,7 +176,9 @@ def read_pieces(
     if is_bag(path):
         from tam_calibration.files.bag import read_bag_pieces
 
-        yield from read_bag_pieces(path, sensor_count, round(tolerance_s * 1e9), progress)
+        yield from read_bag_pieces(path, sensor_count, round(tolerance_s * 1e9), progress, delay_s)
+    elif delay_s is not None:
+        yield read_samples(path, sensor_count, tolerance_s, progress, delay_s)
     else:
         for recording in read_csv_pieces(path):
             _require_sensors(path, recording, sensor_count)
@@ -193,6 +201,7 @@ def read_stream(
     sensor_count: int | None = None,
     tolerance_s: float = TOLERANCE_S,
     progress: Progress = lambda done, total: None,
+    delay_s: FloatArray | None = None,
 ) -> RecordingStream:
     """Read a recording that may be larger than memory: it is kept in temporary files as numbers.
 
@@ -206,13 +215,16 @@ def read_stream(
         Greatest difference of stamps within a sample of a bag, seconds.
     progress : callable
         Called now and then with the bytes read of a bag, and how many there are; not of a CSV file.
+    delay_s : (K,) array, optional
+        How much later than it was read a reading of each sensor is stamped, seconds.
 
     Raises
     ------
     InputError
         When it cannot be read or kept, or holds no recording.
     """
-    return RecordingStream(samples.recording for samples in read_pieces(path, sensor_count, tolerance_s, progress))
+    pieces = read_pieces(path, sensor_count, tolerance_s, progress, delay_s)
+    return RecordingStream(samples.recording for samples in pieces)
 
 
 def write_recording(path: Path, recording: Recording, storage: str = DEFAULT) -> None:
@@ -242,7 +254,7 @@ def write_recording(path: Path, recording: Recording, storage: str = DEFAULT) ->
 
 
 def write_corrected(
-    path: Path, corrected: Corrected, stamps_ns: NDArray[np.int64] | None = None, source: Path | None = None
+    path: Path, corrected: Corrected, stamps_ns: IntArray | None = None, source: Path | None = None
 ) -> None:
     """Write corrected data: CSV for the suffix .csv, a single mcap file for .mcap, else a bag's folder.
 
@@ -268,7 +280,7 @@ def write_corrected(
 
 def write_corrected_pieces(
     path: Path,
-    pieces: Iterable[tuple[Corrected, NDArray[np.int64] | None]],
+    pieces: Iterable[tuple[Corrected, IntArray | None]],
     source: Path | None = None,
     progress: Progress = lambda done, total: None,
 ) -> None:
@@ -306,7 +318,7 @@ def correct_file(
     calibration: Calibration,
     tolerance_s: float = TOLERANCE_S,
     progress: Progress = lambda done, total: None,
-) -> Iterator[tuple[Corrected, NDArray[np.int64] | None]]:
+) -> Iterator[tuple[Corrected, IntArray | None]]:
     """Yield the corrected pieces of a recording with the stamps of its messages; None where it is a CSV file.
 
     Parameters
@@ -325,7 +337,7 @@ def correct_file(
     InputError
         When it cannot be read, and at the end when it is mostly not in tesla.
     """
-    source = path, calibration.errors.sensor_count, tolerance_s, progress
+    source = path, calibration.errors.sensor_count, tolerance_s, progress, calibration.array.delay_s
     # Effects reach from one piece into the next, and holes in their channels are filled from both sides.
     pieces = [read_samples(*source)] if calibration.effects else read_pieces(*source)
     wrong_units: list[InputError] = []

@@ -5,18 +5,14 @@ sum over directions u of the outer product of (u ⊗ u, u), so that a count and 
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.linalg import norm
-from numpy.typing import NDArray
 
 from tam_calibration.fit.scale import sphere_center
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray
-
-IntArray = NDArray[np.integer[Any]]
+from tam_calibration.model.units import FloatArray, IntArray
 
 BANDS, SECTORS = 10, 20
 CELLS = BANDS * SECTORS

@@ -4,10 +4,8 @@ A method that needs no more than these is worked out for all sets at once, and i
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tam_calibration.core.normal_equations import gram
 from tam_calibration.correction.calibration import FRAME_STATEMENT, Calibration
@@ -18,9 +16,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray
-
-IntArray = NDArray[np.integer[Any]]
+from tam_calibration.model.units import FloatArray, IntArray
 
 _JACKKNIFE_GROUPS = 64
 _FEWEST_SAMPLES = 10

@@ -217,11 +217,13 @@ def _work(task: Task, folder: Path) -> Result:
 
 def _read(path: Path, options: Options) -> SampleSource:
     """Return the samples, without what effects of the given calibration add."""
-    source = path, options.array.sensor_count, options.tolerance_s
+    array = options.array
+    source = path, array.sensor_count, options.tolerance_s
     if options.calibration is not None and options.calibration.effects:
-        return options.calibration.without_effects(read_samples(*source).recording)
-    recording: SampleSource = read_stream(*source) if is_large(path) else read_samples(*source).recording
-    return recording
+        return options.calibration.without_effects(read_samples(*source, delay_s=array.delay_s).recording)
+    if is_large(path):
+        return read_stream(*source, delay_s=array.delay_s)
+    return read_samples(*source, delay_s=array.delay_s).recording
 
 
 def _in_short(content: dict[str, Any]) -> dict[str, Any]:

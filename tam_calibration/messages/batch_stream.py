@@ -2,16 +2,16 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.core.interpolation import BEFORE, interpolated
 from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS
-from tam_calibration.messages.stream import HeldStream, Stream
-from tam_calibration.model.units import FloatArray
+from tam_calibration.messages.stream import HeldStream, IntensityStream, InterpolatedStream, Stream
+from tam_calibration.model.units import FloatArray, IntArray
 
-IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 LONG_AGO, NEVER = -(1 << 62), 1 << 62
@@ -38,6 +38,10 @@ class StreamMessages:
     order: IntArray
     stamps_ns: IntArray | None
     values: FloatArray
+
+    def earlier(self, delay_ns: int) -> "StreamMessages":
+        """Return the messages with stamps that are set back by a delay."""
+        return self if self.stamps_ns is None else replace(self, stamps_ns=self.stamps_ns - delay_ns)
 
     @classmethod
     def concatenate(cls, parts: Sequence["StreamMessages"]) -> "StreamMessages":
@@ -170,7 +174,13 @@ class Queue:
             return self.newest_ns
         return self.newest_ns - self.stream.window_ns
 
-    def match(self, keys: IntArray) -> "Match":
+    def windows_ns(self, shortest_ns: IntArray) -> IntArray:
+        """Return how far a message may be that joins each sample, by the shortest interval of samples before it."""
+        if not isinstance(self.stream, IntensityStream):
+            return np.full(len(shortest_ns), self.stream.window_ns)
+        return np.maximum(self.stream.tolerance_ns, shortest_ns // 2)
+
+    def match(self, keys: IntArray, shortest_ns: IntArray) -> "Match":
         """Return which message joins each sample."""
         if not len(self.keys):
             return Match(self, np.zeros(len(keys), dtype=np.int64), np.zeros(len(keys), dtype=bool))
@@ -181,7 +191,7 @@ class Queue:
         after = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
         before = np.maximum(after - 1, 0)
         index = np.where(keys - self.keys[before] <= np.abs(self.keys[after] - keys), before, after)
-        return Match(self, index, np.abs(self.keys[index] - keys) <= self.stream.window_ns)
+        return Match(self, index, np.abs(self.keys[index] - keys) <= self.windows_ns(shortest_ns))
 
     def match_held(self, keys: IntArray, index: IntArray) -> "Match":
         """Return the match of held messages, as far as they are not too old.
@@ -201,6 +211,18 @@ class Queue:
         moment = np.append(self.order_of_keys, NEVER)[np.searchsorted(self.keys, keys)]
         return np.where((moment == NEVER) & (keys <= self.decided_until_ns), EARLIER, moment)
 
+    def with_past(self) -> tuple[IntArray, IntArray, FloatArray]:
+        """Return stamps, arrivals and values of what may join, after those of the last messages that no longer may."""
+        past = self.stream.past if isinstance(self.stream, InterpolatedStream) else ()
+        if not past:
+            return self.keys, self.order_of_keys, self.values
+        stamps = np.array([max(key, LONG_AGO) for key, _ in past], dtype=np.int64)
+        return (
+            np.concatenate([stamps, self.keys]),
+            np.concatenate([np.full(len(past), EARLIER), self.order_of_keys]),
+            np.concatenate([[values for _, values in past], self.values]),
+        )
+
     def keep(self, first: int, joined: int) -> None:
         """Count what became of the messages, and let the stream wait with those that may still join a sample.
 
@@ -216,7 +238,13 @@ class Queue:
         losses.received += count
         losses.duplicate += repeats
         losses.late += count - int(self.is_new.sum()) - repeats
-        losses.unmatched += 0 if self.is_held else first - joined
+        if isinstance(stream, InterpolatedStream):
+            past = zip(
+                self.keys[:first][-BEFORE:].tolist(), map(tuple, self.values[:first][-BEFORE:].tolist()), strict=True
+            )
+            stream.past.extend(past)
+        elif not self.is_held:
+            losses.unmatched += first - joined
         stream.newest = self.newest_ns
         stream.awaited = stream.awaited or count > 0
         keys = self.keys[first:]
@@ -227,16 +255,32 @@ class Queue:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Which message of a stream joins each sample, and whether one does."""
+    """Which message of a stream joins each sample, and whether one does, or else what those around it tell."""
 
     queue: Queue
     index: IntArray
     found: BoolArray
+    between: "Between | None" = None
+
+    @property
+    def has_value(self) -> BoolArray:
+        """(n,) whether each sample has a value of the stream."""
+        return self.found if self.between is None else self.found | self.between.found
+
+    def interpolated(self, keys: IntArray) -> "Match":
+        """Return the match with what the messages around the other samples tell of a sensor."""
+        if self.found.all() or not isinstance(self.queue.stream, InterpolatedStream):
+            return self
+        return replace(self, between=Between.of(self.queue, keys, ~self.found))
 
     def wanted_twice(self, is_sample: BoolArray) -> bool:
         """Whether a message joins a sample that a later one wants too."""
         index, joins = self.index[self.found], is_sample[self.found]
         return not self.queue.is_held and bool((joins[:-1] & (index[1:] == index[:-1])).any())
+
+    def is_late(self, moments: IntArray) -> bool:
+        """Whether a message after a sample came later than at the sample's moment."""
+        return self.between is not None and bool((self.between.arrival > moments[~self.found]).any())
 
     def arrived_until(self, keys: IntArray, order: IntArray) -> "Match":
         """Return the match of held messages among those that had arrived in time.
@@ -254,14 +298,16 @@ class Match:
     def values(self, is_sample: BoolArray) -> FloatArray:
         """Return the values that join the samples; NaN where there are none."""
         found = self.found[is_sample]
-        if not found.any():
-            return np.full((len(found), self.queue.values.shape[1]), np.nan)
-        values: FloatArray = self.queue.values[self.index[is_sample]]
-        if not found.all():
+        if not len(self.queue.values):
+            values = np.full((len(found), self.queue.values.shape[1]), np.nan)
+        else:
+            values = self.queue.values[self.index[is_sample]]
             values[~found] = np.nan
+        if self.between is not None:
+            values[~found] = self.between.values[is_sample[~self.found]]
         return values
 
-    def used(self, keys: IntArray, is_sample: BoolArray) -> tuple[int, int]:
+    def used(self, keys: IntArray, is_sample: BoolArray, shortest_ns: IntArray) -> tuple[int, int]:
         """Return the first message that may join a later sample, and how many joined these.
 
         Parameters
@@ -270,14 +316,45 @@ class Match:
             Stamps of sensor 1 that were decided in this batch, rising, nanoseconds.
         is_sample : (n,) array of bool
             Which of them became samples.
+        shortest_ns : (n,) array of int
+            The shortest interval of samples before each, nanoseconds; 0 where it is not known.
         """
         if not len(keys):
             return 0, 0
         if self.queue.is_held:
             return max(int(np.searchsorted(self.queue.keys, keys[-1], "right")) - 1, 0), 0
         joined = self.index[self.found & is_sample]
-        too_old = int(np.searchsorted(self.queue.keys, keys[-1] - self.queue.stream.window_ns))
+        too_old = int(np.searchsorted(self.queue.keys, keys[-1] - self.queue.windows_ns(shortest_ns)[-1]))
         return max(too_old, int(joined[-1]) + 1 if len(joined) else 0), len(joined)
+
+
+@dataclass(frozen=True, eq=False)
+class Between:
+    """What the messages of a sensor tell of samples that no message joins as it is.
+
+    Parameters
+    ----------
+    found : (n,) array of bool
+        The samples of which they tell.
+    values : (m, 3) array
+        The values at the m samples that were asked for; NaN where they tell none.
+    arrival : (m,) array of int
+        When the message after each of these came.
+    """
+
+    found: BoolArray
+    values: FloatArray
+    arrival: IntArray
+
+    @classmethod
+    def of(cls, queue: Queue, keys: IntArray, asked: BoolArray) -> "Between":
+        """Return what the messages of a queue tell of some of the samples."""
+        stamps, order, values = queue.with_past()
+        told, after = interpolated(stamps, values, keys[asked])
+        found = asked.copy()
+        found[asked] = after < len(stamps)
+        arrival = np.append(order, EARLIER)[after]
+        return cls(found, told, arrival)
 
 
 def width_of(stream: Stream) -> int:

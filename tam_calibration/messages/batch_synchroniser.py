@@ -17,14 +17,13 @@ from tam_calibration.messages.batch_stream import (
     NEVER,
     Arrivals,
     BoolArray,
-    IntArray,
     Match,
     Queue,
     StreamMessages,
     width_of,
 )
 from tam_calibration.messages.synchroniser import REMEMBERED, Sample, Synchroniser
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, IntArray
 
 
 class BatchSynchroniser(Synchroniser):
@@ -48,8 +47,13 @@ class BatchSynchroniser(Synchroniser):
         values : (n, columns) array
             The columns of `SampleLayout` after ``time_s``.
         """
-        joined = None if self._epoch else self._push_usual(batch)
+        joined = None if self._epoch else self._push_usual(self._without_delays(batch))
         return self._push_each(batch) if joined is None else joined
+
+    def _without_delays(self, batch: Mapping[str, StreamMessages]) -> Mapping[str, StreamMessages]:
+        """Return messages with the stamps of when they were read."""
+        delayed = {name: batch[name] for name in self._delays_ns if name in batch}
+        return {**batch, **{name: each.earlier(self._delays_ns[name]) for name, each in delayed.items()}}
 
     def flush_batch(self) -> tuple[IntArray, FloatArray]:
         """Return the samples that still waited for messages: there will be none."""
@@ -80,18 +84,21 @@ class BatchSynchroniser(Synchroniser):
             if stamp_ns > self._newest:
                 self._advance(stamp_ns)
         keys = pace.keys[: np.searchsorted(pace.keys, self._limit(partners), "right")]
-        matches = self._without_the_next(keys, pace, [queue.match(keys) for queue in partners])
+        shortest = self._shortest_intervals(keys)
+        matches = self._without_the_next(keys, shortest, pace, [queue.match(keys, shortest) for queue in partners])
         if matches is None:
             self._newest, self._horizon, self._hold_horizon, self._epoch_start = before
             return None
-        is_sample = np.logical_and.reduce([match.found for match in matches[: len(self._sensors) - 1]], axis=0)
+        matches = [match.interpolated(keys) for match in matches]
+        is_sample = np.logical_and.reduce([match.has_value for match in matches[: len(self._sensors) - 1]], axis=0)
         is_sample = np.broadcast_to(is_sample, keys.shape)
-        if any(match.wanted_twice(is_sample) for match in matches):
+        overdue = arrivals.reach(np.maximum(keys, max(self._epoch_start, LONG_AGO)) + self._patience_ns)
+        if any(match.wanted_twice(is_sample) or match.is_late(overdue) for match in matches):
             self._newest, self._horizon, self._hold_horizon, self._epoch_start = before
             return None
         matches = self._without_what_came_later(keys, pace, partners, matches, arrivals)
         values = [pace.values[: len(keys)][is_sample], *(match.values(is_sample) for match in matches)]
-        self._account(keys, is_sample, pace, matches)
+        self._account(keys, is_sample, shortest, pace, matches)
         if len(keys):
             self._intervals.extend(np.diff(keys, prepend=max(self._previous, LONG_AGO)).tolist())
             self._previous = int(keys[-1])
@@ -117,11 +124,12 @@ class BatchSynchroniser(Synchroniser):
         ]
         return max(min(limits, default=NEVER), LONG_AGO)
 
-    def _without_the_next(self, keys: IntArray, pace: Queue, matches: Sequence[Match]) -> list[Match] | None:
+    def _without_the_next(
+        self, keys: IntArray, shortest: IntArray, pace: Queue, matches: Sequence[Match]
+    ) -> list[Match] | None:
         """Return the matches without messages that are nearer to the next sample; None where that is not known yet."""
         if not len(keys):
             return list(matches)
-        shortest = self._shortest_intervals(keys)
         following = np.append(pace.keys[1:], NEVER)[: len(keys)]
         kept = []
         for match in matches:
@@ -138,6 +146,8 @@ class BatchSynchroniser(Synchroniser):
 
     def _shortest_intervals(self, keys: IntArray) -> IntArray:
         """Return the shortest of the intervals that are remembered at each sample; 0 where they are too few."""
+        if not len(keys):
+            return keys
         earlier = [min(interval, NEVER) for interval in self._intervals]
         intervals = np.diff(keys, prepend=max(self._previous, LONG_AGO))
         padded = np.concatenate([np.zeros(REMEMBERED - len(earlier)), earlier, intervals]).astype(np.int64)
@@ -162,7 +172,7 @@ class BatchSynchroniser(Synchroniser):
             own = queue.decided(keys) if queue.stream.awaited else np.full(len(keys), EARLIER)
             decided.append(np.minimum(own, arrivals.reach(start + patience)))
         # A sample that lacks a sensor is given up as soon as that is known.
-        lacks = np.array([~match.found for match in matches[: len(self._sensors) - 1]] + [np.ones(len(keys), bool)])
+        lacks = np.array([~match.has_value for match in matches[: len(self._sensors) - 1]] + [np.ones(len(keys), bool)])
         last = np.where(lacks[:-1].any(axis=0), lacks.argmax(axis=0) + 1, len(partners))
         complete = np.maximum.accumulate(decided)[last, np.arange(len(keys))]
         complete = np.maximum.accumulate(complete)
@@ -171,16 +181,18 @@ class BatchSynchroniser(Synchroniser):
             for queue, match in zip(partners, matches, strict=True)
         ]
 
-    def _account(self, keys: IntArray, is_sample: BoolArray, pace: Queue, matches: Sequence[Match]) -> None:
+    def _account(
+        self, keys: IntArray, is_sample: BoolArray, shortest: IntArray, pace: Queue, matches: Sequence[Match]
+    ) -> None:
         """Count what was lost, and let the streams keep what may still join a sample."""
         lacking = ~is_sample
         for match in matches:
             is_sensor = match.queue.stream in self._sensors
-            missing = ~match.found & (lacking if is_sensor else is_sample)
+            missing = ~match.has_value & (lacking if is_sensor else is_sample)
             match.queue.stream.losses.missing += int(missing.sum())
             if is_sensor:
-                lacking = lacking & match.found
-            match.queue.keep(*match.used(keys, is_sample))
+                lacking = lacking & match.has_value
+            match.queue.keep(*match.used(keys, is_sample, shortest))
         pace.keep(len(keys), int(is_sample.sum()))
         for match in matches:
             if len(match.queue.stamps_ns) and not self._sensors[0].buffer:

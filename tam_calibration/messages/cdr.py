@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, IntArray
 
-IntArray = NDArray[np.int64]
 ByteArray = NDArray[np.uint8]
 
 NOT_READ = -1
@@ -80,7 +79,7 @@ class RawMessages:
         """Return the number of messages."""
         return len(self.start)
 
-    def take(self, index: NDArray[np.int64] | NDArray[np.bool_] | slice) -> "RawMessages":
+    def take(self, index: IntArray | NDArray[np.bool_] | slice) -> "RawMessages":
         """Return the messages that a mask, slice or index selects, in the same block."""
         chosen = {name: getattr(self, name)[index] for name in ("connection", "recorded_ns", "start", "size")}
         return replace(self, **chosen)

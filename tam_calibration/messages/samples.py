@@ -4,11 +4,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, IntArray
 
 Progress = Callable[[int, int], None]
 """Called now and then with the bytes that are done, and how many there are to do."""
@@ -37,10 +36,10 @@ class Samples:
     """
 
     recording: Recording
-    stamps_ns: NDArray[np.int64] | None = None
+    stamps_ns: IntArray | None = None
 
 
-def stamps_of(time_s: FloatArray) -> NDArray[np.int64]:
+def stamps_of(time_s: FloatArray) -> IntArray:
     """Return times as whole nanoseconds.
 
     Raises
@@ -54,11 +53,11 @@ def stamps_of(time_s: FloatArray) -> NDArray[np.int64]:
         )
     seconds = np.floor(time_s)
     nanoseconds = np.rint((time_s - seconds) * 1e9)
-    stamps_ns: NDArray[np.int64] = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds.astype(np.int64)
+    stamps_ns: IntArray = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds.astype(np.int64)
     return stamps_ns
 
 
-def seconds_of(stamps_ns: NDArray[np.int64]) -> FloatArray:
+def seconds_of(stamps_ns: IntArray) -> FloatArray:
     """Return stamps in seconds, each rounded correctly: whole nanoseconds are beyond what doubles hold.
 
     From 1987 on the sum of seconds and fraction is: no fraction lies so near to the middle between two such doubles

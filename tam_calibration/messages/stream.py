@@ -1,4 +1,4 @@
-"""The messages of one topic that wait to join a sample: by the nearest stamp, or held until the next comes.
+"""The messages of one topic that wait to join a sample: by their stamp, interpolated, or held until the next comes.
 
 A message has a key: its stamp, raised by more than any stamp with each epoch, so that one number orders all messages.
 """
@@ -6,6 +6,8 @@ A message has a key: its stamp, raised by more than any stamp with each epoch, s
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+from tam_calibration.core.interpolation import BEFORE, is_even, weights
 
 Message = tuple[int, Sequence[float]]
 """Key and values."""
@@ -25,7 +27,7 @@ class Losses:
     received : int
         Messages that arrived.
     unmatched : int
-        Messages that joined no sample (not counted for held channels).
+        Messages that joined no sample; not counted where a message may be part of several, or of none, without loss.
     duplicate, late : int
         Messages with the same stamp as the one before, or an earlier one.
     missing : int
@@ -79,6 +81,16 @@ class Stream:
         """
         raise NotImplementedError
 
+    def reach(self, half_interval_ns: int) -> None:
+        """Set how far messages may be that join as they are: half the interval of samples, where that is known."""
+
+    def between(self, key: int) -> Message | None:
+        """Return what the messages before and after a stamp tell of it, where no message joins as it is."""
+        return None
+
+    def take(self, message: Message) -> None:
+        """Let a message that was found join a sample."""
+
     def forget(self, before: int) -> None:
         """Drop what cannot join a sample at or after a stamp."""
         raise NotImplementedError
@@ -114,9 +126,53 @@ class JoinedStream(Stream):
         while self.buffer and self.buffer[0][0] < before - self.window_ns:
             self._drop_oldest()
 
+    def take(self, message: Message) -> None:
+        """Let a message that was found join a sample."""
+        self.buffer.popleft()
+
     def _drop_oldest(self) -> None:
         self.buffer.popleft()
         self.losses.unmatched += 1
+
+
+class IntensityStream(JoinedStream):
+    """A stream whose messages join the nearest sample: the intensity does not turn with the array."""
+
+    def __init__(self, name: str, window_ns: int, awaited: bool) -> None:
+        super().__init__(name, window_ns, awaited)
+        self.tolerance_ns = window_ns
+
+    def reach(self, half_interval_ns: int) -> None:
+        """Set how far messages may be that join as they are: half the interval of samples, where that is known."""
+        self.window_ns = max(self.tolerance_ns, half_interval_ns)
+
+
+class InterpolatedStream(JoinedStream):
+    """A stream that tells the values between its messages too."""
+
+    def __init__(self, name: str, window_ns: int, awaited: bool) -> None:
+        super().__init__(name, window_ns, awaited)
+        self.past: deque[Message] = deque(maxlen=BEFORE)
+
+    def between(self, key: int) -> Message | None:
+        """Return what the messages before and after a stamp tell of it, where no message joins as it is."""
+        if len(self.past) < BEFORE or not self.buffer:
+            return None
+        messages = [*self.past, self.buffer[0]]
+        stamps = [float(stamp - key) for stamp, _ in messages]
+        if stamps[-1] <= 0 or not is_even(*stamps):
+            return None
+        first, second, third, after = weights(*stamps)
+        columns = zip(*(values for _, values in messages), strict=True)
+        return key, tuple(first * a + second * b + third * c + after * d for a, b, c, d in columns)
+
+    def take(self, message: Message) -> None:
+        """Let a message that was found join a sample."""
+        if self.buffer and message is self.buffer[0]:
+            self._drop_oldest()
+
+    def _drop_oldest(self) -> None:
+        self.past.append(self.buffer.popleft())
 
 
 class HeldStream(Stream):

@@ -11,8 +11,20 @@ from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS, SampleLayout
-from tam_calibration.messages.stream import HeldStream, JoinedStream, Losses, Message, Stream, sensor_stream
+from tam_calibration.messages.stream import (
+    HeldStream,
+    IntensityStream,
+    InterpolatedStream,
+    JoinedStream,
+    Losses,
+    Message,
+    Stream,
+    sensor_stream,
+)
+from tam_calibration.model.units import FloatArray
 
 _MAXIMUM_AGE_NS = {
     "scalar": 2_000_000_000,
@@ -71,27 +83,33 @@ class Synchroniser:
         How old a held value may be, by channel.
     capacity : int
         Greatest number of waiting messages of a stream.
+    delay_s : (K,) array, optional
+        How much later than it was read a reading of each sensor is stamped, seconds: its stamps are set back by that.
     """
 
     def __init__(
         self,
         layout: SampleLayout,
-        tolerance_ns: int = 1_000_000,
+        tolerance_ns: int = 0,
         patience_ns: int = 250_000_000,
         hold_patience_ns: int = 0,
         scalar_is_held: bool = False,
         expected: Collection[str] = (),
         maximum_age_ns: Mapping[str, int] = _MAXIMUM_AGE_NS,
         capacity: int = 65_536,
+        delay_s: FloatArray | None = None,
     ) -> None:
         self.delivered = self.restarts = 0
         self._patience_ns, self._hold_patience_ns = patience_ns, hold_patience_ns
         self._capacity = capacity
-        self._sensors = [
-            JoinedStream(sensor_stream(index + 1), tolerance_ns, True) for index in range(layout.sensor_count)
+        delays_ns = [] if delay_s is None else np.round(1e9 * delay_s).astype(int).tolist()
+        self._delays_ns = {sensor_stream(index): delay for index, delay in enumerate(delays_ns, start=1) if delay}
+        self._sensors = [JoinedStream(sensor_stream(1), tolerance_ns, True)]
+        self._sensors += [
+            InterpolatedStream(sensor_stream(index + 1), tolerance_ns, True) for index in range(1, layout.sensor_count)
         ]
         channels: list[Stream] = [
-            JoinedStream(name, tolerance_ns, name in expected)
+            IntensityStream(name, tolerance_ns, name in expected)
             if name == "scalar" and not scalar_is_held
             else HeldStream(name, maximum_age_ns[name], name in expected)
             for name in layout.channels
@@ -128,6 +146,8 @@ class Synchroniser:
         """
         state = self._streams[stream]
         state.losses.received += 1
+        if stamp_ns is not None and stream in self._delays_ns:
+            stamp_ns -= self._delays_ns[stream]
         key = self._key(state, stamp_ns)
         if key is None:
             return []
@@ -238,37 +258,36 @@ class Synchroniser:
     def _find_partners(self, key: int) -> list[Message | None] | None:
         """Return the messages that join the sample at a stamp, up to a sensor without one; None: not yet decided."""
         partners: list[Message | None] = []
+        shortest = self._shortest_interval(key)
         for stream in self._partners:
+            stream.reach(shortest // 2)
             is_decided, message = stream.find(key, self._is_overdue(stream))
             if not is_decided:
                 self._waits_for = stream
                 return None
-            if message is not None and self._is_doubtful(key, message[0]):
+            if message is not None and message[0] > key and 2 * (message[0] - key) >= shortest:
                 pending = self._sensors[0].buffer
                 if len(pending) == 1 and not self._is_overdue(self._sensors[0]):
                     self._waits_for = self._sensors[0]
                     return None
                 if len(pending) > 1 and abs(pending[1][0] - message[0]) < message[0] - key:
                     message = None
+            message = message or stream.between(key)
             partners.append(message)
             if message is None and stream.name not in CHANNEL_COLUMNS:
                 break
         return partners
 
-    def _is_doubtful(self, key: int, found: int) -> bool:
-        """Return whether a message that was found for a sample is so late that it may be of the next one."""
-        if found <= key:
-            return False
-        if len(self._intervals) < REMEMBERED:
-            return True
-        return 2 * (found - key) >= min(key - self._previous, *self._intervals)
+    def _shortest_interval(self, key: int) -> int:
+        """Return the shortest of the intervals that are remembered at a sample; 0 where they are too few."""
+        return 0 if len(self._intervals) < REMEMBERED else min(key - self._previous, *self._intervals)
 
     def _join(self, key: int, values: Sequence[float], partners: list[Message | None]) -> Sample:
         joined = list(values)
         for stream, message in zip(self._partners, partners, strict=True):
             joined += _NO_VALUE[stream.name] if message is None else message[1]
-            if message is not None and isinstance(stream, JoinedStream):
-                stream.buffer.popleft()
+            if message is not None:
+                stream.take(message)
         self.delivered += 1
         self._last_delivered = key
         return Sample(key % _EPOCH, key // _EPOCH, tuple(joined))

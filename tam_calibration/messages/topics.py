@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from rosbags.interfaces import Connection
 
-from tam_calibration.messages.cdr import IntArray, RawMessages, read_float64s, read_stamped_doubles
+from tam_calibration.messages.cdr import RawMessages, read_float64s, read_stamped_doubles
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, IntArray
 
 MAGNETIC_FIELD, FLOAT64 = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64"
 IMU, TEMPERATURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature"

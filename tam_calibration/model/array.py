@@ -51,6 +51,8 @@ class Array:
         metres; None means all three at the position.
     field : FieldBounds
         What the intensity of the field can be in which the array is turned.
+    delay_s : (K,) array, optional
+        How much later than it was read a reading of each sensor is stamped, seconds; None means that stamps are true.
 
     Raises
     ------
@@ -80,6 +82,7 @@ class Array:
     scalar_position_m: FloatArray | None = None
     axis_offsets_m: FloatArray | None = None
     field: FieldBounds = EARTH_FIELD
+    delay_s: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
@@ -113,6 +116,13 @@ class Array:
                     f"{len(positions)} sensors; their shape is {offsets.shape}"
                 )
             object.__setattr__(self, "axis_offsets_m", offsets)
+        if self.delay_s is not None:
+            delay = np.asarray(self.delay_s, dtype=float)
+            if delay.shape != (len(positions),) or not np.isfinite(delay).all():
+                raise InputError(
+                    f"delay_s needs one finite number for each of {len(positions)} sensors, not the shape {delay.shape}"
+                )
+            object.__setattr__(self, "delay_s", delay)
 
     @classmethod
     def cross(

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.floating[Any]]
+IntArray = NDArray[np.integer[Any]]
 Quantity = TypeVar("Quantity", float, FloatArray)
 
 NANOTESLA_PER_TESLA = 1e9

@@ -3,6 +3,7 @@
 import math
 import struct
 import time
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -16,6 +17,7 @@ from tam_calibration.files.recording_file import TOLERANCE_S
 from tam_calibration.fit.coverage import Coverage, LiveCoverage
 from tam_calibration.messages.cdr import read_float64, read_stamp_and_doubles
 from tam_calibration.messages.point_cloud import SampleLayout
+from tam_calibration.messages.stamp_figures import StampFigures
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.synchroniser import Sample, Synchroniser
 from tam_calibration.messages.topics import CHANNEL_TOPICS, sensor_topic
@@ -34,7 +36,7 @@ RULES = (
     Rule(
         "tolerance_s",
         TOLERANCE_S,
-        "Greatest difference of stamps within a sample [s].",
+        "Difference of stamps up to which readings count as of one moment; beyond, they are interpolated [s].",
         bounds=(0.0, 10.0),
     ),
     Rule("silence_s", 2.0, "Time without a message after which a sensor is reported [s].", bounds=(0.1, 3600.0)),
@@ -53,6 +55,7 @@ class Collector(TamNode):
         self._coverage = LiveCoverage()
         self._synchroniser: Synchroniser | None = None
         self._heard_s: dict[str, float] = {}
+        self._stamps: dict[str, StampFigures] = defaultdict(StampFigures)
         self._epoch = self._lost = 0
         self._samples = self.offer(PointCloud2, "samples", RELIABLE_STREAM)
         self._writer = cloud_writer(self._layout.columns, self._frame_id)
@@ -72,8 +75,23 @@ class Collector(TamNode):
         coverage = self._coverage.summary()
         level, message = self._judge(self._synchroniser, silent) or (OK, coverage.advice)
         return Health(
-            level, message, _describe(coverage) | _count(self._synchroniser) | {"lost": self._lost} | listeners
+            level,
+            message,
+            _describe(coverage)
+            | _count(self._synchroniser)
+            | {"lost": self._lost}
+            | listeners
+            | self._describe_stamps(),
         )
+
+    def _describe_stamps(self) -> dict[str, object]:
+        """Return rate, jitter, delay and offset of the streams that have stamps."""
+        pace = self._stamps[self._sensors[0]]
+        return {
+            f"{name}.{figure}": value
+            for name, stamps in self._stamps.items()
+            for figure, value in stamps.summary(pace).items()
+        }
 
     def _judge(self, synchroniser: Synchroniser, silent: Sequence[str]) -> tuple[bytes, str] | None:
         """Return level and sentence of what hinders most, or None."""
@@ -147,6 +165,8 @@ class Collector(TamNode):
     def _push(self, stream: str, stamp_ns: int | None, values: Sequence[float]) -> None:
         if self._synchroniser is None:
             self._synchroniser = self._make_synchroniser()
+        if stamp_ns is not None:
+            self._stamps[stream].add(stamp_ns, time.time_ns())
         self._deliver(self._synchroniser.push(stream, stamp_ns, values))
 
     def _make_synchroniser(self) -> Synchroniser:
@@ -157,6 +177,7 @@ class Collector(TamNode):
             tolerance_ns=round(self.value("tolerance_s") * 1e9),
             scalar_is_held=self.value("scalar_type") == "std_msgs/Float64",
             expected=("scalar",) if self.count_publishers(_SCALAR_TOPIC) else (),
+            delay_s=array_of(self).delay_s,
         )
 
     def _deliver(self, samples: Sequence[Sample]) -> None:
@@ -173,6 +194,7 @@ class Collector(TamNode):
         """Forget coverage and losses; an empty cloud tells the calibrator to start over as well."""
         self._coverage.reset()
         self._synchroniser, self._lost, self._epoch = None, 0, 0
+        self._stamps.clear()
         header = Header(stamp=self.get_clock().now().to_msg(), frame_id=self._frame_id)
         self._samples.publish(make_cloud(header, self._layout.columns))
         response.success, response.message = (

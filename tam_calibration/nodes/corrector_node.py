@@ -12,7 +12,6 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiAr
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.streaming import Correction, why_left_in
 from tam_calibration.files import calibration_from_yaml, read_calibration
-from tam_calibration.messages.batch_stream import IntArray
 from tam_calibration.messages.point_cloud import (
     FIELD_GRADIENT_COLUMNS,
     GRADIENT_DIMENSIONS,
@@ -21,7 +20,7 @@ from tam_calibration.messages.point_cloud import (
     center_covariance,
 )
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import FloatArray, IntArray, to_nanotesla
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.calibration_figures import figures
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, Rows, cloud_writer, layout_of

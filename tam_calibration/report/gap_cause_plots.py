@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from tam_calibration.fit.coverage import CELLS, IntArray, cell_of
+from tam_calibration.fit.coverage import CELLS, cell_of
 from tam_calibration.gap.result import Gap
-from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, IntArray, to_degrees, to_nanotesla
 from tam_calibration.report.gap_rows import percent
 from tam_calibration.report.gap_view import GapView
 from tam_calibration.report.recording_plots import cells_on_map, draw_borders

@@ -111,24 +111,50 @@ def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder):
     assert "the recording has no attitude: record it" in refused.stderr
 
 
-def test_sensors_that_stamp_apart_need_a_tolerance(folder, recording):
-    """A bag whose sensors are read one after the other is joined within the tolerance that is given."""
+def write_apart(path, delays_s=(0.0, 0.0, 0.0, 0.0)):
+    """Write a bag whose sensors are read 1 ms after each other and stamped late, and its array file."""
     from tam_calibration.files.bag_writing import TYPESTORE, serialise, write_bag
     from tam_calibration.messages.topics import MAGNETIC_FIELD, sensor_topic
 
-    stamps_ns = np.arange(recording.sample_count) * 10_000_000
-    with write_bag(folder / "apart", "sqlite3") as writer:
-        for sensor in range(4):
+    made = simulate(replace(read_scenario("tumble_100_hz"), sample_count=20_000, rate_hz=1000.0))
+    with write_bag(path, "sqlite3") as writer:
+        for sensor, delay_s in enumerate(delays_s):
             connection = writer.add_connection(f"/{sensor_topic(sensor + 1)}", MAGNETIC_FIELD, typestore=TYPESTORE)
-            own_ns = stamps_ns + sensor * 1_000_000
-            for stamp_ns, message in zip(
-                own_ns, serialise(MAGNETIC_FIELD, recording.readings_T[:, sensor], own_ns), strict=True
-            ):
+            own = slice(sensor, None, 10)
+            stamps_ns = np.round((1e3 + made.recording.time_s[own] + delay_s) * 1e9).astype(int)
+            messages = serialise(MAGNETIC_FIELD, made.recording.readings_T[own, sensor], stamps_ns)
+            for stamp_ns, message in zip(stamps_ns, messages, strict=True):
                 writer.write(connection, int(stamp_ns), message)
-    result = CliRunner().invoke(main, ["calibrate", "apart", "--array", "array.yaml"])
-    assert result.exit_code == 2
-    assert "raise the tolerance" in result.stderr
-    assert "600" in run("apart", "--array", "array.yaml", "--tolerance-s", "0.004").stdout
+    write_array("array.yaml", made.scenario.array)
+
+
+def test_sensors_that_stamp_apart_are_interpolated(folder):
+    """A bag whose sensors are read 1 ms after each other needs no option; the residual is that of the noise."""
+    write_apart(folder / "apart")
+    run("apart", "--array", "array.yaml", "-o", "c.yaml")
+    calibration = read_calibration("c.yaml")
+    assert calibration.samples == 1997
+    assert calibration.in_sample.tensor_rmse_T_per_m < 1.05 * calibration.floor.tensor_rmse_T_per_m
+    run("apart", "--array", "array.yaml", "-o", "c.yaml", "--tolerance-s", "0.004")
+    nearest = read_calibration("c.yaml")
+    assert nearest.samples == 2000
+    assert nearest.in_sample.tensor_rmse_T_per_m > 10 * calibration.floor.tensor_rmse_T_per_m
+
+
+def test_delays_are_estimated_told_and_kept(folder):
+    """The calibration keeps them, so that correction takes them off; people see what to write into the array file."""
+    write_apart(folder / "late", (0.0, 0.0123, -0.0071, 0.0185))
+    result = run("late", "--array", "array.yaml", "-o", "c.yaml", "--estimate-delays", "--json", "c.json")
+    calibration, told = read_calibration("c.yaml"), json.loads((folder / "c.json").read_text())["delays"]
+    assert calibration.in_sample.tensor_rmse_T_per_m < 1.05 * calibration.floor.tensor_rmse_T_per_m
+    error = np.array(told["delay_s"]) - [0, 0.0123, -0.0071, 0.0185]
+    assert np.all(np.abs(error) <= 3 * np.array(told["standard_error_s"]))
+    assert calibration.array.delay_s.tolist() == told["delay_s"]
+    assert "delay_s: [0.000000, 0.0123" in result.stdout.replace("\n", " ")
+    corrected = CliRunner().invoke(main, ["correct", "late", "--calibration", "c.yaml", "-o", "out.csv"])
+    assert corrected.exit_code == 0
+    gradient = np.genfromtxt("out.csv", delimiter=",", skip_header=1)[:, 4:10]
+    assert np.sqrt(np.mean(gradient**2)) < 5
 
 
 @pytest.mark.parametrize("method", ["maximum_likelihood", "lossless"])

@@ -51,6 +51,16 @@ def test_positions_make_any_array(read):
     assert read("positions_m: [[0, 0, 0]]\n").vector_noise_T is None
 
 
+def test_delays_are_one_for_each_sensor(read, tmp_path):
+    """They are read in seconds and written as they were read; another number of them is refused."""
+    array = read("positions_m: [[0, 0, 1], [0, 0.5, 0]]\ndelay_s: [0, 0.0123]\n")
+    assert array.delay_s.tolist() == [0, 0.0123]
+    write_array(tmp_path / "again.yaml", array)
+    assert read_array(tmp_path / "again.yaml").delay_s.tolist() == [0, 0.0123]
+    with pytest.raises(InputError, match="delay_s needs one finite number for each of 4 sensors"):
+        read("baseline_m: 0.5\ndelay_s: [0, 0.1]\n")
+
+
 def test_an_array_reads_back(tmp_path):
     """What is written reads back to the bit."""
     array = Array([[0.1, 0.2, 0.3], [0, 0, -1 / 3]], [1.7e-9, 3e-9], 1e-10, [0.1, -1 / 3, 2])

@@ -141,7 +141,7 @@ def split(path, messages, storage):
     return path
 
 
-def read_plainly(path, tolerance_ns=1_000_000):
+def read_plainly(path, tolerance_ns=0):
     """Return stamps, values and losses in words, each message made an object by rosbags and pushed by itself."""
     with Reader(path) as reader:
         topics = find_topics(reader.connections, None)

@@ -85,15 +85,18 @@ def rough(random, loss, jitter_ns, lag_ns, unstamped, restarts):
     loss=st.sampled_from([0.0, 0.02, 0.3]),
     jitter_ns=st.sampled_from([0, 1, 2 * MS, 9 * MS]),
     lag_ns=st.sampled_from([0, 40 * MS, 80 * MS, 300 * MS]),
-    tolerance_ns=st.sampled_from([1 * MS, 4 * MS, 15 * MS]),
+    tolerance_ns=st.sampled_from([0, 1 * MS, 4 * MS, 15 * MS]),
     unstamped=st.sets(st.sampled_from(["scalar", "current"])),
     restarts=st.sampled_from([0, 0, 0, 2]),
+    delay_s=st.sampled_from([None, np.array([1e-3, 0.0, -7e-3])]),
 )
-def test_batches_give_what_single_messages_give(seed, loss, jitter_ns, lag_ns, tolerance_ns, unstamped, restarts):
+def test_batches_give_what_single_messages_give(
+    seed, loss, jitter_ns, lag_ns, tolerance_ns, unstamped, restarts, delay_s
+):
     """Same samples and losses however batches are cut while no stream lags beyond the patience; in one, always."""
     random = Random(seed)
     messages = rough(random, loss, jitter_ns, lag_ns, unstamped, restarts)
-    options = {"scalar_is_held": "scalar" in unstamped}
+    options = {"scalar_is_held": "scalar" in unstamped, "delay_s": delay_s}
     stamps, values, single = one_by_one(messages, tolerance_ns, **options)
     for largest in (len(messages), *((40, 400) if lag_ns < PATIENCE and not restarts else ())):
         smallest = largest if largest == len(messages) else 1

@@ -1,0 +1,105 @@
+"""Sensors whose drivers have clocks of their own: samples used, and the gradient's error over that of the noise.
+
+Run ``python benchmarks/clocks.py [--runs 10]``. Four sensors with the errors of Wu's Table 1 and 1 nT of noise, and a
+scalar, are turned for a minute through all directions in a uniform field. Each reads at its own times, which are its
+stamps; a synchroniser joins them, and the array is calibrated. A second run is corrected: as its field has no gradient,
+all that comes out is error. *Nearest* takes the nearest readings as if they were of one moment (``tolerance_s`` of half
+a period).
+"""
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from scipy.spatial.transform import Rotation
+from spread import Row, show
+
+from tam_calibration.files.scenario import read_scenario
+from tam_calibration.fit import calibrate
+from tam_calibration.messages.batch_stream import StreamMessages
+from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
+from tam_calibration.messages.point_cloud import SampleLayout
+from tam_calibration.model.array import OUTPUT_NAMES
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray
+
+SPAN_S = 60.0
+LAYOUT = SampleLayout(4, scalar=True)
+SCENARIO = read_scenario("wu_table_1")
+FIELD_T = SCENARIO.site_field_T
+GRADIENT = slice(3, len(OUTPUT_NAMES))
+
+EVERY_10_MS = (0.01,) * 4
+CASES = {
+    "one clock": (EVERY_10_MS, (0, 0, 0, 0), 0.0, 90.0),
+    "offsets of 2.5, 5, 7.5 ms": (EVERY_10_MS, (0, 2.5e-3, 5e-3, 7.5e-3), 0.0, 90.0),
+    "clocks 100 ppm apart": ((0.01, 0.01 * (1 + 1e-4), 0.01 * (1 - 1e-4), 0.01 * (1 + 2e-4)), (0, 0, 0, 0), 0.0, 90.0),
+    "times that jitter by ± 2 ms": (EVERY_10_MS, (0, 2.5e-3, 5e-3, 7.5e-3), 2e-3, 90.0),
+    "sensor 1 at 50 Hz, the others at 100 Hz": ((0.02, 0.01, 0.01, 0.01), (0, 2.5e-3, 5e-3, 7.5e-3), 0.0, 90.0),
+    "sensor 1 at 100 Hz, the others at 50 Hz": ((0.01, 0.02, 0.02, 0.02), (0, 2.5e-3, 5e-3, 7.5e-3), 0.0, 90.0),
+    "50 Hz, 180°/s": ((0.02,) * 4, (0, 5e-3, 10e-3, 15e-3), 0.0, 180.0),
+    "25 Hz, 180°/s": ((0.04,) * 4, (0, 10e-3, 20e-3, 30e-3), 0.0, 180.0),
+}
+"""Periods, offsets and jitter of the sensors, seconds, and rate of the turns, degrees a second."""
+
+
+def field_of_array(time_s: FloatArray, rate_deg_per_s: float) -> FloatArray:
+    """Return the field (N, 3) in the frame of an array that turns about one axis, which turns slowly itself."""
+    angles = np.outer(time_s, rate_deg_per_s * np.array([1.0, 0.13, 0.047]))
+    field: FloatArray = Rotation.from_euler("zxy", angles, degrees=True).inv().apply(FIELD_T)
+    return field
+
+
+def joined(case: str, seed: int, tolerance_s: float) -> tuple[Recording, float]:
+    """Return the samples of a run and the part of sensor 1's readings that they are."""
+    periods, offsets, jitter, rate = CASES[case]
+    random = np.random.default_rng(seed)
+    streams = {}
+    for sensor, (period, offset) in enumerate(zip(periods, offsets, strict=True)):
+        count = int(SPAN_S / period)
+        time_s = offset + period * np.arange(count) + random.uniform(0, 2 * jitter, count)
+        noise = 1e-9 * random.normal(size=(count, 3))
+        streams[f"tam_{sensor + 1}"] = time_s, SCENARIO.errors.distort(field_of_array(time_s, rate))[:, sensor] + noise
+    time_s = 3e-3 + 0.1 * np.arange(int(SPAN_S / 0.1))
+    streams["scalar"] = time_s, np.linalg.norm(FIELD_T) + 1e-10 * random.normal(size=(len(time_s), 1))
+    every = np.concatenate([time_s for time_s, _ in streams.values()])
+    order = np.split(np.argsort(np.argsort(every)), np.cumsum([len(time_s) for time_s, _ in streams.values()])[:-1])
+    synchroniser = BatchSynchroniser(LAYOUT, round(tolerance_s * 1e9), expected=["scalar"])
+    messages = {
+        name: StreamMessages(place, np.round(time_s * 1e9).astype(np.int64), values)
+        for place, (name, (time_s, values)) in zip(order, streams.items(), strict=True)
+    }
+    parts = synchroniser.push_batch(messages), synchroniser.flush_batch()
+    stamps_ns, values = (np.concatenate(each) for each in zip(*parts, strict=True))
+    used = len(stamps_ns) / synchroniser.losses["tam_1"].received
+    return LAYOUT.recording(np.column_stack([stamps_ns * 1e-9, values])), used
+
+
+def gradient_error(case: str, seed: int, tolerance_s: float) -> tuple[float, float]:
+    """Return the part of sensor 1's readings that are used, and the gradient's error over that of the noise."""
+    recording, used = joined(case, 2 * seed, tolerance_s)
+    calibration = calibrate(recording, SCENARIO.array)
+    corrected = calibration.correct(joined(case, 2 * seed + 1, tolerance_s)[0])
+    error = np.sqrt(np.mean(corrected.outputs[:, GRADIENT] ** 2))
+    return used, float(error / np.sqrt(np.mean(corrected.standard_errors[GRADIENT] ** 2)))
+
+
+@click.command(help=__doc__)
+@click.option("--runs", default=10, show_default=True)
+def main(runs: int) -> None:
+    """Measure, print and keep."""
+    rows = []
+    for case in track(CASES, console=Console(stderr=True)):
+        used, error = zip(*(gradient_error(case, seed, 0.0) for seed in range(runs)), strict=True)
+        nearest = gradient_error(case, 0, min(CASES[case][0]) / 2)[1]
+        rows += [
+            Row(case, "part of sensor 1's readings used", used, least=0.99),
+            Row(case, "error of the gradient over that of the noise", error, most=1.05),
+            Row(case, "the same with the nearest readings", [nearest]),
+        ]
+    command = f"python benchmarks/clocks.py --runs {runs}"
+    show("Drivers with clocks of their own, a minute of turns", command, "clocks.csv", rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""Delays of the sensors' stamps, estimated from the motion of the array."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.core.interpolation import without_delays
+from tam_calibration.files.scenario import read_scenario
+from tam_calibration.gap.delays import estimate_delays
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.simulation import simulate
+
+
+def delayed(delays_ms, seed):
+    """Return half a minute of a tumble at 100 Hz whose sensors read whole milliseconds before their stamps."""
+    scenario = replace(read_scenario("tumble_100_hz"), sample_count=30_100, rate_hz=1000.0, seed=seed)
+    made = simulate(scenario)
+    places = np.arange(50, 30_050, 10)
+    readings = [made.recording.readings_T[places - late, sensor] for sensor, late in enumerate(delays_ms)]
+    return replace(made.recording.take(places), readings_T=np.stack(readings, axis=1)), scenario.array
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("delays_ms", [(0, 20, -13, 7), (0, 1, 0, -20)])
+def test_delays_up_to_twenty_milliseconds_are_found(delays_ms, seed):
+    """Within three standard errors, which are some microseconds."""
+    recording, array = delayed(delays_ms, seed)
+    found = estimate_delays(recording, array)
+    error = found.delay_s - 1e-3 * np.array(delays_ms)
+    assert found.delay_s[0] == 0 and found.standard_error_s[0] == 0
+    assert np.all(np.abs(error[1:]) < 3 * found.standard_error_s[1:])
+    assert np.all(np.abs(error) < 50e-6)
+
+
+def test_without_its_delays_a_recording_reads_what_all_sensors_read_at_once():
+    """To the last bit where the delay is a whole number of samples; at the ends some samples are lost."""
+    late, _ = delayed((0, 20, -13, 7), 3)
+    true, array = delayed((0, 0, 0, 0), 3)
+    mended = without_delays(late, np.array([0, 20e-3, -13e-3, 7e-3]))
+    _, same, _ = np.intersect1d(true.time_s, mended.time_s, return_indices=True)
+    assert len(mended.time_s) >= len(true.time_s) - 8
+    difference = mended.readings_T - true.readings_T[same]
+    assert not difference[:, :2].any()
+    assert_allclose(difference.std(axis=(0, 2))[2:], np.sqrt(2) * array.vector_noise_T[2:], rtol=0.1)
+
+
+def test_poses_tell_no_delay(wu_run):
+    """An array that jumps from pose to pose has no rate to see a delay by."""
+    with pytest.raises(InputError, match="turn the array fast and continuously"):
+        estimate_delays(wu_run.recording, wu_run.scenario.array)

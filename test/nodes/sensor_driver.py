@@ -1,0 +1,47 @@
+"""A driver of one sensor in a process of its own: each reading is published when its time has come, with its stamp.
+
+``python sensor_driver.py TOPIC FILE``: FILE holds ``stamps_s`` and ``readings_T`` (N, 3). It begins at the time of day
+that arrives on the topic ``begin``, and ends with SIGINT.
+"""
+
+import contextlib
+import sys
+import time
+
+import numpy as np
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.time import Time
+from sensor_msgs.msg import MagneticField
+from std_msgs.msg import Float64
+
+from tam_calibration.nodes.signals import Startup
+
+
+def main():
+    """Publish the readings."""
+    topic, path = sys.argv[1:]
+    with np.load(path) as file:
+        stamps_s, readings = file["stamps_s"].tolist(), file["readings_T"].tolist()
+    startup = Startup()
+    rclpy.init()
+    startup.over()
+    node = rclpy.create_node(f"driver_{topic.replace('/', '_')}")
+    publisher = node.create_publisher(MagneticField, topic, 1000)
+    begin = []
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_subscription(Float64, "begin", lambda message: begin.append(message.data), latched)
+    while not begin:
+        rclpy.spin_once(node)
+    message = MagneticField()
+    for stamp_s, (x, y, z) in zip(stamps_s, readings, strict=True):
+        time.sleep(max(0.0, begin[0] + stamp_s - time.time()))
+        message.header.stamp = Time(nanoseconds=round((begin[0] + stamp_s) * 1e9)).to_msg()
+        message.magnetic_field.x, message.magnetic_field.y, message.magnetic_field.z = x, y, z
+        publisher.publish(message)
+    rclpy.spin(node)
+
+
+with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+    main()
