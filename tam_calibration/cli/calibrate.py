@@ -228,7 +228,7 @@ def _delays_in_words(delays: "Delays") -> str:
         f"sensor {sensor} {with_error(float(value), float(error), 4)} ms"
         for sensor, (value, error) in enumerate(milliseconds, start=2)
     )
-    stated = ", ".join(f"{value:.6f}" for value in delays.delay_s)
+    stated = ", ".join(f"{round(value, 6) + 0.0:.6f}" for value in delays.delay_s.tolist())
     return f"Stamped after sensor 1: {words}. For the array file, live too: delay_s: [{stated}]."
 
 

@@ -14,7 +14,7 @@ from tam_calibration.files.csv_files import (
     write_csv_recording,
 )
 from tam_calibration.files.recording_stream import RecordingStream
-from tam_calibration.files.text_files import read_text
+from tam_calibration.files.text_files import in_file, read_text
 from tam_calibration.files.yaml_document import parse_mapping
 from tam_calibration.messages.samples import Progress, Samples, stamps_of
 from tam_calibration.model.exceptions import InputError
@@ -140,7 +140,8 @@ def read_samples(
         return read_bag(path, sensor_count, round(tolerance_s * 1e9), progress, delay_s)
     recording = read_csv_recording(path)
     _require_sensors(path, recording, sensor_count)
-    return Samples(recording if delay_s is None else without_delays(recording, delay_s))
+    with in_file(path):
+        return Samples(recording if delay_s is None else without_delays(recording, delay_s))
 
 
 def read_pieces(
