@@ -16,7 +16,9 @@ from tam_calibration.files.bag_storages import STORAGES
 from tam_calibration.files.text_files import in_file
 from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
-from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.messages.cdr import NO_TIME, RawMessages
+from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS
+from tam_calibration.messages.run import Run
 from tam_calibration.messages.samples import Progress, Samples, seconds_of
 from tam_calibration.messages.topics import StreamTopics, find_topics
 from tam_calibration.model.exceptions import InputError
@@ -158,11 +160,11 @@ def read_bag(
         rows = np.empty((reader.message_count // topics.layout.sensor_count, len(topics.layout.columns)))
         stamps = np.empty(len(rows), dtype=np.int64)
         count = 0
-        for stamps_ns, values in _join(reader, topics, tolerance_ns, progress, delay_s):
+        for stamps_ns, times_ns, values in _join(reader, topics, tolerance_ns, progress, delay_s):
             chosen = slice(count, count + len(stamps_ns))
             if chosen.stop > len(rows):
                 raise InputError("the bag holds more messages than its metadata say: `ros2 bag reindex` counts them")
-            stamps[chosen], rows[chosen, 0], rows[chosen, 1:] = stamps_ns, seconds_of(stamps_ns), values
+            stamps[chosen], rows[chosen, 0], rows[chosen, 1:] = stamps_ns, seconds_of(times_ns), values
             count = chosen.stop
         return Samples(topics.layout.recording(rows[:count]), stamps[:count])
 
@@ -199,15 +201,16 @@ def read_bag_pieces(
     """
     with open_bag(path) as reader, in_file(path):
         topics = find_topics(reader.connections, sensor_count)
-        for stamps_ns, values in _join(reader, topics, tolerance_ns, progress, delay_s):
-            rows = np.column_stack([seconds_of(stamps_ns), values])
+        for stamps_ns, times_ns, values in _join(reader, topics, tolerance_ns, progress, delay_s):
+            rows = np.column_stack([seconds_of(times_ns), values])
             yield Samples(topics.layout.recording(rows), stamps_ns)
 
 
 def _join(
     reader: Reader, topics: StreamTopics, tolerance_ns: int, progress: Progress, delay_s: FloatArray | None
-) -> Iterator[tuple[IntArray, FloatArray]]:
-    """Yield stamps and values of the samples, never none; the losses are logged at the end."""
+) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+    """Yield stamps, times in the run and values of the samples, never none; steps and losses are logged at the end."""
+    run = Run()
     synchroniser = BatchSynchroniser(
         topics.layout,
         tolerance_ns,
@@ -219,14 +222,11 @@ def _join(
         delay_s=delay_s,
     )
     for batch in _batches(reader, topics, progress):
+        for name, messages in batch.items():
+            batch[name] = _usable(synchroniser, name, messages)
         stamps_ns, values = synchroniser.push_batch(batch)
-        if synchroniser.restarts:
-            raise InputError(
-                "the stamps go backwards: keep one run (a bag that was played in a loop, or a sensor that restarted, "
-                "makes several)"
-            )
         if len(stamps_ns):
-            yield stamps_ns, values
+            yield stamps_ns, _times_in(run, synchroniser, stamps_ns, values), values
     stamps_ns, values = synchroniser.flush_batch()
     if not synchroniser.delivered:
         raise InputError(
@@ -234,9 +234,45 @@ def _join(
             "compare the stamps: do the drivers share one clock?"
         )
     if len(stamps_ns):
-        yield stamps_ns, values
-    if any(losses.dropped or losses.missing for losses in synchroniser.losses.values()):
+        yield stamps_ns, _times_in(run, synchroniser, stamps_ns, values), values
+    for step in synchroniser.steps:
+        log.warning("%s: a clock was set or a driver started anew, the run is kept", step)
+    if any(losses.dropped or losses.missing or losses.unusable for losses in synchroniser.losses.values()):
         log.warning(synchroniser.explain_losses())
+
+
+def _usable(synchroniser: BatchSynchroniser, stream: str, messages: StreamMessages) -> StreamMessages:
+    """Return the messages of a stream that have a time and values, as the collector takes them; the others count."""
+    is_missing = np.isinf(messages.values) if stream in CHANNEL_COLUMNS else ~np.isfinite(messages.values)
+    usable = ~is_missing.any(axis=1)
+    if messages.stamps_ns is not None:
+        usable &= messages.stamps_ns != NO_TIME
+    if usable.all():
+        return messages
+    synchroniser.refuse(stream, int((~usable).sum()))
+    stamps_ns = None if messages.stamps_ns is None else messages.stamps_ns[usable]
+    return StreamMessages(messages.order[usable], stamps_ns, messages.values[usable])
+
+
+def _times_in(run: Run, synchroniser: BatchSynchroniser, stamps_ns: IntArray, values: FloatArray) -> IntArray:
+    """Return the times of samples in their run: their stamps, without the steps back.
+
+    Raises
+    ------
+    InputError
+        When the first sample comes again.
+    """
+    times_ns, count, last = stamps_ns.copy(), len(stamps_ns), 3 * synchroniser.sensor_count
+    # As long as stamps rise the run needs to know its first sample, and the newest two.
+    for index in range(count) if synchroniser.restarts else sorted({0, max(count - 2, 0), count - 1}):
+        stamp_ns = int(stamps_ns[index])
+        if run.begins_again(stamp_ns, values[index, :last].tobytes()):
+            raise InputError(
+                "the stamps go backwards: keep one run (a bag that was played in a loop, or a sensor that restarted, "
+                "makes several)"
+            )
+        times_ns[index] = run.time_ns(stamp_ns)
+    return times_ns
 
 
 def _batches(reader: Reader, topics: StreamTopics, progress: Progress) -> Iterator[dict[str, StreamMessages]]:

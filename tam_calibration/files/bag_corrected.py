@@ -12,7 +12,7 @@ from tam_calibration.correction.calibration import Corrected
 from tam_calibration.files.bag import open_bag, raw_blocks
 from tam_calibration.files.bag_storages import DEFAULT, storage_of
 from tam_calibration.files.bag_writing import TYPESTORE, BlockWriter, header, write_bag
-from tam_calibration.messages.cdr import RawMessages, fill, interleave, read_stamped_doubles
+from tam_calibration.messages.cdr import NO_TIME, RawMessages, fill, interleave, read_stamped_doubles
 from tam_calibration.messages.point_cloud import (
     FIELD_GRADIENT_COLUMNS,
     FLOAT64_SIZE,
@@ -25,6 +25,7 @@ from tam_calibration.messages.point_cloud import (
 from tam_calibration.messages.samples import Progress
 from tam_calibration.messages.samples import pieces as pieces_of
 from tam_calibration.messages.topics import find_topics
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 
 _MAGNETIC_FIELD, _MULTI_ARRAY = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64MultiArray"
@@ -59,7 +60,7 @@ def write_bag_corrected(
     InputError
         When the source cannot be read or the bag cannot be written.
     """
-    results = _Results(iter(pieces))
+    results = _Results(_rising(pieces))
     with write_bag(path, DEFAULT if source is None else storage_of(source)) as writer:
         if source is None:
             topics = _Topics(writer, "/", results.first)
@@ -90,6 +91,16 @@ def _merge(reader: Reader, writer: BlockWriter, results: "_Results", progress: P
         writer.write_block(interleave([copied, *rows], [np.arange(len(block)), *[places] * len(rows)]))
     for _ in results.rest():
         pass  # what is wrong with the readings may show at their end
+
+
+def _rising(pieces: Iterable[tuple[Corrected, IntArray]]) -> Iterator[tuple[Corrected, IntArray]]:
+    """Yield results and their stamps, which must rise for each to find its reading."""
+    newest_ns = NO_TIME
+    for corrected, stamps_ns in pieces:
+        if (np.diff(stamps_ns, prepend=newest_ns) <= 0).any():
+            raise InputError("the stamps of the samples step back: write a .csv instead, in which time goes on")
+        newest_ns = int(stamps_ns[-1])
+        yield corrected, stamps_ns
 
 
 class _Results:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tam_calibration.core.interpolation import BEFORE, interpolated
 from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS
 from tam_calibration.messages.stream import HeldStream, IntensityStream, InterpolatedStream, Stream
+from tam_calibration.messages.timeline import STEP_NS
 from tam_calibration.model.units import FloatArray, IntArray
 
 BoolArray = NDArray[np.bool_]
@@ -157,6 +158,16 @@ class Queue:
             np.concatenate([values, messages.values[new]]),
         )
 
+    def jumps(self, arrivals: Arrivals) -> bool:
+        """Whether a stamp jumps that the sensors do not make credible, or one before it is doubtful."""
+        timeline, new = self.stream.timeline, self.stamps_ns[self.is_new]
+        if self.is_unstamped or not len(self.stamps_ns):
+            return False
+        is_back = self.stamps_ns <= self.previous_ns - STEP_NS
+        is_far = np.diff(new, prepend=timeline.newest_ns) > timeline.reaches(new)
+        is_alone = new > arrivals.newest_before(self.order[self.is_new]) + STEP_NS
+        return bool(timeline.doubtful) or bool(is_back.any() or (is_far & is_alone).any())
+
     @property
     def is_held(self) -> bool:
         """Whether a message holds until the next."""
@@ -246,6 +257,8 @@ class Queue:
         elif not self.is_held:
             losses.unmatched += first - joined
         stream.newest = self.newest_ns
+        if not self.is_unstamped:
+            stream.timeline.rise(self.stamps_ns[self.is_new])
         stream.awaited = stream.awaited or count > 0
         keys = self.keys[first:]
         is_last = np.append(keys[1:] != keys[:-1], True)[: len(keys)]
@@ -255,11 +268,15 @@ class Queue:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Which message of a stream joins each sample, and whether one does, or else what those around it tell."""
+    """Which message of a stream joins each sample, and whether one does, or else what those around it tell.
+
+    A message that joins one may have been the next one's: that is doubtful until the next message of sensor 1.
+    """
 
     queue: Queue
     index: IntArray
     found: BoolArray
+    is_doubtful: BoolArray | None = None
     between: "Between | None" = None
 
     @property

@@ -111,9 +111,8 @@ class BatchSynchroniser(Synchroniser):
         if not len(new) or queue.is_unstamped:
             return bool(len(new)) and not queue.stream.awaited
         patience = self._hold_patience_ns if queue.is_held else self._patience_ns - queue.stream.window_ns
-        steps_back = (new < 0) | (new <= queue.previous_ns - self._patience_ns)
         lags = queue.is_new & (arrivals.newest_before(queue.order) >= new + patience)
-        return not queue.stream.awaited or bool((steps_back | lags).any())
+        return not queue.stream.awaited or queue.jumps(arrivals) or bool((lags | (new < 0)).any())
 
     def _limit(self, partners: Sequence[Queue]) -> int:
         """Return the last stamp at which it is decided what joins a sample."""
@@ -141,7 +140,7 @@ class BatchSynchroniser(Synchroniser):
             if (is_doubtful & (following == NEVER)).any():
                 return None
             is_of_next = is_doubtful & (np.abs(following - found) < found - keys)
-            kept.append(replace(match, found=match.found & ~is_of_next))
+            kept.append(replace(match, found=match.found & ~is_of_next, is_doubtful=is_doubtful))
         return kept
 
     def _shortest_intervals(self, keys: IntArray) -> IntArray:
@@ -167,9 +166,12 @@ class BatchSynchroniser(Synchroniser):
             return list(matches)
         start = np.maximum(keys, max(self._epoch_start, LONG_AGO))
         decided = [pace.order_of_keys[: len(keys)]]
-        for queue in partners:
+        following = np.append(pace.order_of_keys[1:], NEVER)[: len(keys)]
+        for queue, match in zip(partners, matches, strict=True):
             patience = self._hold_patience_ns if queue.is_held else self._patience_ns
             own = queue.decided(keys) if queue.stream.awaited else np.full(len(keys), EARLIER)
+            if match.is_doubtful is not None:
+                own = np.where(match.is_doubtful, np.maximum(own, following), own)
             decided.append(np.minimum(own, arrivals.reach(start + patience)))
         # A sample that lacks a sensor is given up as soon as that is known.
         lacks = np.array([~match.has_value for match in matches[: len(self._sensors) - 1]] + [np.ones(len(keys), bool)])

@@ -17,6 +17,10 @@ NOT_READ = -1
 """A time of recording that was not read."""
 
 
+NO_TIME = -1
+"""A stamp that is no time: before 1970, or with more than a second of nanoseconds."""
+
+
 @dataclass(frozen=True, eq=False)
 class RawMessages:
     """Serialised messages in the order of their recording.
@@ -153,6 +157,8 @@ _DAMAGED = "a message is damaged: it is too short, or not in the serialisation C
 def read_stamped_doubles(messages: RawMessages, count: int) -> tuple[IntArray, FloatArray]:
     """Return the (n,) stamps in nanoseconds and the (n, count) doubles of messages that begin with header and doubles.
 
+    A stamp that is no time is ``NO_TIME``.
+
     Parameters
     ----------
     messages : RawMessages
@@ -168,7 +174,9 @@ def read_stamped_doubles(messages: RawMessages, count: int) -> tuple[IntArray, F
     stamps, values = np.empty(len(messages), dtype=np.int64), np.empty((len(messages), count))
     for chosen, part, order in _by_byte_order(messages):
         head = _take(part, _BODY, _HEAD.itemsize).view(_HEAD.newbyteorder(order))
-        stamps[chosen] = head["seconds"].astype(np.int64) * 1_000_000_000 + head["nanoseconds"]
+        seconds, nanoseconds = head["seconds"].astype(np.int64), head["nanoseconds"]
+        is_time = (seconds >= 0) & (nanoseconds < 1_000_000_000)
+        stamps[chosen] = np.where(is_time, seconds * 1_000_000_000 + nanoseconds, NO_TIME)
         begin = _BODY + (_HEAD.itemsize + head["length"].astype(np.int64) + 7 & -8)
         values[chosen] = _take(part, begin, 8 * count).view(f"{order}f8").reshape(-1, count)
     return stamps, values
@@ -201,15 +209,18 @@ def read_stamp_and_doubles(message: bytes, count: int) -> tuple[int, tuple[float
     Raises
     ------
     InputError
-        When the message is truncated or not plain CDR.
+        When the message is truncated or not plain CDR, or its stamp is no time.
     """
     try:
         order, head = _HEADS[message[:2]]
         seconds, nanoseconds, length = head.unpack_from(message, _BODY)
         begin = _BODY + (head.size + length + 7 & -8)
-        return seconds * 1_000_000_000 + nanoseconds, struct.unpack_from(f"{order}{count}d", message, begin)
+        values = struct.unpack_from(f"{order}{count}d", message, begin)
     except (KeyError, struct.error):
         raise InputError(_DAMAGED) from None
+    if seconds < 0 or nanoseconds >= 1_000_000_000:
+        raise InputError(f"the stamp is no time: {seconds} s and {nanoseconds} ns; its driver must set header.stamp")
+    return seconds * 1_000_000_000 + nanoseconds, values
 
 
 def read_float64(message: bytes) -> float:

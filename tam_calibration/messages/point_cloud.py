@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.conversion import ATTITUDE_COLUMNS, reading_columns
@@ -92,6 +93,11 @@ class SampleLayout:
         return tuple(channel for channel in CHANNEL_COLUMNS if getattr(self, channel))
 
     @classmethod
+    def whole(cls, sensor_count: int) -> "SampleLayout":
+        """Return the layout with all channels."""
+        return cls(sensor_count, scalar=True, temperature=True, current=True, attitude=True)
+
+    @classmethod
     def of(cls, recording: Recording) -> "SampleLayout":
         """Return the layout of the samples of a recording."""
         return cls(recording.sensor_count, *(values is not None for values in _channels(recording)))
@@ -110,6 +116,19 @@ class SampleLayout:
         if layout.columns != tuple(columns) or sensor_count == 0:
             raise InputError(f"samples must have the columns {', '.join(layout.columns)}, not {', '.join(columns)}")
         return layout
+
+    def widened(self, columns: Sequence[str], rows: FloatArray) -> FloatArray:
+        """Return rows of some of the columns, by their names, with NaN in the others."""
+        widened = np.full((len(rows), len(self.columns)), np.nan)
+        widened[:, [self.columns.index(name) for name in columns]] = rows
+        return widened
+
+    def are_samples(self, rows: FloatArray) -> NDArray[np.bool_]:
+        """Return which of (N, columns) rows a recording can hold: readings finite, channels not infinite."""
+        first = 1 + 3 * self.sensor_count
+        has_readings = np.isfinite(rows[:, :first]).all(axis=1)
+        has_attitude = rows[:, -4:].any(axis=1) | (not self.attitude)
+        return np.asarray(has_readings & has_attitude & ~np.isinf(rows[:, first:]).any(axis=1))
 
     def rows(self, recording: Recording) -> FloatArray:
         """Return the (N, columns) rows of a recording."""

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tam_calibration.core.interpolation import BEFORE, is_even, weights
+from tam_calibration.messages.timeline import Timeline
 
 Message = tuple[int, Sequence[float]]
 """Key and values."""
@@ -30,6 +31,10 @@ class Losses:
         Messages that joined no sample; not counted where a message may be part of several, or of none, without loss.
     duplicate, late : int
         Messages with the same stamp as the one before, or an earlier one.
+    implausible : int
+        Messages whose stamp no other of the stream goes on from.
+    unusable : int
+        Messages that were damaged, or whose stamp or values are none.
     missing : int
         Samples for which the stream had no message in time: lost for a sensor, NaN for a channel.
     """
@@ -38,12 +43,14 @@ class Losses:
     unmatched: int = 0
     duplicate: int = 0
     late: int = 0
+    implausible: int = 0
+    unusable: int = 0
     missing: int = 0
 
     @property
     def dropped(self) -> int:
         """Messages that were thrown away."""
-        return self.unmatched + self.duplicate + self.late
+        return self.unmatched + self.duplicate + self.late + self.implausible
 
     def explain(self) -> str:
         """Return the reasons and their counts for people; empty without losses."""
@@ -52,6 +59,8 @@ class Losses:
             "{} messages joined no sample": self.unmatched,
             "{} repeated stamps": self.duplicate,
             "{} stamps out of order": self.late,
+            "{} stamps far from those before and after": self.implausible,
+            "{} messages unusable": self.unusable,
         }
         return ", ".join(reason.format(count) for reason, count in reasons.items() if count)
 
@@ -64,6 +73,7 @@ class Stream:
         self.window_ns = window_ns
         self.awaited = awaited
         self.losses = Losses()
+        self.timeline = Timeline[Sequence[float]]()
         self.buffer: deque[Message] = deque()
         self.newest = -1
         self.epoch = 0

@@ -4,7 +4,7 @@ Sensor 1 sets the pace: each of its messages makes a sample with the nearest mes
 tolerance, unless that message is nearer to the next one of sensor 1: after a loss no stream takes what belongs to the
 next sample, whatever the tolerance. The streams arrive each in its own order but interleaved in any way; the samples do
 not depend on how, as long as no stream lags behind another by more than the patience. Time is that of the stamps: no
-clock is read.
+clock is read. A stamp that jumps is believed when the next one of its stream follows it: see `timeline`.
 """
 
 from collections import deque
@@ -24,6 +24,7 @@ from tam_calibration.messages.stream import (
     Stream,
     sensor_stream,
 )
+from tam_calibration.messages.timeline import STEP_NS, Step
 from tam_calibration.model.units import FloatArray
 
 _MAXIMUM_AGE_NS = {
@@ -51,7 +52,7 @@ class Sample(NamedTuple):
     stamp_ns : int
         Stamp of sensor 1; strictly increasing within an epoch.
     epoch : int
-        Grows when stamps went backwards: a bag that loops, a sensor that restarted.
+        Grows when stamps stepped back: a clock that was set, a driver that restarted, a bag that loops.
     values : tuple of float
         The columns of `SampleLayout` after ``time_s``; NaN where a channel had no value.
     """
@@ -71,8 +72,7 @@ class Synchroniser:
     tolerance_ns : int
         Greatest difference of stamps within a sample.
     patience_ns : int
-        How far in stamps a stream may lag behind the newest sensor before samples go without it. Stamps that step
-        back by more begin a new epoch.
+        How far in stamps a stream may lag behind the newest sensor before samples go without it.
     hold_patience_ns : int
         The same for held channels (temperature, current, attitude): 0 takes what has arrived, without delay.
     scalar_is_held : bool
@@ -100,6 +100,7 @@ class Synchroniser:
         delay_s: FloatArray | None = None,
     ) -> None:
         self.delivered = self.restarts = 0
+        self.steps: list[Step] = []
         self._patience_ns, self._hold_patience_ns = patience_ns, hold_patience_ns
         self._capacity = capacity
         delays_ns = [] if delay_s is None else np.round(1e9 * delay_s).astype(int).tolist()
@@ -121,6 +122,11 @@ class Synchroniser:
         self._previous = _BEFORE_ALL
         self._intervals: deque[int] = deque(maxlen=REMEMBERED)
         self._waits_for: Stream = self._sensors[0]
+
+    @property
+    def sensor_count(self) -> int:
+        """Number of sensors K."""
+        return len(self._sensors)
 
     @property
     def losses(self) -> dict[str, Losses]:
@@ -148,16 +154,25 @@ class Synchroniser:
         state.losses.received += 1
         if stamp_ns is not None and stream in self._delays_ns:
             stamp_ns -= self._delays_ns[stream]
-        key = self._key(state, stamp_ns)
-        if key is None:
-            return []
-        self._store(state, key, values)
-        is_waiting_over = self._waits_for is state or self._is_overdue(self._waits_for)
-        return self._complete() if is_waiting_over else []
+        if stamp_ns is None or state.timeline.advances(stamp_ns):
+            is_stored, is_step = self._admit(state, stamp_ns, values), False
+        else:
+            is_stored, is_step = self._admit_believed(state, stamp_ns, values)
+        is_waiting_over = self._waits_for is state or is_step or self._is_overdue(self._waits_for)
+        return self._complete() if is_stored and is_waiting_over else []
+
+    def refuse(self, stream: str, count: int = 1) -> None:
+        """Count messages of a stream that cannot be used."""
+        losses = self._streams[stream].losses
+        losses.received += count
+        losses.unusable += count
 
     def flush(self) -> list[Sample]:
         """Return the samples that still waited for messages: there will be none."""
         self._horizon = self._hold_horizon = self._newest
+        for stream in self._streams.values():
+            stream.timeline.give_up()
+            stream.losses.implausible = stream.timeline.given_up
         samples = self._complete()
         self._forget((self._epoch + 1) * _EPOCH)
         return samples
@@ -174,6 +189,48 @@ class Synchroniser:
             parts.append(f"stamps went back {self.restarts} times")
         return "; ".join(parts)
 
+    def _admit_believed(self, stream: Stream, stamp_ns: int, values: Sequence[float]) -> tuple[bool, bool]:
+        """Let those messages wait that are believed after one that is no usual next; return whether any, and a step."""
+        timeline = stream.timeline
+        believed = timeline.take(stamp_ns, values, self._is_expected(stream, stamp_ns))
+        stream.losses.implausible = timeline.given_up
+        is_step = len(believed) > 1
+        if is_step and self._is_first_to_step(stream, believed[0][0]):
+            self.steps.append(Step(stream.name, timeline.jump_ns))
+        is_stored = [self._admit(stream, *message) for message in believed]
+        if is_step:
+            self._release()
+        return any(is_stored), is_step
+
+    def _is_expected(self, stream: Stream, stamp_ns: int) -> bool:
+        """Return whether a stream that jumps to a stamp only follows the sensors: after a pause, or in a new epoch."""
+        present = self._newest - self._epoch * _EPOCH
+        if stream.epoch < self._epoch:
+            return abs(stamp_ns - present) <= self._patience_ns
+        return stream.timeline.newest_ns < stamp_ns <= present + STEP_NS
+
+    def _is_first_to_step(self, stream: Stream, stamp_ns: int) -> bool:
+        """Return whether a stream steps to a stamp before the others: any stream back, a sensor ahead."""
+        if stream.timeline.jump_ns < 0:
+            return stream.epoch == self._epoch
+        return stream in self._sensors and not self._is_expected(stream, stamp_ns)
+
+    def _release(self) -> None:
+        """Take the doubtful messages of streams that make the step that another has just confirmed."""
+        for stream in self._streams.values():
+            doubtful = stream.timeline.doubtful
+            if doubtful and self._is_expected(stream, doubtful[0][0]):
+                for message in stream.timeline.believe():
+                    self._admit(stream, *message)
+
+    def _admit(self, stream: Stream, stamp_ns: int | None, values: Sequence[float]) -> bool:
+        """Let a message wait for its sample; return whether it is one that can join."""
+        key = self._key(stream, stamp_ns)
+        if key is None:
+            return False
+        self._store(stream, key, values)
+        return True
+
     def _key(self, stream: Stream, stamp_ns: int | None) -> int | None:
         """Return the place of a message in the order of all messages, or None where it is thrown away."""
         if stamp_ns is None:
@@ -187,7 +244,7 @@ class Synchroniser:
         elif key == stream.newest:
             stream.losses.duplicate += 1
             return None
-        elif key > stream.newest - self._patience_ns:
+        elif key > stream.newest - STEP_NS:
             stream.losses.late += 1
             return None
         elif stream.epoch == self._epoch:

@@ -20,12 +20,14 @@ from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.result import Gap
 from tam_calibration.messages.point_cloud import SampleLayout
+from tam_calibration.messages.run import Run
+from tam_calibration.messages.timeline import Timeline
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.calibration_figures import describe, figures
-from tam_calibration.nodes.cloud import CloudReader
+from tam_calibration.nodes.cloud import CloudReader, Rows, from_stamp, layout_of
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, Rule, array_of
 
 
@@ -33,18 +35,19 @@ class SampleStore:
     """The samples since the last start over.
 
     When it is full every second sample is given up, and only every second new one is taken, so that the whole
-    run stays covered. Time that goes backwards (a bag that loops) or other columns start it over. One thread may add
-    while another asks for the recording.
+    run stays covered. Its time goes on where stamps step back; a recording that is played once more starts it over. One
+    thread may add while another asks for the recording.
 
     Parameters
     ----------
+    layout : SampleLayout
+        Of the samples.
     capacity : int
         Greatest number of samples.
     """
 
-    def __init__(self, capacity: int) -> None:
-        self._capacity = capacity
-        self._columns: tuple[str, ...] = ()
+    def __init__(self, layout: SampleLayout, capacity: int) -> None:
+        self.layout, self._capacity = layout, capacity
         self._lock = Lock()
         self.start_over()
 
@@ -54,30 +57,38 @@ class SampleStore:
 
     def start_over(self) -> None:
         """Forget all samples."""
+        with self._lock:
+            self._begin()
+
+    def _begin(self) -> None:
         self._rows: list[FloatArray] = []
         self._stride, self._seen = 1, 0
-        self._newest_s = -np.inf
+        self._run, self._timeline = Run(), Timeline[FloatArray](disorder_ns=0)
 
-    def add(self, columns: tuple[str, ...], row: FloatArray) -> None:
+    def add(self, stamp_ns: int, row: FloatArray) -> None:
         """Add one sample.
 
         Parameters
         ----------
-        columns : tuple of str
-            Names of the columns, as in ``SampleLayout.columns``.
+        stamp_ns : int
+            Its stamp, nanoseconds.
         row : (columns,) array
-            The values, SI, the first of which is the time, seconds.
+            The values of ``layout.columns``, SI, the first of which is the time, seconds.
         """
         with self._lock:
-            if columns != self._columns or row[0] <= self._newest_s:
-                self._columns = columns
-                self.start_over()
-            if self._seen % self._stride == 0:
-                self._rows.append(row)
-            self._seen += 1
-            self._newest_s = row[0]
-            if len(self._rows) == self._capacity:
-                self._rows, self._stride = self._rows[::2], 2 * self._stride
+            for believed_ns, believed in self._timeline.take(stamp_ns, row):
+                self._store(believed_ns, believed)
+
+    def _store(self, stamp_ns: int, row: FloatArray) -> None:
+        readings = row[1 : 1 + 3 * self.layout.sensor_count].tobytes()
+        if self._run.begins_again(stamp_ns, readings):
+            self._rows, self._stride, self._seen = [], 1, 0
+        time_ns = self._run.time_ns(stamp_ns)
+        if self._seen % self._stride == 0:
+            self._rows.append(row if time_ns == stamp_ns else np.append(time_ns / 1_000_000_000, row[1:]))
+        self._seen += 1
+        if len(self._rows) == self._capacity:
+            self._rows, self._stride = self._rows[::2], 2 * self._stride
 
     def recording(self) -> Recording:
         """Return the stored samples.
@@ -88,12 +99,12 @@ class SampleStore:
             When there is none, or they are no recording.
         """
         with self._lock:
-            columns, rows = self._columns, self._rows.copy()
+            rows = self._rows.copy()
         if not rows:
             raise InputError(
                 "no samples are stored: check in /diagnostics that the collector runs and every sensor publishes"
             )
-        return SampleLayout.from_columns(columns).recording(np.array(rows))
+        return self.layout.recording(np.array(rows))
 
 
 RULES = (
@@ -126,7 +137,7 @@ class Calibrator(TamNode):
         self._worked: list[Service] = []
         super().__init__("calibrator", RULES)
         self._array = array_of(self)
-        self._store = SampleStore(self.value("max_samples"))
+        self._store = SampleStore(SampleLayout.whole(self._array.sensor_count), self.value("max_samples"))
         self._problem = ""
         self._calibration: Calibration | None = None
         self._gap: Gap | None = None
@@ -174,10 +185,23 @@ class Calibrator(TamNode):
     def _take(self, messages: list[bytes]) -> None:
         self._problem = ""
         for rows in self._reader.read(messages):
+            try:
+                layout_of(rows.columns, self._array.sensor_count)
+            except InputError as problem:
+                self._refuse_samples(str(problem))
+                continue
             if not len(rows.values):
                 self._store.start_over()
-            for row in rows.values:
-                self._store.add(rows.columns, row)
+            self._add(rows)
+
+    def _add(self, rows: Rows) -> None:
+        """Store the rows that are samples: one that is not is counted and costs no other."""
+        values = self._store.layout.widened(rows.columns, rows.values)
+        for stamp, row, is_sample in zip(rows.stamps, values, self._store.layout.are_samples(values), strict=True):
+            if is_sample:
+                self._store.add(from_stamp(stamp), row)
+            else:
+                self.refuse("samples", "a value is infinite, a reading is NaN, or an attitude is four zeros")
 
     def _refuse_samples(self, problem: str) -> None:
         self._problem = problem

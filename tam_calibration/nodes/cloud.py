@@ -101,7 +101,7 @@ def to_stamp(stamp_ns: int) -> bytes:
 def from_stamp(stamp: bytes) -> int:
     """Return a stamp of a message in nanoseconds."""
     seconds, nanoseconds = _STAMP.unpack(stamp)
-    return int(seconds * 1_000_000_000 + nanoseconds)
+    return int(seconds * 1_000_000_000 + min(nanoseconds, 999_999_999))
 
 
 _LITTLE_ENDIAN = b"\0\1"
@@ -242,20 +242,23 @@ class CloudReader:
         columns, values = read_cloud(cloud)
         if len(values) == 1 and message.startswith(_LITTLE_ENDIAN):
             self._shape = _Shape.of(message, columns)
-        stamp = to_stamp(cloud.header.stamp.sec * 1_000_000_000 + cloud.header.stamp.nanosec)
+        stamp = _STAMP.pack(cloud.header.stamp.sec, cloud.header.stamp.nanosec)
         return Rows(columns, [stamp] * len(values), values)
 
 
 @lru_cache(maxsize=8)
-def layout_of(columns: tuple[str, ...]) -> SampleLayout:
-    """Return the layout of samples that has these columns.
+def layout_of(columns: tuple[str, ...], sensor_count: int) -> SampleLayout:
+    """Return the layout of samples of so many sensors that has these columns.
 
     Raises
     ------
     InputError
         When no layout has them.
     """
-    return SampleLayout.from_columns(columns)
+    layout = SampleLayout.from_columns(columns)
+    if layout.sensor_count != sensor_count:
+        raise InputError(f"samples of {layout.sensor_count} sensors, the array has {sensor_count}")
+    return layout
 
 
 def _start_of_data(message: bytes, columns: int) -> int:

@@ -17,9 +17,11 @@ from tam_calibration.files.recording_file import TOLERANCE_S
 from tam_calibration.fit.coverage import Coverage, LiveCoverage
 from tam_calibration.messages.cdr import read_float64, read_stamp_and_doubles
 from tam_calibration.messages.point_cloud import SampleLayout
+from tam_calibration.messages.run import Run
 from tam_calibration.messages.stamp_figures import StampFigures
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.synchroniser import Sample, Synchroniser
+from tam_calibration.messages.timeline import Step
 from tam_calibration.messages.topics import CHANNEL_TOPICS, sensor_topic
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.base import ERROR, OK, RELIABLE_STREAM, STALE, STREAM, WARN, Health, TamNode
@@ -28,6 +30,9 @@ from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, ar
 
 _SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
 _SCALAR_TYPES = {"sensor_msgs/MagneticField": MagneticField, "std_msgs/Float64": Float64}
+
+_TOLD_S = 30.0
+"""Time for which a step of the stamps is a warning."""
 
 RULES = (
     ARRAY_FILE,
@@ -49,14 +54,15 @@ class Collector(TamNode):
     def __init__(self) -> None:
         super().__init__("collector", RULES)
         sensor_count = array_of(self).sensor_count
-        self._layout = SampleLayout(sensor_count, scalar=True, temperature=True, current=True, attitude=True)
+        self._layout = SampleLayout.whole(sensor_count)
         self._sensors = [sensor_stream(sensor + 1) for sensor in range(sensor_count)]
         self._frame_id: str = self.value("frame_id")
         self._coverage = LiveCoverage()
         self._synchroniser: Synchroniser | None = None
         self._heard_s: dict[str, float] = {}
         self._stamps: dict[str, StampFigures] = defaultdict(StampFigures)
-        self._epoch = self._lost = 0
+        self._lost, self._run = 0, Run()
+        self._steps, self._step, self._stepped_s = 0, "none", -math.inf
         self._samples = self.offer(PointCloud2, "samples", RELIABLE_STREAM)
         self._writer = cloud_writer(self._layout.columns, self._frame_id)
         self._row = struct.Struct(f"<{len(self._layout.columns)}d")
@@ -74,15 +80,11 @@ class Collector(TamNode):
             self._deliver(self._synchroniser.flush())
         coverage = self._coverage.summary()
         level, message = self._judge(self._synchroniser, silent) or (OK, coverage.advice)
-        return Health(
-            level,
-            message,
-            _describe(coverage)
-            | _count(self._synchroniser)
-            | {"lost": self._lost}
-            | listeners
-            | self._describe_stamps(),
-        )
+        if time.monotonic() < self._stepped_s + _TOLD_S:
+            level, message = max(level, WARN), f"{message}; {self._step}"
+        lost = {"lost": self._lost, "steps": self._steps, "last_step": self._step}
+        counted = _describe(coverage) | _count(self._synchroniser) | lost
+        return Health(level, message, counted | listeners | self._describe_stamps())
 
     def _describe_stamps(self) -> dict[str, object]:
         """Return rate, jitter, delay and offset of the streams that have stamps."""
@@ -120,15 +122,18 @@ class Collector(TamNode):
 
     def _subscribe(self) -> None:
         for sensor, name in enumerate(self._sensors, start=1):
-            self._take_from(MagneticField, sensor_topic(sensor), partial(self._take_sensor, name))
+            self._take_from(MagneticField, sensor_topic(sensor), name, partial(self._take_sensor, name))
         scalar_type = _SCALAR_TYPES[self.value("scalar_type")]
         take_scalar = self._take_norm if scalar_type is MagneticField else partial(self._take_number, "scalar")
-        self._take_from(scalar_type, _SCALAR_TOPIC, take_scalar)
-        self._take_from(Imu, CHANNEL_TOPICS["attitude"], self._take_attitude)
-        self._take_from(Temperature, CHANNEL_TOPICS["temperature"], self._take_temperature)
-        self._take_from(Float64, CHANNEL_TOPICS["current"], partial(self._take_number, "current"))
+        for message_type, channel, take in (
+            (scalar_type, "scalar", take_scalar),
+            (Imu, "attitude", self._take_attitude),
+            (Temperature, "temperature", self._take_temperature),
+            (Float64, "current", partial(self._take_number, "current")),
+        ):
+            self._take_from(message_type, CHANNEL_TOPICS[channel], channel, take)
 
-    def _take_from(self, message_type: Any, topic: str, take: Callable[[bytes], None]) -> None:
+    def _take_from(self, message_type: Any, topic: str, stream: str, take: Callable[[bytes], None]) -> None:
         """Subscribe a topic; messages come in the order in which they arrived on all topics."""
 
         def take_or_refuse(message: bytes) -> None:
@@ -136,6 +141,8 @@ class Collector(TamNode):
                 take(message)
             except InputError as problem:
                 self.refuse(topic, str(problem))
+                if self._synchroniser is not None:
+                    self._synchroniser.refuse(stream)
 
         self.listen(message_type, topic, take_or_refuse, STREAM)
 
@@ -163,11 +170,23 @@ class Collector(TamNode):
         self._push(stream, None, (read_float64(message),))
 
     def _push(self, stream: str, stamp_ns: int | None, values: Sequence[float]) -> None:
+        if any(map(math.isinf, values)):
+            raise InputError("a value is infinite")
         if self._synchroniser is None:
             self._synchroniser = self._make_synchroniser()
         if stamp_ns is not None:
             self._stamps[stream].add(stamp_ns, time.time_ns())
         self._deliver(self._synchroniser.push(stream, stamp_ns, values))
+        if self._synchroniser.steps:
+            self._tell_steps(self._synchroniser.steps)
+
+    def _tell_steps(self, steps: list[Step]) -> None:
+        """Log the steps of the stamps, and keep them for /diagnostics."""
+        for step in steps:
+            self._step = f"{step}: a clock was set or a driver started anew, the run is kept"
+            self.get_logger().warning(self._step)
+        self._steps, self._stepped_s = self._steps + len(steps), time.monotonic()
+        steps.clear()
 
     def _make_synchroniser(self) -> Synchroniser:
         """Return a synchroniser that waits for the scalar from the first sample on where somebody publishes one."""
@@ -182,9 +201,9 @@ class Collector(TamNode):
 
     def _deliver(self, samples: Sequence[Sample]) -> None:
         for sample in samples:
-            if sample.epoch != self._epoch:
-                self._epoch = sample.epoch
+            if self._run.begins_again(sample.stamp_ns, sample.values[: 3 * len(self._sensors)]):
                 self._coverage.reset()
+                self.get_logger().warning("a recording is played once more: its first sample begins the run anew")
             self._coverage.add(np.array(sample.values[:3]).reshape(1, 1, 3))
             if self._samples.get_subscription_count():
                 row = self._row.pack(sample.stamp_ns / 1_000_000_000, *sample.values)
@@ -193,7 +212,9 @@ class Collector(TamNode):
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Forget coverage and losses; an empty cloud tells the calibrator to start over as well."""
         self._coverage.reset()
-        self._synchroniser, self._lost, self._epoch = None, 0, 0
+        self._run.start_over()
+        self._synchroniser, self._lost = None, 0
+        self._steps, self._step, self._stepped_s = 0, "none", -math.inf
         self._stamps.clear()
         header = Header(stamp=self.get_clock().now().to_msg(), frame_id=self._frame_id)
         self._samples.publish(make_cloud(header, self._layout.columns))
@@ -218,7 +239,7 @@ def _count(synchroniser: Synchroniser) -> dict[str, object]:
     by_stream = {
         f"{name}.{what}": getattr(losses, what)
         for name, losses in synchroniser.losses.items()
-        for what in ("received", "unmatched", "duplicate", "late", "missing")
+        for what in ("received", "unmatched", "duplicate", "late", "implausible", "unusable", "missing")
     }
     overall = {"samples": synchroniser.delivered, "restarts": synchroniser.restarts}
     return overall | {"losses": synchroniser.explain_losses()} | by_stream

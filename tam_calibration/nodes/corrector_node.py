@@ -19,11 +19,12 @@ from tam_calibration.messages.point_cloud import (
     SampleLayout,
     center_covariance,
 )
+from tam_calibration.messages.run import Run
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray, to_nanotesla
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.calibration_figures import figures
-from tam_calibration.nodes.cloud import CloudReader, MessageWriter, Rows, cloud_writer, layout_of
+from tam_calibration.nodes.cloud import CloudReader, MessageWriter, Rows, cloud_writer, from_stamp, layout_of
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 
 RULES = (
@@ -53,6 +54,7 @@ class Corrector(TamNode):
         self._array = array_of(self)
         self._calibration: Calibration | None = None
         self._correction: Correction | None = None
+        self._run = Run()
         self._left_in: tuple[str, ...] = ()
         self._problem_of_calibration = self._problem_of_samples = ""
         self._received = self._corrected = 0
@@ -120,7 +122,7 @@ class Corrector(TamNode):
         if not calibration.is_of(self._array):
             raise InputError("the calibration is of another array: choose the array_file that it was made with")
         correction = Correction(calibration)
-        self._correction = correction if correction.takes_off else None
+        self._correction, self._run = correction if correction.takes_off else None, Run()
         self._left_in = ()
         self._calibration, self._problem_of_calibration = calibration, ""
         self._lengths.clear()
@@ -139,13 +141,10 @@ class Corrector(TamNode):
     def _take_samples(self, messages: list[bytes]) -> None:
         for rows in self._reader.read(messages):
             try:
-                layout = layout_of(rows.columns)
-                if layout.sensor_count != self._array.sensor_count:
-                    raise InputError(
-                        f"samples of {layout.sensor_count} sensors, the array has {self._array.sensor_count}"
-                    )
+                layout = layout_of(rows.columns, self._array.sensor_count)
             except InputError as problem:
                 self._problem_of_samples = str(problem)
+                self.refuse("samples", str(problem))
                 continue
             self._problem_of_samples, self._heard_s = "", time.monotonic()
             self._received += len(rows.values)
@@ -159,13 +158,23 @@ class Corrector(TamNode):
         errors = [calibration.output_standard_errors] * len(outputs)
         if self._correction is not None:
             usable = np.flatnonzero(np.isfinite(readings).all(axis=(1, 2)))
-            for run in np.split(usable, np.flatnonzero(np.diff(rows.values[usable, 0]) <= 0) + 1):
-                self._take_off_effects(self._correction, layout, rows.values, run, outputs, errors)
+            values = self._in_run_time(rows, last)
+            for run in np.split(usable, np.flatnonzero(np.diff(values[usable, 0]) <= 0) + 1):
+                self._take_off_effects(self._correction, layout, values, run, outputs, errors)
         if layout.scalar:
             self._lengths.append((outputs[:, :3], rows.values[:, last]))
         self._newest_s = float(rows.values[-1, 0])
         self._corrected += len(outputs)
         self._publish(rows.stamps, outputs, errors)
+
+    def _in_run_time(self, rows: Rows, last: int) -> FloatArray:
+        """Return the rows with the time of the run, so that effects with a memory keep it where stamps step back."""
+        values = rows.values.copy()
+        for stamp_ns, row in zip(map(from_stamp, rows.stamps), values, strict=True):
+            self._run.begins_again(stamp_ns, row[1:last].tobytes())
+            if (time_ns := self._run.time_ns(stamp_ns)) != stamp_ns:
+                row[0] = time_ns / 1_000_000_000
+        return values
 
     def _take_off_effects(
         self,

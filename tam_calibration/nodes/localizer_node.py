@@ -19,6 +19,7 @@ from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS
+from tam_calibration.messages.run import Run
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.units import FloatArray
@@ -93,7 +94,7 @@ class Localizer(TamNode):
         self._join, self._first = AttitudeJoin(), list[Joined]()
         self._problem_of_calibration = self._problem_of_samples = ""
         self._received, self._statuses = 0, Counter[Status]()
-        self._newest_ns, self._heard_s = -1, -np.inf
+        self._run, self._heard_s = Run(), -np.inf
         frame_id: str = self.value("fixed_frame") or self.value("frame_id")
         self._source = self.offer(PointStamped, "source", RELIABLE_STREAM)
         self._source_writer = MessageWriter.of(PointStamped(header=Header(frame_id=frame_id)), 3)
@@ -159,9 +160,10 @@ class Localizer(TamNode):
         if not calibration.is_of(self._stated_array):
             raise InputError("the calibration is of another array: choose the array_file that it was made with")
         self._array, self._calibration, self._problem_of_calibration = calibration.array, calibration, ""
-        self._start_over()
+        self._run.start_over()
+        self._forget_regional()
 
-    def _start_over(self) -> None:
+    def _forget_regional(self) -> None:
         self._first = []
         if self._given == _FITTED:
             self._regional = None
@@ -170,9 +172,10 @@ class Localizer(TamNode):
         joined: list[Joined] = []
         for rows in self._readers["samples"].read(messages):
             try:
-                has_attitude = layout_of(rows.columns).attitude
+                has_attitude = layout_of(rows.columns, self._array.sensor_count).attitude
             except InputError as problem:
                 self._problem_of_samples = str(problem)
+                self.refuse("samples", str(problem))
                 continue
             attitudes = rows.values[:, -4:] if has_attitude else np.full((len(rows.values), 4), np.nan)
             for stamp_ns, attitude in zip(map(from_stamp, rows.stamps), attitudes, strict=True):
@@ -197,11 +200,10 @@ class Localizer(TamNode):
         """Answer samples in their order; those that follow each other are located at once."""
         waiting: list[Joined] = []
         for one in joined:
-            if one.stamp_ns < self._newest_ns:  # a new run
+            if self._run.begins_again(one.stamp_ns, one.outputs.tobytes()):
                 self._locate(waiting)
                 waiting = []
-                self._start_over()
-            self._newest_ns = one.stamp_ns
+                self._forget_regional()
             if self._given == _FITTED and self._regional is None:
                 self._tell([one], EulerSolutions.refused(1, self._learn(one)))
             else:

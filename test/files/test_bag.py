@@ -10,7 +10,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from tam_calibration.correction.calibration import Corrected
 from tam_calibration.files import read_recording, read_samples, write_recording
+from tam_calibration.files.recording_file import read_pieces, write_corrected
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 
@@ -250,6 +252,56 @@ def test_a_bag_of_several_rounds_is_refused(tmp_path):
     round_ = two_sensors(count=700)
     again = [(topic, recorded + 7 * 10**9, message) for topic, recorded, message in round_]
     refuse(write(tmp_path / "bag", [*round_, *again]), "the stamps go backwards: keep one run")
+
+
+@pytest.mark.parametrize("step_ns", [-300_000_000, -20_000_000_000, 500_000_000])
+def test_a_step_of_the_clock_keeps_the_run(tmp_path, caplog, step_ns):
+    """All samples are read; where the stamps step back time goes on, and the step is said with its size."""
+    messages = [
+        (topic, recorded, field(recorded + step_ns * (index >= 150), x=1e-9 * index))
+        for index, recorded in enumerate(stamps(300))
+        for topic in ("/tam_1/magnetic_field", "/tam_2/magnetic_field")
+    ]
+    path = write(tmp_path / "bag", messages)
+    with caplog.at_level(logging.WARNING):
+        samples = read_samples(path)
+    expected = [stamp + step_ns * (index >= 150) for index, stamp in enumerate(stamps(300))]
+    assert samples.stamps_ns.tolist() == expected
+    assert_allclose(samples.recording.readings_T[:, 1, 0], 1e-9 * np.arange(300))
+    times = stamps(300) if step_ns < 0 else expected
+    assert_array_equal(samples.recording.time_s, [time / 10**9 for time in times])
+    direction = "back" if step_ns < 0 else "ahead"
+    assert f"the stamps of tam_1 stepped {direction} by {abs(step_ns) / 1e9:g} s" in caplog.text
+    assert len(caplog.records) == 1
+    pieces = [piece.recording.time_s for piece in read_pieces(path)]
+    assert_array_equal(np.concatenate(pieces), samples.recording.time_s)
+
+
+def test_results_of_stamps_that_step_back_are_no_bag(tmp_path):
+    """Each result stands behind its reading, which its stamp tells: the way out is named."""
+    corrected = Corrected(np.arange(3.0), np.zeros((3, 9)), np.zeros(9))
+    with pytest.raises(InputError, match=r"stamps of the samples step back: write a \.csv"):
+        write_corrected(tmp_path / "out.mcap", corrected, np.array([5, 6, 4]))
+
+
+def test_a_bad_message_costs_one_sample(tmp_path, caplog):
+    """A false stamp, one that is no time, and values that are not finite; an infinite attitude costs none."""
+    none, still = np.zeros(9), vector(0.0, 0.0, 0.0)
+    messages = []
+    for index, recorded in enumerate(stamps(300)):
+        turn = make("geometry_msgs/msg/Quaternion", np.inf if index == 7 else 0.0, 0.0, 0.0, 1.0)
+        messages.append(("/imu/data", recorded, make(IMU, header(recorded), turn, none, still, none, still, none)))
+        for name in ("tam_1", "tam_2"):
+            false = {20: 0, 40: recorded + 10**16, 60: recorded - 10**9, 80: -(10**9)}
+            stamp = false.get(index, recorded) if name == "tam_1" or index < 30 else recorded
+            x = {100: np.nan, 120: np.inf}.get(index, 3e-5)
+            messages.append((f"/{name}/magnetic_field", recorded, field(stamp, x=x)))
+    with caplog.at_level(logging.WARNING):
+        samples = read_samples(write(tmp_path / "bag", messages))
+    lost = (20, 40, 60, 80, 100, 120)
+    assert samples.stamps_ns.tolist() == [stamp for index, stamp in enumerate(stamps(300)) if index not in lost]
+    assert "294 of 300 samples synchronised; tam_1: 3 stamps far from those before and after, 3 messages" in caplog.text
+    assert "attitude: 1 messages unusable" in caplog.text and "stepped" not in caplog.text
 
 
 def test_times_that_are_no_stamps_are_refused(tmp_path):

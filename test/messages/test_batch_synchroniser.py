@@ -57,8 +57,8 @@ def in_batches(random, messages, tolerance_ns, smallest, largest, **options):
     return stamps, values, synchroniser
 
 
-def rough(random, loss, jitter_ns, lag_ns, unstamped, restarts):
-    """Make the messages of all streams with jitter, losses, repeats, steps back, lags and restarts, as they arrive."""
+def rough(random, loss, jitter_ns, lag_ns, unstamped, restarts, false=0.0):
+    """Make the messages of all streams with jitter, losses, repeats, steps, lags and false stamps, as they arrive."""
     arrivals = []
     rounds = [random.randint(30, 120) for _ in range(1 + restarts)]
     for name in (*(f"tam_{sensor}" for sensor in (1, 2, 3)), *ALL.channels):
@@ -71,6 +71,8 @@ def rough(random, loss, jitter_ns, lag_ns, unstamped, restarts):
                 stamps = [index * PERIOD + random.randint(0, jitter_ns)] * (fate > loss)
                 if fate > 1 - loss:
                     stamps.append(stamps[0] - random.choice((0, MS)))
+                if random.random() < false:
+                    stamps = [random.choice((0, 10**18, max(stamp - 10**9, 0), stamp + 10**9)) for stamp in stamps]
                 for stamp in stamps * (1 + doubled):
                     latest = max(latest, clock + index * PERIOD + random.randint(0, lag_ns))
                     values = tuple(random.random() for _ in range(WIDTH.get(name, 3)))
@@ -89,13 +91,14 @@ def rough(random, loss, jitter_ns, lag_ns, unstamped, restarts):
     unstamped=st.sets(st.sampled_from(["scalar", "current"])),
     restarts=st.sampled_from([0, 0, 0, 2]),
     delay_s=st.sampled_from([None, np.array([1e-3, 0.0, -7e-3])]),
+    false=st.sampled_from([0.0, 0.0, 0.01]),
 )
 def test_batches_give_what_single_messages_give(
-    seed, loss, jitter_ns, lag_ns, tolerance_ns, unstamped, restarts, delay_s
+    seed, loss, jitter_ns, lag_ns, tolerance_ns, unstamped, restarts, delay_s, false
 ):
     """Same samples and losses however batches are cut while no stream lags beyond the patience; in one, always."""
     random = Random(seed)
-    messages = rough(random, loss, jitter_ns, lag_ns, unstamped, restarts)
+    messages = rough(random, loss, jitter_ns, lag_ns, unstamped, restarts, false)
     options = {"scalar_is_held": "scalar" in unstamped, "delay_s": delay_s}
     stamps, values, single = one_by_one(messages, tolerance_ns, **options)
     for largest in (len(messages), *((40, 400) if lag_ns < PATIENCE and not restarts else ())):
@@ -106,6 +109,7 @@ def test_batches_give_what_single_messages_give(
         assert batched.losses == single.losses
         assert batched.explain_losses() == single.explain_losses()
         assert (batched.delivered, batched.restarts) == (single.delivered, single.restarts)
+        assert batched.steps == single.steps
 
 
 def test_a_steady_recording_is_joined_in_batches(monkeypatch):

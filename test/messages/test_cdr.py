@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from tam_calibration.messages.cdr import (
+    NO_TIME,
     RawMessages,
     fill,
     read_float64,
@@ -130,3 +131,22 @@ def test_one_number_without_stamp_is_read(little_endian):
     for bad in (message[:-1], b"", bytes(100)[:2] + b"x", b"\7\7" + message[2:]):
         with pytest.raises(InputError, match="damaged"):
             read_float64(bad)
+
+
+@pytest.mark.parametrize("stamp", [(-1, 0), (-(2**31), 5), (0, 10**9), (2**31 - 1, 2**32 - 1)])
+def test_a_stamp_that_is_no_time_is_none(stamp):
+    """Before 1970, or with a second of nanoseconds: one message is refused, among many it is marked."""
+    message = bytearray(STORE.serialize_cdr(field("frame"), FIELD))
+    good = bytes(message)
+    message[4:12] = stamp[0].to_bytes(4, "little", signed=True) + stamp[1].to_bytes(4, "little")
+    with pytest.raises(InputError, match="the stamp is no time"):
+        read_stamp_and_doubles(bytes(message), 3)
+    stamps, _ = read_stamped_doubles(blocks([good, bytes(message), good]), 3)
+    assert stamps.tolist() == [17_999_999_999, NO_TIME, 17_999_999_999]
+
+
+def test_the_latest_stamp_is_a_time():
+    """The last nanosecond of the type."""
+    message = bytearray(STORE.serialize_cdr(field("frame"), FIELD))
+    message[4:12] = (2**31 - 1).to_bytes(4, "little") + (10**9 - 1).to_bytes(4, "little")
+    assert read_stamp_and_doubles(bytes(message), 3)[0] == 2**31 * 10**9 - 1

@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.synchroniser import REMEMBERED, Sample, Synchroniser
+from tam_calibration.messages.timeline import Step
 
 MS = 1_000_000
 PERIOD = 10 * MS
+START = 1_700_000_000_000 * MS
 CROSS = SampleLayout(4, scalar=True)
 ALL = SampleLayout(2, scalar=True, temperature=True, current=True, attitude=True)
 
@@ -129,13 +131,64 @@ def test_a_looping_bag_begins_a_new_epoch_without_loss():
     assert synchroniser.restarts == 2
 
 
-def test_a_sensor_with_one_false_stamp_is_soon_joined_again():
-    """A sensor that once stamps zero costs samples for about the patience, not for ever."""
-    synchroniser = Synchroniser(SampleLayout(2), MS, patience_ns=50 * MS)
-    messages = steady(SampleLayout(2), 200, start=10**18)
-    messages[101] = message("tam_2", 0)
-    assert len(push_all(synchroniser, messages)) >= 190
-    assert synchroniser.restarts == 1
+YEAR = 365 * 86_400_000 * MS
+FALSE = {"zero": -START, "a year ahead": YEAR, "1 s back": -1000 * MS, "1 s ahead": 1000 * MS}
+"""By how much a stamp may be false."""
+
+
+@pytest.mark.parametrize("patience_ns", [50 * MS, 250 * MS, 5000 * MS])
+@pytest.mark.parametrize("streams", [["tam_1"], ["tam_2"], ["scalar"], ["tam_1", "tam_2", "tam_3", "tam_4", "scalar"]])
+@pytest.mark.parametrize("error_ns", FALSE.values(), ids=FALSE)
+def test_a_false_stamp_costs_one_sample(error_ns, streams, patience_ns):
+    """However late it is judged, no other sample is lost, of sensors but the first none at all, and no step is told."""
+    synchroniser = Synchroniser(CROSS, MS, patience_ns, expected=["scalar"])
+    messages = steady(CROSS, 400, start=START)
+    for place, (name, stamp_ns, values) in enumerate(messages):
+        if name in streams and stamp_ns == START + 100 * PERIOD:
+            messages[place] = (name, stamp_ns + error_ns, values)
+    samples = push_all(synchroniser, messages)
+    expected = [START + index * PERIOD for index in range(400) if index != 100 or "tam_1" not in streams]
+    assert [sample.stamp_ns for sample in samples] == expected
+    assert sum(math.isnan(sample.values[-1]) for sample in samples) == (streams == ["scalar"])
+    assert [synchroniser.losses[name].implausible for name in streams] == [1] * len(streams)
+    assert (synchroniser.restarts, synchroniser.steps) == (0, [])
+    assert "tam_1: " in synchroniser.explain_losses() or "tam_1" not in streams
+
+
+@pytest.mark.parametrize("patience_ns", [50 * MS, 250 * MS, 5000 * MS])
+@pytest.mark.parametrize("step_ns", [-300 * MS, 300 * MS, -3000 * MS, YEAR])
+def test_a_step_of_the_clock_costs_no_sample(step_ns, patience_ns):
+    """When all stamps step every sample is delivered in its order, and the step is told once with its size."""
+    synchroniser = Synchroniser(CROSS, MS, patience_ns, expected=["scalar"])
+    messages = steady(CROSS, 1000, start=START) + steady(CROSS, 500, start=START + 1000 * PERIOD + step_ns)
+    samples = push_all(synchroniser, messages)
+    expected = [START + index * PERIOD + step_ns * (index >= 1000) for index in range(1500)]
+    assert [sample.stamp_ns for sample in samples] == expected
+    assert not any(losses.dropped or losses.missing for losses in synchroniser.losses.values())
+    assert synchroniser.steps == [Step("tam_1", step_ns)]
+    assert synchroniser.restarts == (step_ns < 0)
+
+
+def test_a_step_is_told_in_words():
+    """With stream, direction and size."""
+    assert str(Step("tam_1", -300 * MS)) == "the stamps of tam_1 stepped back by 0.3 s"
+    assert str(Step("scalar", 5)) == "the stamps of scalar stepped ahead by 5e-09 s"
+
+
+def test_a_pause_of_one_stream_is_no_step():
+    """A sensor that was silent for seconds goes on at once where the others are."""
+    synchroniser = Synchroniser(SampleLayout(2), MS)
+    messages = steady(SampleLayout(2), 1000)
+    kept = [one for one in messages if one[0] == "tam_1" or not 3000 * MS <= one[1] < 7000 * MS]
+    assert len(push_all(synchroniser, kept)) == 600
+    assert synchroniser.steps == [] and synchroniser.losses["tam_2"].dropped == 0
+
+
+def test_a_slow_stream_is_not_doubted():
+    """Streams of one message in a second are joined without delay once their period is known."""
+    synchroniser = Synchroniser(SampleLayout(1), MS)
+    counts = [len(synchroniser.push(*message("tam_1", index * 1000 * MS))) for index in range(10)]
+    assert counts == [1] * 10
 
 
 @pytest.mark.parametrize("stopped", ["tam_1", "tam_3", "scalar"])
