@@ -22,12 +22,13 @@ from tam_calibration.files import (
     read_array,
     read_samples,
 )
-from tam_calibration.files.recording_file import is_large, read_stream
+from tam_calibration.files.recording_file import read_source
 from tam_calibration.files.text_files import to_json
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.fit.coverage import Coverage
 from tam_calibration.fit.identifiability import Weakness
 from tam_calibration.fit.recorded_attitude import as_if_uniform
+from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS, Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
@@ -184,7 +185,7 @@ def command(
             delays = _delays(recording, found, place, tolerance_s, progress) if estimate_delays else None
             if delays is not None:
                 found = replace(found, delay_s=delays.delay_s)
-            calibration, data = _calibrate(recording, found, fit, place, tolerance_s, progress)
+            calibration, data, usage = _calibrate(recording, found, fit, place, tolerance_s, progress)
             if source is not None:
                 calibration = _complete(calibration, source, tolerance_s, progress)
         if "yaml" in beside:
@@ -198,7 +199,7 @@ def command(
     if to_stdout:
         click.echo(to_json(_to_mapping(calibration, delays)))
     else:
-        _print(data, calibration, [path for path in outputs.values() if path])
+        _print(data, calibration, usage, [path for path in outputs.values() if path])
         if delays is not None:
             stdout().print(_delays_in_words(delays))
 
@@ -250,22 +251,20 @@ def _fit_of(method: str, ambient_gradient: bool, effects: str | None) -> _Fit:
 
 def _calibrate(
     path: Path, array: Array, fit: _Fit, place: str | None, tolerance_s: float, progress: Progress
-) -> tuple[Calibration, Recording]:
-    """Return the calibration, and what is shown of the recording: without the gradient that was fitted.
+) -> tuple[Calibration, Recording, Usage | None]:
+    """Return the calibration, what is shown of the recording, without the gradient that was fitted, and the usage.
 
     A large recording is kept in files and read anew for each pass; every n-th of its samples is shown.
     """
-    samples: SampleSource
-    if is_large(path):
-        samples = read_stream(path, array.sensor_count, tolerance_s, reading(progress), array.delay_s)
-    else:
-        samples = read_samples(path, array.sensor_count, tolerance_s, reading(progress), array.delay_s).recording
+    samples, usage = read_source(path, array.sensor_count, tolerance_s, reading(progress), array.delay_s)
+    warnings = () if usage is None else usage.warnings()
     if place is not None:
         samples = _with_intensity(samples.whole(), place)
     progress.add_task(f"fitting {samples.sample_count} samples", total=None)
-    calibration = replace(fit(samples, array), source=provenance(path))
+    calibration = fit(samples, array)
+    calibration = replace(calibration, source=provenance(path), warnings=(*warnings, *calibration.warnings))
     shown = samples if isinstance(samples, Recording) else samples.thinned(SKETCH)
-    return calibration, as_if_uniform(shown, calibration.errors, array, calibration.ambient_gradient).whole()
+    return calibration, as_if_uniform(shown, calibration.errors, array, calibration.ambient_gradient).whole(), usage
 
 
 def _complete(calibration: Calibration, path: Path, tolerance_s: float, progress: Progress) -> Calibration:
@@ -276,8 +275,10 @@ def _complete(calibration: Calibration, path: Path, tolerance_s: float, progress
     stated = read_known_source(path)
     array = calibration.array
     given = stated.recording, array.sensor_count, tolerance_s, reading(progress), array.delay_s
-    seen = read_samples(*given).recording
-    return complete(calibration, seen, stated.source, stated.frequency_hz)
+    seen = read_samples(*given)
+    warnings = () if seen.usage is None else seen.usage.warnings()
+    completed = complete(calibration, seen.recording, stated.source, stated.frequency_hz)
+    return replace(completed, warnings=(*completed.warnings, *warnings))
 
 
 def _with_intensity(recording: Recording, place: str) -> Recording:
@@ -287,12 +288,14 @@ def _with_intensity(recording: Recording, place: str) -> Recording:
     return replace(recording, scalar_T=np.full(recording.sample_count, intensity))
 
 
-def _print(recording: Recording, calibration: Calibration, written: list[Path]) -> None:
+def _print(recording: Recording, calibration: Calibration, usage: Usage | None, written: list[Path]) -> None:
     from tam_calibration.fit.coverage import field_of, measure_coverage
     from tam_calibration.fit.identifiability import find_weakness
 
     console = stdout()
     coverage = measure_coverage(field_of(recording, calibration.errors))
     _print_calibration(console, calibration, coverage, find_weakness(recording, calibration))
+    if usage is not None:
+        console.print(sentence(str(usage)), soft_wrap=True)
     for path in written:
         click.echo(f"written: {path}")

@@ -16,6 +16,7 @@ from tam_calibration.files.results_json import gap_to_mapping
 from tam_calibration.files.text_files import to_json
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.result import Cause, Gap
+from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, bounds_at
@@ -137,7 +138,7 @@ def command(
     outputs = {"json": None if to_stdout else json_path, "report": report}
     inputs = [path for path in (recording, array, calibration_path) if path is not None]
     with write_together(outputs, inputs) as beside:
-        gap = _diagnose(recording, _read_array(array, place), without, calibration_path, tolerance_s)
+        gap, usage = _diagnose(recording, _read_array(array, place), without, calibration_path, tolerance_s)
         source = provenance(recording)
         content = to_json(gap_to_mapping(gap, source))
         if "json" in beside:
@@ -149,21 +150,25 @@ def command(
     if to_stdout:
         click.echo(content)
     else:
-        _print(gap, [path for path in outputs.values() if path])
+        _print(gap, usage, [path for path in outputs.values() if path])
     ctx.exit(0 if gap.verdict in _ANSWERS else 1)
 
 
 def _diagnose(
     path: Path, array: Array, without: tuple[str, ...], calibration_path: Path | None, tolerance_s: float
-) -> Gap:
+) -> tuple[Gap, Usage | None]:
+    """Return the diagnosis of a recording, and how many of its samples were used."""
     for name in without:
         effect_named(name)
     calibration = None if calibration_path is None else read_calibration(calibration_path)
     with showing_progress() as progress:
-        recording = read_samples(path, array.sensor_count, tolerance_s, reading(progress), array.delay_s).recording
+        samples = read_samples(path, array.sensor_count, tolerance_s, reading(progress), array.delay_s)
+        recording, usage = samples.recording, samples.usage
+        remarks = () if usage is None else usage.remarks()
         if calibration is not None:
             recording = calibration.without_effects(recording)
-        return diagnose(recording, array, without=without, progress=_diagnosing(progress))
+        gap = diagnose(recording, array, without=without, progress=_diagnosing(progress))
+    return replace(gap, remarks=(*remarks, *gap.remarks)), usage
 
 
 def _read_array(path: Path, place: str | None) -> Array:
@@ -182,8 +187,10 @@ def _diagnosing(progress: Progress) -> Callable[[str, float], None]:
     return lambda stage, done: progress.update(task, description=stage, completed=done)
 
 
-def _print(gap: Gap, written: list[Path]) -> None:
-
-    _print_gap(stdout(), gap)
+def _print(gap: Gap, usage: Usage | None, written: list[Path]) -> None:
+    console = stdout()
+    _print_gap(console, gap)
+    if usage is not None:
+        console.print(sentence(str(usage)), soft_wrap=True)
     for path in written:
         click.echo(f"written: {path}")

@@ -21,6 +21,7 @@ from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS
 from tam_calibration.messages.run import Run
 from tam_calibration.messages.samples import Progress, Samples, seconds_of
 from tam_calibration.messages.topics import StreamTopics, find_topics
+from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -159,14 +160,15 @@ def read_bag(
         topics = find_topics(reader.connections, sensor_count)
         rows = np.empty((reader.message_count // topics.layout.sensor_count, len(topics.layout.columns)))
         stamps = np.empty(len(rows), dtype=np.int64)
-        count = 0
-        for stamps_ns, times_ns, values in _join(reader, topics, tolerance_ns, progress, delay_s):
+        count, usage = 0, None
+        joined = _join(reader, topics, tolerance_ns, progress, delay_s)
+        for stamps_ns, times_ns, values, usage in joined:  # noqa: B007
             chosen = slice(count, count + len(stamps_ns))
             if chosen.stop > len(rows):
                 raise InputError("the bag holds more messages than its metadata say: `ros2 bag reindex` counts them")
             stamps[chosen], rows[chosen, 0], rows[chosen, 1:] = stamps_ns, seconds_of(times_ns), values
             count = chosen.stop
-        return Samples(topics.layout.recording(rows[:count]), stamps[:count])
+        return Samples(topics.layout.recording(rows[:count]), stamps[:count], usage)
 
 
 def read_bag_pieces(
@@ -201,16 +203,21 @@ def read_bag_pieces(
     """
     with open_bag(path) as reader, in_file(path):
         topics = find_topics(reader.connections, sensor_count)
-        for stamps_ns, times_ns, values in _join(reader, topics, tolerance_ns, progress, delay_s):
+        for stamps_ns, times_ns, values, usage in _join(reader, topics, tolerance_ns, progress, delay_s):
             rows = np.column_stack([seconds_of(times_ns), values])
-            yield Samples(topics.layout.recording(rows), stamps_ns)
+            yield Samples(topics.layout.recording(rows), stamps_ns, usage)
+
+
+_Joined = tuple[IntArray, IntArray, FloatArray, Usage]
+"""Stamps, times in the run and values of samples, never none, and the usage until then."""
 
 
 def _join(
     reader: Reader, topics: StreamTopics, tolerance_ns: int, progress: Progress, delay_s: FloatArray | None
-) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Yield stamps, times in the run and values of the samples, never none; steps and losses are logged at the end."""
+) -> Iterator[_Joined]:
+    """Yield the samples, the last with the usage of the whole; steps and losses are logged at the end."""
     run = Run()
+    held: _Joined | None = None
     synchroniser = BatchSynchroniser(
         topics.layout,
         tolerance_ns,
@@ -225,16 +232,20 @@ def _join(
         for name, messages in batch.items():
             batch[name] = _usable(synchroniser, name, messages)
         stamps_ns, values = synchroniser.push_batch(batch)
+        if held and len(stamps_ns):
+            yield held
         if len(stamps_ns):
-            yield stamps_ns, _times_in(run, synchroniser, stamps_ns, values), values
+            held = stamps_ns, _times_in(run, synchroniser, stamps_ns, values), values, synchroniser.usage
     stamps_ns, values = synchroniser.flush_batch()
     if not synchroniser.delivered:
         raise InputError(
             f"no sample could be joined by the stamps of the topics ({synchroniser.explain_losses()}): "
             "compare the stamps: do the drivers share one clock?"
         )
+    if held:
+        yield (*held[:3], synchroniser.usage)
     if len(stamps_ns):
-        yield stamps_ns, _times_in(run, synchroniser, stamps_ns, values), values
+        yield stamps_ns, _times_in(run, synchroniser, stamps_ns, values), values, synchroniser.usage
     for step in synchroniser.steps:
         log.warning("%s: a clock was set or a driver started anew, the run is kept", step)
     if any(losses.dropped or losses.missing or losses.unusable for losses in synchroniser.losses.values()):

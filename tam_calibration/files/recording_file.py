@@ -17,8 +17,9 @@ from tam_calibration.files.recording_stream import RecordingStream
 from tam_calibration.files.text_files import in_file, read_text
 from tam_calibration.files.yaml_document import parse_mapping
 from tam_calibration.messages.samples import Progress, Samples, stamps_of
+from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.units import FloatArray, IntArray
 
 
@@ -224,8 +225,59 @@ def read_stream(
     InputError
         When it cannot be read or kept, or holds no recording.
     """
-    pieces = read_pieces(path, sensor_count, tolerance_s, progress, delay_s)
-    return RecordingStream(samples.recording for samples in pieces)
+    usage: Usage | None = None
+
+    def recordings() -> Iterator[Recording]:
+        nonlocal usage
+        for samples in read_pieces(path, sensor_count, tolerance_s, progress, delay_s):
+            usage = samples.usage
+            yield samples.recording
+
+    stream = RecordingStream(recordings())
+    stream.usage = usage
+    return stream
+
+
+def read_source(
+    path: Path,
+    sensor_count: int | None = None,
+    tolerance_s: float = TOLERANCE_S,
+    progress: Progress = lambda done, total: None,
+    delay_s: FloatArray | None = None,
+) -> tuple[SampleSource, Usage | None]:
+    """Read a recording into memory, or one that is large as `read_stream` does; return with it its usage.
+
+    Parameters
+    ----------
+    path : Path
+        The bag or CSV file.
+    sensor_count : int, optional
+        Number of sensors that there must be; by default as many as there are.
+    tolerance_s : float
+        Greatest difference of stamps within a sample of a bag, seconds.
+    progress : callable
+        Called now and then with the bytes read of a bag, and how many there are; not of a CSV file.
+    delay_s : (K,) array, optional
+        How much later than it was read a reading of each sensor is stamped, seconds.
+
+    Returns
+    -------
+    source : SampleSource
+        The samples.
+    usage : Usage or None
+        How many of sensor 1's messages were used; None of a CSV file.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read or kept, or holds no recording.
+    """
+    source = path, sensor_count, tolerance_s, progress, delay_s
+    if is_large(path):
+        stream = read_stream(*source)
+        return stream, stream.usage
+    samples = read_samples(*source)
+    return samples.recording, samples.usage
 
 
 def write_recording(path: Path, recording: Recording, storage: str = DEFAULT) -> None:

@@ -9,6 +9,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, CHANNELS, Block, Recording
 from tam_calibration.model.units import FloatArray
@@ -57,6 +58,9 @@ class RecordingStream:
     InputError
         When the pieces do not follow each other in time, or there is no room for them.
     """
+
+    usage: Usage | None = None
+    """How many of sensor 1's messages are in it; None where they were no messages, or nobody told."""
 
     def __init__(self, pieces: Iterable[Recording]) -> None:
         self._columns: dict[str, _Column] = {}

@@ -23,12 +23,13 @@ from tam_calibration.files import (
     write_calibration,
     write_corrected_pieces,
 )
-from tam_calibration.files.recording_file import correct_file, is_bag, is_large, read_stream
+from tam_calibration.files.recording_file import correct_file, is_bag, read_source
 from tam_calibration.files.results_json import gap_to_mapping, write_gap
 from tam_calibration.files.text_files import to_json
 from tam_calibration.fit import calibrate
 from tam_calibration.fleet.task_result import Result, Seal, Status, read_result, state_of, write_result
 from tam_calibration.gap import diagnose
+from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SampleSource
@@ -196,17 +197,21 @@ def _work(task: Task, folder: Path) -> Result:
     with notes.step("read"):
         state = state_of(task.path)
         origin = provenance(task.path)
-        source = _read(task.path, options)
+        source, usage = _read(task.path, options)
         rest |= {"seal": Seal(*state, origin.sha256), "samples": source.sample_count, "time_span_s": source.time_span_s}
     if notes.problems:
         return task.result(notes.status, notes.problems)
     with notes.step("calibrate", may_refuse=True):
-        own = replace(calibrate(source, options.array), source=origin)
+        warnings = () if usage is None else usage.warnings()
+        own = calibrate(source, options.array)
+        own = replace(own, source=origin, warnings=(*warnings, *own.warnings))
         write_calibration(folder / "calibration.yaml", own)
         rest["sensors"] = calibration_to_mapping(own)["sensors"]
         calibration = calibration or read_calibration(folder / "calibration.yaml")  # what others will correct with
     with notes.step("diagnose", may_refuse=True):
+        remarks = () if usage is None else usage.remarks()
         gap = diagnose(source.whole(), options.array)
+        gap = replace(gap, remarks=(*remarks, *gap.remarks))
         write_gap(folder / "gap.json", gap, origin)
         rest["gap"] = _in_short(gap_to_mapping(gap))
     if calibration is not None:
@@ -215,15 +220,14 @@ def _work(task: Task, folder: Path) -> Result:
     return task.result(notes.status, notes.problems, **rest)
 
 
-def _read(path: Path, options: Options) -> SampleSource:
-    """Return the samples, without what effects of the given calibration add."""
+def _read(path: Path, options: Options) -> tuple[SampleSource, Usage | None]:
+    """Return the samples, without what effects of the given calibration add, and their usage."""
     array = options.array
     source = path, array.sensor_count, options.tolerance_s
     if options.calibration is not None and options.calibration.effects:
-        return options.calibration.without_effects(read_samples(*source, delay_s=array.delay_s).recording)
-    if is_large(path):
-        return read_stream(*source, delay_s=array.delay_s)
-    return read_samples(*source, delay_s=array.delay_s).recording
+        samples = read_samples(*source, delay_s=array.delay_s)
+        return options.calibration.without_effects(samples.recording), samples.usage
+    return read_source(*source, delay_s=array.delay_s)
 
 
 def _in_short(content: dict[str, Any]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, IntArray
@@ -33,10 +34,13 @@ class Samples:
         The samples.
     stamps_ns : (N,) array of int, optional
         Stamps of their messages, nanoseconds; None where they were no messages.
+    usage : Usage, optional
+        How many of sensor 1's messages were used so far; None where they were no messages.
     """
 
     recording: Recording
     stamps_ns: IntArray | None = None
+    usage: Usage | None = None
 
 
 def stamps_of(time_s: FloatArray) -> IntArray:

@@ -25,6 +25,7 @@ from tam_calibration.messages.stream import (
     sensor_stream,
 )
 from tam_calibration.messages.timeline import STEP_NS, Step
+from tam_calibration.messages.usage import Usage
 from tam_calibration.model.units import FloatArray
 
 _MAXIMUM_AGE_NS = {
@@ -134,6 +135,12 @@ class Synchroniser:
         return {name: stream.losses for name, stream in self._streams.items()}
 
     @property
+    def usage(self) -> Usage:
+        """How many of sensor 1's samples were used, and why not the others."""
+        first, *others = self._sensors
+        return Usage.of(self.delivered, first, others, self._patience_ns)
+
+    @property
     def drops_everything(self) -> bool:
         """Whether messages of sensors arrive, but no sample was made of them for long."""
         return self._newest > max(self._last_delivered, self._epoch_start) + 3 * self._patience_ns
@@ -162,7 +169,15 @@ class Synchroniser:
         return self._complete() if is_stored and is_waiting_over else []
 
     def refuse(self, stream: str, count: int = 1) -> None:
-        """Count messages of a stream that cannot be used."""
+        """Count messages that cannot be used.
+
+        Parameters
+        ----------
+        stream : str
+            As in `push`.
+        count : int
+            How many there are.
+        """
         losses = self._streams[stream].losses
         losses.received += count
         losses.unusable += count

@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
-from threading import Lock
+from threading import Event, Lock
 from traceback import format_exc
 from typing import Any
 
@@ -22,6 +23,7 @@ from tam_calibration.gap.result import Gap
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.run import Run
 from tam_calibration.messages.timeline import Timeline
+from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
@@ -125,6 +127,9 @@ RULES = (
 _TURN_S = 0.05
 """Time from one look for samples and requests to the next."""
 
+_ANSWER_S = 2.0
+"""Longest wait for the collector's answer."""
+
 
 class Calibrator(TamNode):
     """Fits the stored samples on ~/calibrate and publishes `calibration`, latched; diagnoses them on ~/diagnose.
@@ -149,6 +154,7 @@ class Calibrator(TamNode):
         self._worked = [
             self.create_service(Trigger, f"~/{name}", self._answering(action)) for name, action in actions.items()
         ]
+        self._collector = self.create_client(Trigger, "collector/usage")
         self._worker = ThreadPoolExecutor(max_workers=1)
         self.create_steady_timer(_TURN_S, self._take_requests)
 
@@ -233,16 +239,30 @@ class Calibrator(TamNode):
         return answer
 
     def _calibrate(self) -> str:
+        usage = self._usage()
+        warnings = usage.warnings() if usage else ()
         calibration = calibrate(self._store.recording(), self._array, self.value("method"))
+        calibration = replace(calibration, warnings=(*warnings, *calibration.warnings))
         self._hand_on(calibration)
-        warnings = "".join(f"; {warning}" for warning in calibration.warnings)
-        return f"{describe(calibration)}; {calibration.method} on {calibration.samples} samples{warnings}"
+        told = "; ".join([*([] if warnings else [_in_words(usage)]), *calibration.warnings])
+        return f"{describe(calibration)}; {calibration.method} on {calibration.samples} samples; {told}"
 
     def _diagnose(self) -> str:
+        usage = self._usage()
+        remarks = usage.remarks() if usage else ()
         gap = diagnose(self._store.recording(), self._array, progress=self._go_on)
-        self._gap = gap
-        written = self._write(gap)
-        return f"{gap.headline}{written}"
+        self._gap = replace(gap, remarks=(*remarks, *gap.remarks))
+        written = self._write(self._gap)
+        return " ".join([gap.headline, *(remarks or [f"{_in_words(usage)}."])]) + written
+
+    def _usage(self) -> Usage | None:
+        """Ask the collector how many of sensor 1's samples it used; None where none answers."""
+        if not self._collector.service_is_ready():
+            return None
+        answered = Event()
+        future = self._collector.call_async(Trigger.Request())
+        future.add_done_callback(lambda _: answered.set())
+        return Usage.from_json(future.result().message) if answered.wait(_ANSWER_S) else None
 
     def _go_on(self, stage: str, done: float) -> None:
         """Give up a diagnosis when the node shall end."""
@@ -271,6 +291,10 @@ class Calibrator(TamNode):
     def _hand_on(self, calibration: Calibration) -> None:
         self._calibration = calibration
         self._publisher.publish(String(data=calibration_to_yaml(calibration)))
+
+
+def _in_words(usage: Usage | None) -> str:
+    return str(usage) if usage else "no collector tells how many samples of sensor 1 were used"
 
 
 def _level_of(gap: Gap) -> bytes:

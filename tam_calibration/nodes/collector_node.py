@@ -23,6 +23,7 @@ from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.synchroniser import Sample, Synchroniser
 from tam_calibration.messages.timeline import Step
 from tam_calibration.messages.topics import CHANNEL_TOPICS, sensor_topic
+from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.base import ERROR, OK, RELIABLE_STREAM, STALE, STREAM, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import cloud_writer, make_cloud, to_stamp
@@ -68,6 +69,7 @@ class Collector(TamNode):
         self._row = struct.Struct(f"<{len(self._layout.columns)}d")
         self._subscribe()
         self.create_service(Trigger, "~/reset", self._reset)
+        self.create_service(Trigger, "~/usage", self._tell_usage)
 
     def health(self) -> Health:
         """Return what hinders, or what to do next for the coverage."""
@@ -208,6 +210,12 @@ class Collector(TamNode):
             if self._samples.get_subscription_count():
                 row = self._row.pack(sample.stamp_ns / 1_000_000_000, *sample.values)
                 self._samples.publish(self._writer.message(to_stamp(sample.stamp_ns), row))
+
+    def _tell_usage(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Answer how many of sensor 1's samples were used, and why not the others, as JSON."""
+        usage = self._synchroniser.usage if self._synchroniser else Usage(0, 0)
+        response.success, response.message = True, usage.to_json()
+        return response
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Forget coverage and losses; an empty cloud tells the calibrator to start over as well."""
