@@ -261,7 +261,9 @@ def _calibrate(
     if place is not None:
         samples = _with_intensity(samples.whole(), place)
     progress.add_task(f"fitting {samples.sample_count} samples", total=None)
-    calibration = fit(samples, array)
+    calibration = fit(samples if usage is None else usage.with_each_reading_once(samples), array)
+    if usage is not None:
+        warnings += usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
     calibration = replace(calibration, source=provenance(path), warnings=(*warnings, *calibration.warnings))
     shown = samples if isinstance(samples, Recording) else samples.thinned(SKETCH)
     return calibration, as_if_uniform(shown, calibration.errors, array, calibration.ambient_gradient).whole(), usage

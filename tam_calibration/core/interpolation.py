@@ -26,6 +26,9 @@ BEFORE = 3
 MOST_UNEVEN = 8
 """Largest interval between the four readings over the smallest: where more are lost, the field is not known."""
 
+LARGEST_ERROR = 0.042
+"""Of even readings, over the field and (ωh)⁴: the largest of u_1 u_2 u_3 u_4 / 24 h⁴ between the last two readings."""
+
 Number = TypeVar("Number", float, FloatArray)
 
 

@@ -203,7 +203,9 @@ def _work(task: Task, folder: Path) -> Result:
         return task.result(notes.status, notes.problems)
     with notes.step("calibrate", may_refuse=True):
         warnings = () if usage is None else usage.warnings()
-        own = calibrate(source, options.array)
+        own = calibrate(source if usage is None else usage.with_each_reading_once(source), options.array)
+        if usage is not None:
+            warnings += usage.interpolation_warnings(source, own.array.vector_noise_T)
         own = replace(own, source=origin, warnings=(*warnings, *own.warnings))
         write_calibration(folder / "calibration.yaml", own)
         rest["sensors"] = calibration_to_mapping(own)["sensors"]

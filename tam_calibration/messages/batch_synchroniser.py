@@ -22,6 +22,7 @@ from tam_calibration.messages.batch_stream import (
     StreamMessages,
     width_of,
 )
+from tam_calibration.messages.stream import InterpolatedStream
 from tam_calibration.messages.synchroniser import REMEMBERED, Sample, Synchroniser
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -195,6 +196,8 @@ class BatchSynchroniser(Synchroniser):
             if is_sensor:
                 lacking = lacking & match.has_value
             match.queue.keep(*match.used(keys, is_sample, shortest))
+            if match.between is not None and isinstance(match.queue.stream, InterpolatedStream):
+                match.queue.stream.interpolated += int((match.between.found & is_sample).sum())
         pace.keep(len(keys), int(is_sample.sum()))
         for match in matches:
             if len(match.queue.stamps_ns) and not self._sensors[0].buffer:

@@ -163,6 +163,7 @@ class InterpolatedStream(JoinedStream):
     def __init__(self, name: str, window_ns: int, awaited: bool) -> None:
         super().__init__(name, window_ns, awaited)
         self.past: deque[Message] = deque(maxlen=BEFORE)
+        self.interpolated = 0
 
     def between(self, key: int) -> Message | None:
         """Return what the messages before and after a stamp tell of it, where no message joins as it is."""
@@ -180,6 +181,8 @@ class InterpolatedStream(JoinedStream):
         """Let a message that was found join a sample."""
         if self.buffer and message is self.buffer[0]:
             self._drop_oldest()
+        else:
+            self.interpolated += 1
 
     def _drop_oldest(self) -> None:
         self.past.append(self.buffer.popleft())

@@ -4,11 +4,25 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from tam_calibration.messages.stream import Losses, Stream
+import numpy as np
+
+from tam_calibration.core.interpolation import LARGEST_ERROR
+from tam_calibration.messages.stream import InterpolatedStream, Losses, Stream
 from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 
 _WARNED_BELOW = 0.9
 _REFUSED_BELOW = 0.5
+
+_ALIKE = 0.9
+"""Least rate of a sensor over that of sensor 1 at which standard errors stay within 5 % though readings count twice."""
+
+_HIDDEN = 1.5
+"""Error of interpolation over the noise of the mean of all samples: beyond, fits err by a tenth more than they tell."""
+
+_TURNS_SEEN = 1000
+"""Samples, at most, of which the turn to the next is looked at."""
 
 
 @dataclass(frozen=True)
@@ -23,11 +37,17 @@ class Usage:
         Messages of sensor 1, but for those that still wait.
     reasons : tuple of str
         Why the others were not used, each with its count and what mends it, the most frequent first.
+    readings : tuple of int
+        Readings that came of each sensor.
+    interpolated : tuple of int
+        Samples in which the value of each sensor lies between its readings.
     """
 
     used: int
     received: int
     reasons: tuple[str, ...] = ()
+    readings: tuple[int, ...] = ()
+    interpolated: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, used: int, first: Stream, others: Sequence[Stream], patience_ns: int) -> "Usage":
@@ -51,13 +71,20 @@ class Usage:
             reasons.append((stream.losses.missing, _why_missing(stream, newest, patience_ns)))
         told = sorted((reason for reason in reasons if reason[0]), key=lambda reason: -reason[0])
         waiting = len(first.buffer) + len(first.timeline.doubtful)
-        return cls(used, first.losses.received - waiting, tuple(text for _, text in told))
+        return cls(
+            used,
+            first.losses.received - waiting,
+            tuple(text for _, text in told),
+            tuple(stream.losses.received - stream.losses.unusable for stream in (first, *others)),
+            (0, *(stream.interpolated for stream in others if isinstance(stream, InterpolatedStream))),
+        )
 
     @classmethod
     def from_json(cls, text: str) -> "Usage":
         """Return the usage that `to_json` wrote."""
         content = json.loads(text)
-        return cls(content["used"], content["received"], tuple(content["reasons"]))
+        tuples = (tuple(content[name]) for name in ("reasons", "readings", "interpolated"))
+        return cls(content["used"], content["received"], *tuples)
 
     def to_json(self) -> str:
         """Return the usage as text for other processes."""
@@ -80,6 +107,55 @@ class Usage:
             raise Refused(f"only {self}; mend that and record again")
         return (f"only {self}",) if self.used < _WARNED_BELOW * self.received else ()
 
+    def with_each_reading_once(self, samples: SampleSource) -> SampleSource:
+        """Return samples for a fit, thinned where a sensor that is read less often would count more than once.
+
+        Samples with a scalar reading stay, without those beside them. A source larger than memory stays as it is.
+
+        Parameters
+        ----------
+        samples : SampleSource
+            As they were joined.
+        """
+        rate = min(self.readings, default=0) / max(self.received, 1)
+        if not any(self.interpolated) or rate > _ALIKE or not isinstance(samples, Recording):
+            return samples
+        stride = round(1 / max(rate, 1 / samples.sample_count))
+        kept = np.arange(samples.sample_count) % stride == 0
+        if samples.scalar_T is not None:
+            has_scalar = np.isfinite(samples.scalar_T)
+            beside = np.convolve(has_scalar, np.ones(2 * stride - 1), "same") > 0
+            kept = has_scalar | (kept & ~beside)
+        return samples.take(kept)
+
+    def interpolation_warnings(self, samples: SampleSource, noise_T: FloatArray) -> tuple[str, ...]:
+        """Return a warning of each sensor whose interpolated values are wrong by more than its noise hides in a fit.
+
+        Parameters
+        ----------
+        samples : SampleSource
+            As they were joined; a thousand of those of sensor 1 tell how fast the array turned.
+        noise_T : (K,) array
+            Of each axis of the sensors, tesla.
+        """
+        if not any(self.interpolated):
+            return ()
+        first, last = samples.time_span_s
+        pace_s = (last - first) / max(samples.sample_count - 1, 1)
+        rate, field_T = _turning(samples)
+        warnings = []
+        for sensor, (readings, count) in enumerate(zip(self.readings, self.interpolated, strict=True)):
+            period_s = pace_s * self.received / max(readings, 1)
+            error_T = LARGEST_ERROR * float(np.sqrt(np.mean((rate * period_s) ** 8))) * field_T
+            if count and error_T * np.sqrt(samples.sample_count) > _HIDDEN * noise_T[sensor]:
+                fastest = to_degrees(float(rate.max()))
+                warnings.append(
+                    f"sensor {sensor + 1} is read at {1 / period_s:.3g} Hz while the array turns at up to "
+                    f"{fastest:.0f}°/s: its interpolated readings are wrong by {to_nanotesla(error_T):.2g} nT (RMS), "
+                    "which the standard errors do not hold; turn slower, or read it faster"
+                )
+        return tuple(warnings)
+
     def remarks(self) -> tuple[str, ...]:
         """Return the warnings as whole sentences.
 
@@ -89,6 +165,19 @@ class Usage:
             When less than half were used.
         """
         return tuple(f"{warning[0].upper()}{warning[1:]}." for warning in self.warnings())
+
+
+def _turning(samples: SampleSource) -> tuple[FloatArray, float]:
+    """Return the rates (n,) at which the field turns in the frame of sensor 1, rad/s, and its mean intensity, tesla."""
+    rates, fields = [], []
+    for block in samples.blocks():
+        field_T = block.readings_T[:, 0]
+        length = np.linalg.norm(field_T, axis=1)
+        turn = np.linalg.norm(np.diff(field_T, axis=0), axis=1) / np.maximum(length[1:], np.finfo(float).tiny)
+        rates.append(turn / np.diff(block.time_s))
+        fields.append(length)
+    rate = np.concatenate(rates)
+    return rate[:: -(-len(rate) // _TURNS_SEEN)], float(np.concatenate(fields).mean())
 
 
 def _own_faults(losses: Losses) -> list[tuple[int, str]]:

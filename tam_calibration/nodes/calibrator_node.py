@@ -241,7 +241,11 @@ class Calibrator(TamNode):
     def _calibrate(self) -> str:
         usage = self._usage()
         warnings = usage.warnings() if usage else ()
-        calibration = calibrate(self._store.recording(), self._array, self.value("method"))
+        samples = self._store.recording()
+        fitted = usage.with_each_reading_once(samples) if usage else samples
+        calibration = calibrate(fitted, self._array, self.value("method"))
+        if usage:
+            warnings += usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
         calibration = replace(calibration, warnings=(*warnings, *calibration.warnings))
         self._hand_on(calibration)
         told = "; ".join([*([] if warnings else [_in_words(usage)]), *calibration.warnings])

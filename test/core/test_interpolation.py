@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.interpolate import BarycentricInterpolator
 
-from tam_calibration.core.interpolation import MOST_UNEVEN, is_even, weights
+from tam_calibration.core.interpolation import LARGEST_ERROR, MOST_UNEVEN, is_even, weights
 
 intervals = st.floats(0.1, 0.7)
 
@@ -35,7 +35,7 @@ def test_the_error_and_the_noise_are_those_that_are_said():
     stamps = np.arange(-2.0, 2.0) - at
     weight = np.transpose(weights(*stamps.T))
     error = np.abs((weight * np.exp(1j * step * stamps)).sum(axis=1) - 1)
-    assert 0.040 * step**4 < error.max() < 0.042 * step**4
+    assert 0.95 * LARGEST_ERROR * step**4 < error.max() < LARGEST_ERROR * step**4
     assert 50e3 * error.max() < 0.033
     growth = np.sqrt(np.sum(weight**2, axis=1))
     assert growth.min() > 0.86 and growth.max() < 1.09

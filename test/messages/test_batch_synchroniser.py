@@ -108,6 +108,7 @@ def test_batches_give_what_single_messages_give(
         assert_array_equal(again_values, np.array(values).reshape(again_values.shape))
         assert batched.losses == single.losses
         assert batched.explain_losses() == single.explain_losses()
+        assert batched.usage == single.usage
         assert (batched.delivered, batched.restarts) == (single.delivered, single.restarts)
         assert batched.steps == single.steps
 

@@ -1,11 +1,13 @@
 """The usage: how many of sensor 1's samples were used, why not the others, and when that is too few."""
 
+import numpy as np
 import pytest
 
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.synchroniser import Synchroniser
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.recording import Recording
 
 MS = 1_000_000
 PERIOD = 10 * MS
@@ -32,8 +34,8 @@ def pairs(count, late_ns=0, lost=()):
 
 def test_all_samples_are_used():
     """Nothing is missing, nothing is told; what waits for its partners does not count."""
-    assert usage_of(pairs(100)) == Usage(100, 100)
-    assert usage_of([*pairs(100), ("tam_1", START + 100 * PERIOD)]) == Usage(100, 100)
+    assert usage_of(pairs(100)) == Usage(100, 100, (), (100, 100), (0, 0))
+    assert usage_of([*pairs(100), ("tam_1", START + 100 * PERIOD)]) == Usage(100, 100, (), (101, 100), (0, 0))
     assert str(Usage(100, 100)) == "100 of 100 samples of sensor 1 used"
     assert Usage(100, 100).warnings() == Usage(0, 0).warnings() == ()
 
@@ -104,3 +106,42 @@ def test_a_usage_goes_to_other_processes():
     """As text, without a loss."""
     usage = Usage(5, 7, ("one", "zwölf"))
     assert Usage.from_json(usage.to_json()) == usage
+
+
+def test_what_is_interpolated_is_counted():
+    """Three readings of sensor 2 come before the first value between two of them."""
+    assert usage_of(pairs(100, late_ns=3 * MS)).interpolated == (0, 97)
+
+
+def turning(count, rate_deg_per_s, scalar_every=None):
+    """Return samples at 100 Hz of two sensors that turn steadily in 50 µT, some with a scalar reading."""
+    time_s = 0.01 * np.arange(count)
+    angle = np.radians(rate_deg_per_s) * time_s
+    field_T = 50e-6 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    scalar_T = None if scalar_every is None else np.where(np.arange(count) % scalar_every == 1, 50e-6, np.nan)
+    return Recording(time_s, np.stack([field_T, field_T], axis=1), scalar_T)
+
+
+@pytest.mark.parametrize(("rate_deg_per_s", "is_told"), [(30, False), (180, True)])
+def test_interpolation_that_is_worse_than_the_standard_errors_is_told(rate_deg_per_s, is_told):
+    """At 25 Hz a turn of 180°/s leaves 0.5 nT, which the noise of 1 nT of a thousand samples does not hide."""
+    usage = Usage(1000, 1000, (), (1000, 250), (0, 990))
+    warnings = usage.interpolation_warnings(turning(1000, rate_deg_per_s), np.array([1e-9, 1e-9]))
+    assert [warning[:68] for warning in warnings] == [
+        "sensor 2 is read at 25 Hz while the array turns at up to 180°/s: its"
+    ] * is_told
+    assert all("are wrong by 0.52 nT (RMS)" in warning for warning in warnings)
+    assert usage.interpolation_warnings(turning(1000, rate_deg_per_s), np.array([1e-9, 1e-7])) == ()
+    assert Usage(1000, 1000, (), (1000, 1000), (0, 0)).interpolation_warnings(turning(1000, 720), np.zeros(2)) == ()
+
+
+def test_readings_of_a_slow_sensor_count_once_in_a_fit():
+    """Of a sensor at half the rate every second sample is left, and each with a scalar reading, none beside these."""
+    usage = Usage(1000, 1000, (), (1000, 500), (0, 990))
+    assert usage.with_each_reading_once(turning(1000, 30)).sample_count == 500
+    with_scalar = usage.with_each_reading_once(turning(1000, 30, scalar_every=10))
+    assert with_scalar.scalar_count == 100
+    assert np.diff(with_scalar.time_s).min() > 0.015
+    samples = turning(1000, 30)
+    for same in (Usage(1000, 1000, (), (1000, 500), (0, 0)), Usage(1000, 1000, (), (1000, 950), (0, 990))):
+        assert same.with_each_reading_once(samples) is samples
