@@ -169,6 +169,17 @@ def test_a_step_of_the_clock_costs_no_sample(step_ns, patience_ns):
     assert synchroniser.restarts == (step_ns < 0)
 
 
+@pytest.mark.parametrize("step_ns", [-300 * MS, 300 * MS])
+def test_a_step_costs_interpolated_sensors_three_samples(step_ns):
+    """Sensors that are read between those of the first need three readings before they tell of a sample again."""
+    synchroniser = Synchroniser(SampleLayout(2), 0)
+    stamps = [START + index * PERIOD + step_ns * (index >= 500) for index in range(1000)]
+    shifted = [(name, stamp + late) for stamp in stamps for name, late in (("tam_1", 0), ("tam_2", 5 * MS))]
+    samples = push_all(synchroniser, [message(*one) for one in shifted])
+    assert [sample.stamp_ns for sample in samples] == [*stamps[3:500], *stamps[503:]]
+    assert synchroniser.steps == [Step("tam_1", step_ns)]
+
+
 def test_a_step_is_told_in_words():
     """With stream, direction and size."""
     assert str(Step("tam_1", -300 * MS)) == "the stamps of tam_1 stepped back by 0.3 s"

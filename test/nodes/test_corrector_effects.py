@@ -98,6 +98,31 @@ def test_drift_is_taken_off_as_offline_and_a_silent_temperature_is_told(bench, d
     bench.health("corrector", lambda status, _: "stays in" not in status.message, "all is well again")
 
 
+def test_a_step_of_the_clock_keeps_what_effects_remember(bench, drifting, calibration_file):
+    """Live outputs are those of the recording whose stamps never stepped."""
+    bench.start_nodes(collector={}, corrector={"calibration_file": calibration_file})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    outputs = bench.listen(sensor_msgs.PointCloud2, "field_gradient")
+    temperature = bench.node.create_publisher(sensor_msgs.Temperature, "temperature", 1000)
+    bench.spin_until(temperature.get_subscription_count, "the temperature is subscribed")
+    sensors = bench.publish_sensors()
+    bench.connect(collector={"samples": 2}, corrector={"field_gradient": 1})
+
+    def publish(recording, index):
+        publish_temperature(temperature, recording.time_s[index], recording.temperature_C[index])
+        sensors(recording, index)
+
+    publish_temperature(temperature, drifting.time_s[0], drifting.temperature_C[0])
+    bench.health("collector", lambda _, figures: figures.get("temperature.received") == "1", "it has a temperature")
+    bench.play(drifting, publish, samples, last=100)
+    bench.play(replace(drifting, time_s=drifting.time_s - 15.0), publish, samples, first=100, last=200)
+    bench.spin_until(lambda: len(outputs) == 200, "all are corrected")
+    rows = rows_of(samples)
+    rows[100:, 0] += 15.0
+    offline = read_calibration(calibration_file).correct(LAYOUT.recording(rows))
+    assert_allclose(rows_of(outputs)[:, :9], offline.outputs, rtol=1e-6, atol=1e-15)
+
+
 def test_a_sample_that_is_none_is_counted(bench, drifting, calibration_file):
     """An attitude of four zeros, which no collector makes, gives NaN and a warning; the next sample is corrected."""
     from rclpy.time import Time

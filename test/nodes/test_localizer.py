@@ -1,5 +1,7 @@
 """The localizer: a process over DDS that answers every sample as offline; and how outputs find their attitude."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -165,6 +167,16 @@ def test_a_bag_that_starts_over_is_a_new_run(bench, passing, outputs, calibratio
     for rows in (feed.play(part, outputs[:40]), feed.play(part, outputs[:40])):
         assert (rows[:20, STATUS] == Status.NO_REGIONAL).all()
         assert (rows[20:, STATUS] != Status.NO_REGIONAL).all()
+
+
+def test_a_step_of_the_clock_keeps_the_regional_field(bench, passing, outputs, calibration_file):
+    """Stamps that step back by less than the run, or by more, cost no sample and no new fit."""
+    feed = Feed(bench, regional_samples=20, calibration_file=calibration_file)
+    feed.play(passing.take(slice(0, 40)), outputs[:40])
+    for step_s, part in ((0.3, slice(40, 60)), (100.0, slice(60, 80))):
+        later = passing.take(part)
+        rows = feed.play(replace(later, time_s=later.time_s - step_s), outputs[part])
+        assert not np.isin(rows[:, STATUS], [Status.NO_REGIONAL, Status.NO_ATTITUDE]).any()
 
 
 def test_other_columns_are_told(bench, passing, outputs):
