@@ -34,7 +34,11 @@ def ros_session(exit_code: int = 0) -> Iterator[None]:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         yield
-    finally:
-        try_shutdown()
+    except SystemExit:  # no other signal changes that, nor the exit code
+        signals.ignore()
+        raise
+    else:
         for number, handler in before.items():
             signal.signal(number, handler)
+    finally:
+        try_shutdown()

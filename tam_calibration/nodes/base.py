@@ -20,6 +20,7 @@ from rclpy.subscription import Subscription
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.node_parameters import Rule
+from tam_calibration.nodes.sole_name import take_name
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For what a late joiner must still get."""
@@ -32,7 +33,8 @@ RELIABLE_STREAM = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABL
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
-_TOPICS_OF_ROS = ("/parameter_events", "/rosout", "/diagnostics")
+_DIAGNOSTICS = "/diagnostics"
+_TOPICS_OF_ROS = ("/parameter_events", "/rosout", _DIAGNOSTICS)
 _PARAMETERS_OF_ROS = ("use_sim_time", "start_type_description_service")
 
 
@@ -58,7 +60,7 @@ class TamNode(Node):
     Raises
     ------
     InputError
-        When an unknown parameter is given.
+        When an unknown parameter is given, or a node of the same name runs.
     ParameterException
         When a value has the wrong type or is out of bounds.
     """
@@ -73,8 +75,9 @@ class TamNode(Node):
             if self.has_parameter(rule.name):  # as given, without its rule
                 self.undeclare_parameter(rule.name)
             self.declare_parameter(rule.name, rule.default, rule.descriptor())
+        take_name(self.get_fully_qualified_name(), self.context.get_domain_id())
         self._unusable, self._unusable_reported = Counter[str](), Counter[str]()
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, _DIAGNOSTICS, 10)
         self.create_steady_timer(1.0, self._publish_health)
 
     @property
@@ -230,7 +233,7 @@ class TamNode(Node):
     def _publish_health(self) -> None:
         if not self._diagnostics.get_subscription_count():
             return
-        health = self._with_unusable(self.health())
+        health = self._with_twin(self._with_unusable(self.health()))
         name = self.get_fully_qualified_name().lstrip("/")
         status = DiagnosticStatus(level=health.level, name=name, message=health.message)
         values = {**health.values, **self._peers()}
@@ -238,6 +241,19 @@ class TamNode(Node):
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
+
+    def _with_twin(self, health: Health) -> Health:
+        """Say it while another node of this name is heard: on this machine there can be none."""
+        endpoints = self.get_publishers_info_by_topic(_DIAGNOSTICS)
+        names = [(each.node_namespace, each.node_name) for each in endpoints]
+        if names.count((self.get_namespace(), self.get_name())) < 2:
+            return health
+        problem = (
+            f"another {self.get_fully_qualified_name()} runs on another machine of this ROS domain, and both answer: "
+            "end one, or give it a namespace or ROS_DOMAIN_ID of its own"
+        )
+        self.get_logger().error(problem, once=True)
+        return Health(ERROR, problem, health.values)
 
     def _with_unusable(self, health: Health) -> Health:
         """Add what was refused to the health; what was refused since the last time is a warning."""
