@@ -41,7 +41,7 @@ def node_commands(
     array : Path, optional
         Array file, given to every node.
     calibration : Path, optional
-        Calibration file, which the calibrator loads and saves.
+        Calibration file, which every node loads where it exists, and the calibrator saves.
     method : str, optional
         Method of the calibrator's fit.
     params_file : Path, optional
@@ -53,7 +53,12 @@ def node_commands(
         Arguments of the Python interpreter, by the name of the process.
     """
     everywhere = {"array_file": array}
-    own = {"calibrator": {"calibration_file": calibration, "method": method}}
+    there = calibration if calibration and calibration.is_file() else None  # else the calibrator will write it
+    own: dict[str, dict[str, Path | str | None]] = {
+        "stream": {"corrector:calibration_file": there},
+        "calibrator": {"calibration_file": calibration, "method": method},
+        "localizer": {"calibration_file": there},
+    }
     shared = ["--params-file", str(params_file)] if params_file else []
     return {
         name: [

@@ -99,10 +99,10 @@ def test_impatience_leaves_no_node_behind(bench, number):
 def test_node_that_fails_ends_all(ros_domain, tmp_path):
     """A node that refuses its parameters ends the command with its sentence and exit code 2."""
     parameters = tmp_path / "parameters.yaml"
-    parameters.write_text("collector:\n  ros__parameters:\n    tolerence_s: 0.1\n")
+    parameters.write_text("collector:\n  ros__parameters:\n    tolerance_s: soon\n")
     result = CliRunner().invoke(main, ["nodes", "--params-file", str(parameters)])
     assert result.exit_code == 2
-    assert "tam: collector has no parameter tolerence_s" in result.output.splitlines()[-1]
+    assert "of type 'STRING', expecting type 'DOUBLE': tolerance_s" in result.output.splitlines()[-1]
 
 
 def test_monitor_shows_bars():
