@@ -1,11 +1,12 @@
 """Start all nodes: `ros2 launch tam_calibration tam.launch.py array_file:=A.yaml`."""
 
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable
-from launch.substitutions import EnvironmentVariable, LaunchConfiguration
+from pathlib import Path
+
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription
-from tam_calibration.files.configuration import configuration_folder
 
 NODES = ("collector", "calibrator", "corrector", "localizer")
 
@@ -13,40 +14,44 @@ ARGUMENTS = {
     "namespace": ("", "Namespace of the nodes and of their relative topics."),
     "params_file": ("", "ROS parameters of the nodes."),
     "array_file": ("", "Array YAML; empty for the cross of 0.5 m."),
-    "calibration_file": ("", "Calibration YAML: loaded where it exists, written by calibrator/save."),
+    "calibration_file": ("", "Calibration YAML: loaded by every node where it exists, written by calibrator/save."),
     "use_sim_time": ("false", "Whether the nodes' clock is /clock."),
+    "respawn": ("true", "Whether a node that ends is started again after 2 s."),
 }
+
+_RESPAWN_DELAY_S = 2.0
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the nodes with the arguments that are given."""
-    name = "FASTRTPS_DEFAULT_PROFILES_FILE"
-    profile = str(configuration_folder() / "fastdds.xml")
-    return LaunchDescription(
-        [
-            *(
-                DeclareLaunchArgument(key, default_value=each[0], description=each[1])
-                for key, each in ARGUMENTS.items()
-            ),
-            SetEnvironmentVariable(name, EnvironmentVariable(name, default_value=profile)),
-            OpaqueFunction(function=_nodes),
-        ]
-    )
+    declared = [
+        DeclareLaunchArgument(key, default_value=default, description=text)
+        for key, (default, text) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=_nodes)])
 
 
 def _nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes; an argument that is not given leaves what the file of parameters says."""
     given = {key: value for key in ARGUMENTS if (value := LaunchConfiguration(key).perform(context))}
-    shared = {"use_sim_time": given["use_sim_time"].lower() == "true"}
-    shared |= {key: given[key] for key in ("array_file",) if key in given}
-    own = {"calibrator": {key: given[key] for key in ("calibration_file",) if key in given}}
     return [
         Node(
             package="tam_calibration",
             executable=name,
             name=name,
             namespace=given.get("namespace", ""),
-            parameters=[*([given["params_file"]] if "params_file" in given else []), shared | own.get(name, {})],
+            parameters=[*([given["params_file"]] if "params_file" in given else []), _parameters(name, given)],
+            respawn=given["respawn"].lower() == "true",
+            respawn_delay=_RESPAWN_DELAY_S,
         )
         for name in NODES
     ]
+
+
+def _parameters(name: str, given: dict[str, str]) -> dict[str, str | bool]:
+    """Return what the arguments say to a node; a calibration that is not there yet is the calibrator's alone."""
+    keys = ["array_file"]
+    if name == "calibrator" or (name != "collector" and Path(given.get("calibration_file", "")).is_file()):
+        keys.append("calibration_file")
+    is_simulated = given["use_sim_time"].lower() == "true"
+    return {"use_sim_time": is_simulated, **{key: given[key] for key in keys if key in given}}

@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import signal
 import tempfile
 import time
 from itertools import count
@@ -25,6 +26,8 @@ def ros_domain(monkeypatch, tmp_path_factory):
     domain, lock = _lock_domain()
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     yield logs
+    for process in processes_of(logs):  # of a test that failed: the next one has this domain
+        os.kill(process, signal.SIGKILL)
     os.close(lock)
 
 
@@ -43,6 +46,19 @@ def _lock_domain():
 def figures_of(status):
     """Return the figures of a status as a dictionary."""
     return {value.key: value.value for value in status.values}
+
+
+def processes_of(logs):
+    """Return the numbers of the processes, of any parent, that were started with this place for logs."""
+    marked = f"ROS_LOG_DIR={logs}\0".encode()
+    return [int(folder.name) for folder in Path("/proc").glob("[0-9]*") if marked in _environment(folder)]
+
+
+def _environment(folder):
+    try:
+        return (folder / "environ").read_bytes()
+    except OSError:  # it has ended, or is another user's
+        return b""
 
 
 class Bench:

@@ -11,6 +11,11 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes import signals
 
 
+def announce_often() -> None:
+    """Have this process and those that it starts announce their nodes often at the start, unless told otherwise."""
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(configuration_folder() / "fastdds.xml"))
+
+
 @contextmanager
 def ros_session(exit_code: int = 0) -> Iterator[None]:
     """Use ROS 2 in this process until the block ends; Ctrl-C and SIGTERM end it in order, with an exit code.
@@ -22,8 +27,7 @@ def ros_session(exit_code: int = 0) -> Iterator[None]:
     """
     if find_spec("rclpy") is None:
         raise InputError("this needs ROS 2: source a Jazzy installation, or run pip install 'tam_calibration[ros]'")
-    # Announces nodes often at the start; the processes that are started from here inherit it.
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(configuration_folder() / "fastdds.xml"))
+    announce_often()
 
     import rclpy
     from rclpy.signals import SignalHandlerOptions
@@ -34,6 +38,10 @@ def ros_session(exit_code: int = 0) -> Iterator[None]:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         yield
+    except SystemExit:  # no other signal changes that, nor the exit code
+        signals.ignore()
+        before.clear()
+        raise
     finally:
         try_shutdown()
         for number, handler in before.items():

@@ -14,12 +14,12 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-from tam_calibration.model.exceptions import InputError
-from tam_calibration.nodes.node_parameters import Rule
+from tam_calibration.nodes.node_parameters import Rule, array_name, declare, unknown_parameters
+from tam_calibration.nodes.sole_name import take_name
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For what a late joiner must still get."""
@@ -32,8 +32,12 @@ RELIABLE_STREAM = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABL
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
-_TOPICS_OF_ROS = ("/parameter_events", "/rosout", "/diagnostics")
-_PARAMETERS_OF_ROS = ("use_sim_time", "start_type_description_service")
+_DIAGNOSTICS = "/diagnostics"
+_TOPICS_OF_ROS = ("/parameter_events", "/rosout", _DIAGNOSTICS)
+
+_OVERRIDABLE = QoSOverridingOptions(
+    [QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY]
+)
 
 
 @dataclass(frozen=True)
@@ -46,19 +50,19 @@ class Health:
 
 
 class TamNode(Node):
-    """A node that refuses parameters it does not know, streams serialised messages, and tells its health.
+    """A node that checks its parameters, streams serialised messages, and tells its health.
 
     Parameters
     ----------
     name : str
         Name of the node.
     rules : sequence of Rule
-        All its parameters.
+        All its parameters; of another that is given it warns, as a file for all nodes of a robot may have them.
 
     Raises
     ------
     InputError
-        When an unknown parameter is given.
+        When a node of the same name runs.
     ParameterException
         When a value has the wrong type or is out of bounds.
     """
@@ -67,14 +71,14 @@ class TamNode(Node):
         self._unwatched: list[Subscription] = []
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self._choices = {rule.name: rule.choices for rule in rules if rule.choices}
-        self._refuse_unknown([rule.name for rule in rules])
         self.add_on_set_parameters_callback(self._check_choices)
-        for rule in rules:
-            if self.has_parameter(rule.name):  # as given, without its rule
-                self.undeclare_parameter(rule.name)
-            self.declare_parameter(rule.name, rule.default, rule.descriptor())
+        self._unknown_parameters = unknown_parameters(self, rules)
+        for remark in self._unknown_parameters.values():
+            self.get_logger().warning(remark)
+        declare(self, rules)
+        take_name(self.get_fully_qualified_name(), self.context.get_domain_id())
         self._unusable, self._unusable_reported = Counter[str](), Counter[str]()
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, _DIAGNOSTICS, 10)
         self.create_steady_timer(1.0, self._publish_health)
 
     @property
@@ -98,9 +102,7 @@ class TamNode(Node):
         quality : QoSProfile
             Used where no parameter says otherwise.
         """
-        return self.create_publisher(
-            message_type, topic, copy(quality), qos_overriding_options=QoSOverridingOptions.with_default_policies()
-        )
+        return self.create_publisher(message_type, topic, copy(quality), qos_overriding_options=_OVERRIDABLE)
 
     def listen(self, message_type: Any, topic: str, take: Callable[[bytes], None], quality: QoSProfile) -> Subscription:
         """Have a function called with every serialised message of a topic; parameters may override the quality.
@@ -122,7 +124,7 @@ class TamNode(Node):
             take,
             copy(quality),
             raw=True,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            qos_overriding_options=_OVERRIDABLE,
         )
 
     def listen_to_all(
@@ -190,6 +192,21 @@ class TamNode(Node):
         """
         self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
+    def say_start(self, *remarks: str) -> None:
+        """Log one line: the array, and what else there is to know at the start.
+
+        Parameters
+        ----------
+        *remarks : str
+            On the calibration, and on what the node waits for.
+        """
+        self.get_logger().info("; ".join((f"array {array_name(self)}", *remarks)))
+
+    @property
+    def now_s(self) -> float:
+        """The time of the node's clock, seconds."""
+        return self.get_clock().now().nanoseconds / 1e9
+
     def refuse(self, topic: str, problem: str) -> None:
         """Count a message that cannot be used; the first of a topic is logged, all are told in /diagnostics.
 
@@ -208,16 +225,6 @@ class TamNode(Node):
     def health(self) -> Health:
         """Return the node's health; called once a second."""
 
-    def _refuse_unknown(self, known: Sequence[str]) -> None:
-        given = self.get_parameters_by_prefix("")
-        unknown = [
-            name
-            for name in given
-            if name not in (*known, *_PARAMETERS_OF_ROS) and not name.startswith("qos_overrides.")
-        ]
-        if unknown:
-            raise InputError(f"{self.get_name()} has no parameter {', '.join(unknown)}: it knows {', '.join(known)}")
-
     def _check_choices(self, parameters: list[Parameter]) -> SetParametersResult:
         for parameter in parameters:
             choices = self._choices.get(parameter.name)
@@ -230,14 +237,29 @@ class TamNode(Node):
     def _publish_health(self) -> None:
         if not self._diagnostics.get_subscription_count():
             return
-        health = self._with_unusable(self.health())
+        health = self._with_twin(self._with_unusable(self.health()))
         name = self.get_fully_qualified_name().lstrip("/")
-        status = DiagnosticStatus(level=health.level, name=name, message=health.message)
+        status = DiagnosticStatus(level=health.level, name=name, message=health.message, hardware_id=array_name(self))
         values = {**health.values, **self._peers()}
+        if self._unknown_parameters:
+            values["unknown_parameters"] = " ".join(self._unknown_parameters)
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
+
+    def _with_twin(self, health: Health) -> Health:
+        """Say it while another node of this name is heard: on this machine there can be none."""
+        endpoints = self.get_publishers_info_by_topic(_DIAGNOSTICS)
+        names = [(each.node_namespace, each.node_name) for each in endpoints]
+        if names.count((self.get_namespace(), self.get_name())) < 2:
+            return health
+        problem = (
+            f"another {self.get_fully_qualified_name()} runs on another machine of this ROS domain, and both answer: "
+            "end one, or give it a namespace or ROS_DOMAIN_ID of its own"
+        )
+        self.get_logger().error(problem, once=True)
+        return Health(ERROR, problem, health.values)
 
     def _with_unusable(self, health: Health) -> Health:
         """Add what was refused to the health; what was refused since the last time is a warning."""

@@ -7,7 +7,8 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.units import to_nanotesla
 
-_OLDEST_S = 20 * 365 * 86_400.0
+_DAY_S = 86_400.0
+_OLDEST_S = 20 * 365 * _DAY_S
 
 
 def describe(calibration: Calibration) -> str:
@@ -17,6 +18,23 @@ def describe(calibration: Calibration) -> str:
     name, unit = ("e_T", "nT/m") if calibration.array.has_gradient else ("|B| error", "nT")
     where = "held out" if calibration.held_out else "in sample"
     return f"{name} {before:.4g} → {after:.4g} {unit} {where}, noise floor {floor:.4g} {unit}"
+
+
+def introduce(calibration: Calibration | None, path: str, now_s: float) -> str:
+    """Return the calibration that a node starts with, and its age; or where there is none yet.
+
+    Parameters
+    ----------
+    calibration : Calibration or None
+        That was loaded.
+    path : str
+        Where from; empty where no file is named.
+    now_s : float
+        Time of the node's clock, seconds.
+    """
+    if calibration is None:
+        return f"no calibration: {path} is not there yet" if path else "no calibration"
+    return f"calibration {path}, {_tell_age(_age_s(calibration, now_s))}: {describe(calibration)}"
 
 
 def figures(calibration: Calibration | None, now_s: float) -> dict[str, object]:
@@ -31,11 +49,11 @@ def figures(calibration: Calibration | None, now_s: float) -> dict[str, object]:
     """
     if calibration is None:
         return {"calibration": "none"}
-    best, floor = _best(calibration), calibration.floor
+    best, floor, age_s = _best(calibration), calibration.floor, _age_s(calibration, now_s)
     return {
         "calibration": calibration.method,
         "calibration_samples": calibration.samples,
-        "calibration_age_s": _age(calibration, now_s),
+        "calibration_age_s": "unknown" if age_s is None else f"{age_s:.0f}",
         "tensor_residual_T_per_m": f"{best.tensor_rmse_T_per_m:.4g}",
         "tensor_floor_T_per_m": f"{floor.tensor_rmse_T_per_m:.4g}",
         "intensity_residual_T": f"{_overall(best, has_gradient=False):.4g}",
@@ -53,7 +71,13 @@ def _overall(residuals: Residuals, has_gradient: bool) -> float:
     return float(norm(residuals.sensor_intensity_T) / np.sqrt(len(residuals.sensor_intensity_T)))
 
 
-def _age(calibration: Calibration, now_s: float) -> str:
-    """Return the time since the recording ended; unknown where its stamps are of another clock."""
+def _age_s(calibration: Calibration, now_s: float) -> float | None:
+    """Return the time since the recording ended; None where its stamps are of another clock."""
     age = now_s - calibration.time_span_s[1]
-    return f"{age:.0f}" if 0 <= age < _OLDEST_S else "unknown"
+    return age if 0 <= age < _OLDEST_S else None
+
+
+def _tell_age(age_s: float | None) -> str:
+    if age_s is None:
+        return "of unknown age"
+    return f"{age_s / 3600:.1f} h old" if age_s < 2 * _DAY_S else f"{age_s / _DAY_S:.0f} days old"

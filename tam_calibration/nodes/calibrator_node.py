@@ -28,7 +28,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
-from tam_calibration.nodes.calibration_figures import describe, figures
+from tam_calibration.nodes.calibration_figures import describe, figures, introduce
 from tam_calibration.nodes.cloud import CloudReader, Rows, from_stamp, layout_of
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, Rule, array_of
 
@@ -157,6 +157,8 @@ class Calibrator(TamNode):
         self._collector = self.create_client(Trigger, "collector/usage")
         self._worker = ThreadPoolExecutor(max_workers=1)
         self.create_steady_timer(_TURN_S, self._take_requests)
+        told = introduce(self._calibration, self.value("calibration_file"), self.now_s)
+        self.say_start(told, "waits for samples")
 
     @property
     def services(self) -> Iterator[Service]:
@@ -175,8 +177,7 @@ class Calibrator(TamNode):
         gap = self._gap
         if gap is not None:
             level, message = max(level, _level_of(gap)), f"{message}; {gap.statement}"
-        now_s = self.get_clock().now().nanoseconds / 1e9
-        values = {"samples": len(self._store), **figures(self._calibration, now_s), **_figures_of(gap)}
+        values = {"samples": len(self._store), **figures(self._calibration, self.now_s), **_figures_of(gap)}
         return Health(level, message, values)
 
     def _load(self) -> None:

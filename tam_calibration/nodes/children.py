@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.nodes import signals
+from tam_calibration.nodes import bound, signals
 
 _GRACE_S = 5.0
 """Time that a process has to end after SIGINT before it is killed."""
@@ -41,7 +41,7 @@ def node_commands(
     array : Path, optional
         Array file, given to every node.
     calibration : Path, optional
-        Calibration file, which the calibrator loads and saves.
+        Calibration file, which every node loads where it exists, and the calibrator saves.
     method : str, optional
         Method of the calibrator's fit.
     params_file : Path, optional
@@ -53,7 +53,12 @@ def node_commands(
         Arguments of the Python interpreter, by the name of the process.
     """
     everywhere = {"array_file": array}
-    own = {"calibrator": {"calibration_file": calibration, "method": method}}
+    there = calibration if calibration and calibration.is_file() else None  # else the calibrator will write it
+    own: dict[str, dict[str, Path | str | None]] = {
+        "stream": {"corrector:calibration_file": there},
+        "calibrator": {"calibration_file": calibration, "method": method},
+        "localizer": {"calibration_file": there},
+    }
     shared = ["--params-file", str(params_file)] if params_file else []
     return {
         name: [
@@ -75,7 +80,7 @@ def _settings(values: Mapping[str, Path | str | None]) -> list[str]:
 
 
 class Children:
-    """Processes that are started together and end together.
+    """Processes that are started together and end together, at the latest when the thread ends that started them.
 
     Parameters
     ----------
@@ -104,8 +109,7 @@ class Children:
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
         """End the processes; a failure of one is raised unless something else already failed."""
-        with signals.held_back():  # a second Ctrl-C leaves none behind
-            codes = self.end()
+        codes = self.end()
         if kind in (None, SystemExit) and any(codes.values()):
             name, code = next((name, code) for name, code in codes.items() if code)
             self._refuse(name, code)
@@ -138,8 +142,10 @@ class Children:
         """End the processes one after another and return their exit codes.
 
         Not at once: Fast DDS 2.14 can deadlock when a participant is destroyed while it hears of another's end.
+        A second Ctrl-C waits until then.
         """
-        return {name: self.end_one(name) for name in reversed(self.names)}
+        with signals.postponed():
+            return {name: self.end_one(name) for name in reversed(self.names)}
 
     def end_one(self, name: str, signal_number: signal.Signals = signal.SIGINT) -> int:
         """End one process and return its exit code; it is no longer watched.
@@ -171,7 +177,7 @@ class Children:
         self._logs[name].parent.mkdir(parents=True, exist_ok=True)
         with self._logs[name].open("wb") as log, signals.held_back():
             self._processes[name] = subprocess.Popen(
-                [sys.executable, *self._commands[name]],
+                [sys.executable, "-I", "-S", bound.__file__, str(os.getpid()), *self._commands[name]],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,

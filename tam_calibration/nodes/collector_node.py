@@ -70,13 +70,15 @@ class Collector(TamNode):
         self._subscribe()
         self.create_service(Trigger, "~/reset", self._reset)
         self.create_service(Trigger, "~/usage", self._tell_usage)
+        self.say_start(f"waits for {self._sensor_topics()}")
 
     def health(self) -> Health:
         """Return what hinders, or what to do next for the coverage."""
         listeners = {"listeners": self._samples.get_subscription_count()}
         if self._synchroniser is None:
-            topics = ", ".join(map(sensor_topic, range(1, self._layout.sensor_count + 1)))
-            return Health(STALE, f"no message yet on {topics}: start the sensors' drivers or play a bag", listeners)
+            return Health(
+                STALE, f"no message yet on {self._sensor_topics()}: start the sensors' drivers or play a bag", listeners
+            )
         silent = self._silent()
         if len(silent) == len(self._sensors):
             self._deliver(self._synchroniser.flush())
@@ -111,6 +113,9 @@ class Collector(TamNode):
         if new_losses:
             return WARN, f"{new_losses} messages lost in the last second: {synchroniser.explain_losses()}"
         return None
+
+    def _sensor_topics(self) -> str:
+        return ", ".join(map(sensor_topic, range(1, self._layout.sensor_count + 1)))
 
     def _silent(self) -> list[str]:
         limit = time.monotonic() - self.value("silence_s")

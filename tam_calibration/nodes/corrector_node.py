@@ -23,7 +23,7 @@ from tam_calibration.messages.run import Run
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray, to_nanotesla
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
-from tam_calibration.nodes.calibration_figures import figures
+from tam_calibration.nodes.calibration_figures import figures, introduce
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, Rows, cloud_writer, from_stamp, layout_of
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 
@@ -66,6 +66,8 @@ class Corrector(TamNode):
             self._switch(read_calibration(Path(path)))
         self.create_subscription(String, "calibration", self._take_calibration, LATCHED)
         self.listen_to_all(PointCloud2, "samples", self._take_samples, RELIABLE_STREAM)
+        told = introduce(self._calibration, self.value("calibration_file"), self.now_s)
+        self.say_start(told, "waits for samples" if self._calibration else "waits for calibration and samples")
 
     def health(self) -> Health:
         """Return whether samples are corrected, and how far |B| is from the scalar reference."""

@@ -25,6 +25,7 @@ from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.attitude_join import AttitudeJoin, Joined
 from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
+from tam_calibration.nodes.calibration_figures import introduce
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, cloud_writer, from_stamp, layout_of, to_stamp
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 
@@ -112,6 +113,8 @@ class Localizer(TamNode):
         else:
             for message_type, topic, take in topics:
                 self.listen_to_all(message_type, topic, take, RELIABLE_STREAM)
+        told = introduce(self._calibration, self.value("calibration_file"), self.now_s)
+        self.say_start(told, f"waits for {' and '.join(topic for _, topic, _ in topics)}")
 
     @property
     def _attitude_noise(self) -> float:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -44,6 +45,68 @@ ARRAY_FILE = Rule("array_file", "", "Path of the array YAML; empty for the cross
 FRAME_ID = Rule("frame_id", DEFAULT_FRAME_ID, "Frame of all that is published: the array frame.")
 
 
+_OF_ROS = ("use_sim_time", "start_type_description_service")
+_QOS_OVERRIDES = "qos_overrides."
+_QOS_POLICIES = ("depth", "durability", "history", "reliability")
+
+
+def unknown_parameters(node: Node, rules: Sequence[Rule]) -> dict[str, str]:
+    """Forget what a node was given and does not know, and return a sentence on each, with the nearest known name.
+
+    Parameters
+    ----------
+    node : Node
+        That has declared all it was given.
+    rules : sequence of Rule
+        The parameters that it knows, beside those of ROS.
+
+    Returns
+    -------
+    dict of str to str
+        Sentences by the names of the parameters.
+    """
+    remarks = {}
+    for name in node.get_parameters_by_prefix(""):
+        known = [rule.name for rule in rules] + list(_OF_ROS)
+        if name.startswith(_QOS_OVERRIDES):
+            known = [f"{name.rpartition('.')[0]}.{policy}" for policy in _QOS_POLICIES]
+        if name not in known:
+            node.undeclare_parameter(name)
+            near = "".join(f": is {each} meant?" for each in get_close_matches(name, known, 1))
+            remarks[name] = f"the parameter {name} is not known here and without effect{near}"
+    return remarks
+
+
+def declare(node: Node, rules: Sequence[Rule]) -> None:
+    """Declare parameters by their rules, with the values that a node was given; a whole number is a number.
+
+    Parameters
+    ----------
+    node : Node
+        That has declared all it was given.
+    rules : sequence of Rule
+        Of all its parameters.
+
+    Raises
+    ------
+    ParameterException
+        When a value has the wrong type or is out of bounds.
+    """
+    for rule in rules:
+        value, is_whole = rule.default, False
+        if node.has_parameter(rule.name):  # as given, without its rule
+            given = node.get_parameter(rule.name).value
+            node.undeclare_parameter(rule.name)
+            if is_whole := isinstance(value, float) and type(given) is int:
+                value = float(given)
+        node.declare_parameter(rule.name, value, rule.descriptor(), ignore_override=is_whole)
+
+
+def array_name(node: Node) -> str:
+    """Return the name of the file of a node's array, without what follows the last dot."""
+    return _array_path(node).stem
+
+
 def array_of(node: Node) -> Array:
     """Return the array that a node's parameter ``array_file`` names.
 
@@ -52,5 +115,9 @@ def array_of(node: Node) -> Array:
     InputError
         When the file cannot be used.
     """
+    return read_array(_array_path(node))
+
+
+def _array_path(node: Node) -> Path:
     path: str = node.get_parameter(ARRAY_FILE.name).value
-    return read_array(Path(path) if path else configuration_folder() / "cross.yaml")
+    return Path(path) if path else configuration_folder() / "cross.yaml"

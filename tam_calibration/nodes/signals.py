@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM: both end a process in order, at whatever time they come."""
+"""SIGINT, SIGTERM and SIGHUP: each ends a process in order, at whatever time it comes."""
 
 import os
 import signal
@@ -6,7 +6,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-ENDING = (signal.SIGINT, signal.SIGTERM)
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+_LAST_MOMENTS_S = 5
+"""Time within which a process that puts itself in order ends."""
 
 
 @contextmanager
@@ -22,11 +25,29 @@ def held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+@contextmanager
+def postponed() -> Iterator[None]:
+    """Have a signal that comes in the block come when it is over.
+
+    A mask would not do that: it holds for one thread, and a signal comes to any that does not block it.
+    """
+    came: list[int] = []
+    before = {each: signal.signal(each, lambda number, frame: came.append(number)) for each in ENDING}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if came:
+            signal.raise_signal(came[0])
+
+
 class Startup:
     """The time in which a process loads its libraries: the signals end it at once, with exit code 0.
 
     There is nothing to put in order yet, and an exception could get lost in the libraries. When it is ``over``, the
-    handlers of rclpy end the context; they call the one that was there before, which then does nothing.
+    handlers of rclpy end the context; they call the one that was there before, which then does nothing. rclpy has none
+    for SIGHUP, which becomes SIGTERM.
     """
 
     def __init__(self) -> None:
@@ -40,6 +61,8 @@ class Startup:
     def _end(self, number: int, frame: FrameType | None) -> None:
         if not self._is_over:
             os._exit(0)
+        if number == signal.SIGHUP:
+            signal.raise_signal(signal.SIGTERM)
 
 
 def raise_exit(exit_code: int) -> None:
@@ -52,11 +75,13 @@ def raise_exit(exit_code: int) -> None:
 
 
 def ignore() -> None:
-    """Let nothing interrupt the end."""
+    """Let nothing interrupt the end, and nothing hold it up for long: then the kernel ends the process."""
     _handle(signal.SIG_IGN)
+    signal.alarm(_LAST_MOMENTS_S)
 
 
 def _handle(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> None:
     for number in ENDING:
-        signal.signal(number, handler)
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # as nohup leaves it
+            signal.signal(number, handler)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)

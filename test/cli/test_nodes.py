@@ -1,36 +1,108 @@
 """`tam nodes`: the nodes together, watched."""
 
+import os
 import signal
+import time
 
 import pytest
 from click.testing import CliRunner
+from ros_bench import processes_of
 
 from tam_calibration.cli.main import main
 
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install 'tam_calibration[ros]'")
 
-NODES = ("collector", "calibrator", "corrector", "localizer")
+COMMAND = ["-u", "-m", "tam_calibration", "nodes"]
+
+
+SAID = (
+    "collector WAIT: no message yet",
+    "calibrator WAIT: no samples yet",
+    "corrector WARN: no calib",
+    "localizer WAIT",
+)
+
+
+def start_all(bench, *options):
+    """Start the command and wait until every node has said something."""
+    children = bench.start({"tam": [*COMMAND, *options]})
+    bench.spin_until(lambda: all(line in children.log("tam") for line in SAID), "the nodes say what they wait for")
+    return children
 
 
 def test_nodes_start_together_and_end_together(bench, recording, tmp_path):
-    """All start, what they say is printed line by line, and Ctrl-C ends them with exit code 0."""
-    children = bench.start({"tam": ["-u", "-m", "tam_calibration", "nodes", "--calibration", str(tmp_path / "c.yaml")]})
-    bench.spin_until(lambda: set(NODES) <= set(bench.node.get_node_names()), "the nodes are seen")
+    """What they say is printed line by line, and Ctrl-C ends them with exit code 0."""
+    children = start_all(bench, "--calibration", str(tmp_path / "c.yaml"))
     bench.stream(recording, [bench.publish_sensors((1, 2, 3))])
     bench.spin_until(lambda: "collector WARN: nothing from tam_4" in children.log("tam"), "the silent sensor is told")
     assert children.end_one("tam", signal.SIGINT) == 0
-    log = children.log("tam")
-    assert "calibrator WAIT: no samples yet" in log and "corrector WARN: no calibration yet" in log
-    bench.spin_until(lambda: not set(NODES) & set(bench.node.get_node_names()), "the nodes have gone")
+    assert not processes_of(bench.logs)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP])
+def test_nodes_end_with_the_command(bench, number):
+    """Nodes do not outlive a command that is killed, or whose terminal is gone."""
+    children = start_all(bench)
+    assert children.end_one("tam", number) == (-number if number == signal.SIGKILL else 0)
+    bench.spin_until(lambda: not processes_of(bench.logs), "all have ended", timeout_s=10.0)
+
+
+def test_second_command_is_refused(bench):
+    """It says that the nodes run already, with exit code 2, and the first goes on."""
+    start_all(bench)
+    result = CliRunner().invoke(main, ["nodes"])
+    assert result.exit_code == 2
+    assert " runs already in ROS domain" in result.output.splitlines()[-1]
+    bench.health("collector", lambda *_: True, "the first collector goes on")
+
+
+def test_nodes_end_with_a_command_that_is_killed_while_it_starts_them(bench):
+    """Nor does a node that had not yet begun."""
+    children = bench.start({"tam": COMMAND})
+    bench.spin_until(lambda: len(processes_of(bench.logs)) > 1, "a node is started")
+    children.end_one("tam", signal.SIGKILL)
+    bench.spin_until(lambda: not processes_of(bench.logs), "all have ended", timeout_s=10.0)
+
+
+def test_nodes_stay_when_the_terminal_of_nohup_is_gone(bench):
+    """Who ignores SIGHUP before the start means it."""
+    deaf = "import os, signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN)"
+    children = bench.start(
+        {"tam": ["-c", f"{deaf}; os.execv(sys.executable, [sys.executable, *sys.argv[1:]])", *COMMAND]}
+    )
+    bench.spin_until(lambda: all(line in children.log("tam") for line in SAID), "the nodes say what they wait for")
+    running = processes_of(bench.logs)
+    for process in running:
+        os.kill(process, signal.SIGHUP)
+    bench.health("collector", lambda *_: True, "the collector goes on")
+    assert processes_of(bench.logs) == running
+    assert children.end_one("tam", signal.SIGINT) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_impatience_leaves_no_node_behind(bench, number):
+    """Signal after signal, the nodes end in their order, and the command with exit code 0."""
+    children = start_all(bench)
+
+    def ends():
+        os.kill(children.pids["tam"], number)
+        return not children.is_running("tam")
+
+    limit = time.monotonic() + 20
+    while not ends():
+        assert time.monotonic() < limit
+        bench.executor.spin_once(timeout_sec=0.05)
+    assert children.end_one("tam") == 0, children.log("tam")
+    bench.spin_until(lambda: not processes_of(bench.logs), "all have ended", timeout_s=10.0)
 
 
 def test_node_that_fails_ends_all(ros_domain, tmp_path):
     """A node that refuses its parameters ends the command with its sentence and exit code 2."""
     parameters = tmp_path / "parameters.yaml"
-    parameters.write_text("collector:\n  ros__parameters:\n    tolerence_s: 0.1\n")
+    parameters.write_text("collector:\n  ros__parameters:\n    tolerance_s: soon\n")
     result = CliRunner().invoke(main, ["nodes", "--params-file", str(parameters)])
     assert result.exit_code == 2
-    assert result.output.startswith("tam: collector has no parameter tolerence_s")
+    assert "of type 'STRING', expecting type 'DOUBLE': tolerance_s" in result.output.splitlines()[-1]
 
 
 def test_monitor_shows_bars():

@@ -30,8 +30,8 @@ def launch_file(monkeypatch):
     """Return the names of the launch file, run with stand-ins for the launch packages."""
     names = {
         "launch": ["LaunchContext", "LaunchDescription"],
-        "launch.actions": ["DeclareLaunchArgument", "OpaqueFunction", "SetEnvironmentVariable"],
-        "launch.substitutions": ["EnvironmentVariable", "LaunchConfiguration"],
+        "launch.actions": ["DeclareLaunchArgument", "OpaqueFunction"],
+        "launch.substitutions": ["LaunchConfiguration"],
         "launch_ros": [],
         "launch_ros.actions": ["Node"],
     }
@@ -70,3 +70,29 @@ def test_arguments_become_parameters_only_where_given(launch_file):
     assert "calibration_file" not in nodes["corrector"].parameters[1]
     assert {node.namespace for node in nodes.values()} == {"auv"}
     assert started(launch_file)["collector"].parameters == [{"use_sim_time": False}]
+
+
+def test_every_node_loads_the_calibration_that_is_there(launch_file, tmp_path):
+    """The collector has none; a file that the calibrator will write is no reason for the others not to start."""
+    path = tmp_path / "calibration.yaml"
+
+    def loading():
+        nodes = started(launch_file, calibration_file=str(path))
+        return [name for name, node in nodes.items() if node.parameters[0].get("calibration_file") == str(path)]
+
+    assert loading() == ["calibrator"]
+    path.write_text("")
+    assert loading() == ["calibrator", "corrector", "localizer"]
+
+
+def test_nodes_are_started_again(launch_file):
+    """Unless somebody wants to see why one ended."""
+    assert all(node.respawn and node.respawn_delay == 2.0 for node in started(launch_file).values())
+    assert not any(node.respawn for node in started(launch_file, respawn="false").values())
+
+
+def test_nothing_is_set_for_what_is_launched_later(launch_file):
+    """The nodes see to their settings themselves: the environment of other nodes of the robot stays as it was."""
+    actions = launch_file["generate_launch_description"]().positional[0]
+    assert {type(action).__name__ for action in actions} == {"DeclareLaunchArgument", "OpaqueFunction"}
+    assert not any(hasattr(node, "additional_env") for node in started(launch_file).values())

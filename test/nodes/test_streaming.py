@@ -70,7 +70,7 @@ def test_what_cannot_be_used_is_counted_and_costs_nothing_else(bench, recording)
     counted = "unusable.tam_2/magnetic_field"
     _, figures = bench.health("collector", lambda _, figures: counted in figures, "they are counted")
     assert figures[counted] == "4" and figures["tam_2.received"] == "34"
-    told = [line for line in children.log("collector").splitlines() if "tam_2/magnetic_field" in line]
+    told = [line for line in children.log("collector").splitlines() if "]: tam_2/magnetic_field: " in line]
     assert len(told) == 1 and "damaged" in told[0]
 
 
@@ -88,16 +88,19 @@ def test_a_stuck_array_does_not_end_the_collector(bench):
 
 def test_quality_of_service_and_names_can_be_changed(bench):
     """Parameters override the quality of one topic and no other; remapping moves topics."""
-    from rclpy.qos import ReliabilityPolicy
+    from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
     overrides = ["-p", "qos_overrides./tam_1/magnetic_field.subscription.reliability:=reliable"]
     overrides += ["-p", "qos_overrides./moved.publisher.depth:=7", "-r", "samples:=moved"]
+    overrides += ["-p", "qos_overrides./moved.publisher.durability:=transient_local"]
     bench.start({"collector": ["-m", "tam_calibration.nodes.start", "collector", "--ros-args", *overrides]})
     bench.spin_until(lambda: all(map(bench.node.count_subscribers, SENSORS)), "the collector subscribes")
     infos = [bench.node.get_subscriptions_info_by_topic(f"/{topic}")[0].qos_profile for topic in SENSORS]
     assert [info.reliability == ReliabilityPolicy.RELIABLE for info in infos] == [True, False, False, False]
     bench.spin_until(lambda: bench.node.count_publishers("/moved") == 1, "the samples are published elsewhere")
     assert bench.node.count_publishers("/samples") == 0
+    [moved] = bench.node.get_publishers_info_by_topic("/moved")
+    assert moved.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
 
 def test_samples_flow_while_the_clock_of_a_simulation_stands_still(bench, recording):
