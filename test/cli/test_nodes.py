@@ -9,6 +9,8 @@ from click.testing import CliRunner
 from ros_bench import processes_of
 
 from tam_calibration.cli.main import main
+from tam_calibration.files import write_calibration
+from tam_calibration.fit import calibrate
 
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install 'tam_calibration[ros]'")
 
@@ -37,6 +39,21 @@ def test_nodes_start_together_and_end_together(bench, recording, tmp_path):
     bench.spin_until(lambda: "collector WARN: nothing from tam_4" in children.log("tam"), "the silent sensor is told")
     assert children.end_one("tam", signal.SIGINT) == 0
     assert not processes_of(bench.logs)
+
+
+def test_every_node_starts_with_the_calibration(bench, recording, cross, tmp_path):
+    """Calibrator, corrector and localizer load the file that is there, each by itself."""
+    path = tmp_path / "calibration.yaml"
+    write_calibration(path, calibrate(recording, cross))
+    children = bench.start({"tam": [*COMMAND, "--calibration", str(path)]})
+
+    def loaded():
+        logs = "".join(log.read_text() for log in bench.logs.glob("tam_nodes_*/*.log"))
+        said = f"]: array cross; calibration {path}, "
+        return [name for name in ("calibrator", "corrector", "localizer") if f"[{name}{said}" in logs]
+
+    bench.spin_until(lambda: len(loaded()) == 3, "all have loaded it")
+    assert children.end_one("tam", signal.SIGINT) == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP])
