@@ -59,7 +59,15 @@ class Elimination:
 
     @classmethod
     def of_sensors(cls, errors: SensorErrors, noise_T: FloatArray) -> "Elimination":
-        """Return the elimination for sensors whose axes have noise of standard deviations (K,), tesla."""
+        """Return the elimination for the readings of an array's sensors.
+
+        Parameters
+        ----------
+        errors : SensorErrors
+            Of the K sensors; their matrices D Λ are the response.
+        noise_T : (K,) array
+            Standard deviation of the noise of each sensor's axes, tesla.
+        """
         return cls.of(errors.matrix.reshape(-1, 3), 1 / np.repeat(noise_T, 3))
 
     @classmethod

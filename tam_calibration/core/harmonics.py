@@ -10,7 +10,20 @@ from tam_calibration.model.units import FloatArray
 
 
 def harmonics(direction: FloatArray, highest: int) -> FloatArray:
-    """Return the real spherical harmonics (N, (highest + 1)²), orders -l to l of each degree l, orthonormal."""
+    """Return the real spherical harmonics of directions, orthonormal.
+
+    Parameters
+    ----------
+    direction : (N, 3) array
+        Unit vectors.
+    highest : int
+        Highest degree.
+
+    Returns
+    -------
+    (N, (highest + 1)²) array
+        Orders -l to l of each degree l from 0.
+    """
     x, y, z = direction.T
     orders = np.concatenate([np.arange(-degree, degree + 1) for degree in range(highest + 1)])
     power = np.cumprod(np.column_stack([np.ones(len(x)), *[x + 1j * y] * highest]), axis=1)
@@ -40,11 +53,23 @@ def derivatives(degree: int) -> list[tuple[int, int, int]]:
 
 
 def fields(degree: int, position_m: FloatArray) -> FloatArray:
-    """Return the fields (2 degree + 1, 3, N) at positions (3, N) of harmonic potentials of a degree, per unit.
+    """Return the fields of harmonic potentials of a degree at given positions, per unit.
 
     The potential of one of ``derivatives`` is the one whose derivative of that order is 1 and whose others are 0: that
-    of x^a y^b z^c / (a! b! c!) for c = 0 or 1 is continued in z by Laplace's equation, as
-    Σ (-1)^k z^(2k+c) / (2k+c)! (∂²/∂x² + ∂²/∂y²)^k x^a y^b / (a! b!). Units are T/m^(degree - 1).
+    of x^a y^b z^c / (a! b! c!) for c = 0 or 1 is continued in z by Laplace's equation, as Σ (-1)^k z^(2k+c) / (2k+c)!
+    (∂²/∂x² + ∂²/∂y²)^k x^a y^b / (a! b!). Units are T/m^(degree - 1).
+
+    Parameters
+    ----------
+    degree : int
+        Of the potentials, at least 1: 1 is a uniform field, 2 a uniform gradient.
+    position_m : (3, N) array
+        Where the fields are asked for, metres.
+
+    Returns
+    -------
+    (2 degree + 1, 3, N) array
+        Field of each potential in the order of ``derivatives``.
     """
     power = np.stack([position_m**exponent / factorial(exponent) for exponent in range(degree)])
     products = np.stack([power[x, 0] * power[y, 1] * power[z, 2] for x, y, z in _monomials(degree)])

@@ -8,7 +8,15 @@ from tam_calibration.model.units import FloatArray
 
 
 def noise_deviation(values: FloatArray, axis: int | None = None) -> FloatArray:
-    """Return the standard deviation of normal noise whose absolute values have the same median, along an axis."""
+    """Return the standard deviation of normal noise whose absolute values have the same median, along an axis.
+
+    Parameters
+    ----------
+    values : array
+        Noise about zero, in any shape and unit.
+    axis : int, optional
+        Along which the median is taken; by default over all values.
+    """
     from scipy.special import ndtri
 
     deviation: FloatArray = np.median(np.abs(values), axis=axis) / ndtri(0.75)
@@ -16,7 +24,15 @@ def noise_deviation(values: FloatArray, axis: int | None = None) -> FloatArray:
 
 
 def noise_energy(energy: FloatArray, freedom: int) -> float:
-    """Return the variance of normal noise whose sums of so many squares have the same median as energies (N,)."""
+    """Return the variance of normal noise whose sums of squares have the same median as given ones.
+
+    Parameters
+    ----------
+    energy : (N,) array
+        Sums of squares.
+    freedom : int
+        Number of squares in each sum.
+    """
     from scipy.special import chdtri
 
     return float(np.median(energy) / chdtri(freedom, 0.5))
@@ -39,6 +55,13 @@ def complete_noise(array: Array, source: SampleSource) -> tuple[KnownNoiseArray,
     exact for white noise on a motion that is slow against the sampling. Attitudes that jump would pass for noise, so
     that no more than a fiftieth of the readings' spread is taken; the fit then scales it to the residual. A stated
     noise is kept. Of a recording of more than 100 000 samples some stretches serve.
+
+    Parameters
+    ----------
+    array : Array
+        Its noise stated or not.
+    source : SampleSource
+        Raw readings of its K sensors, tesla.
     """
     needs_scalar = array.scalar_noise_T is None and source.scalar_count is not None
     estimated = array.vector_noise_T is None or needs_scalar

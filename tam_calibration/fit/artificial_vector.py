@@ -28,8 +28,22 @@ def artificial_vector(recording: SampleSource, array: Array) -> Calibration:
     The ellipsoid has nine unknowns about its centre, and its intensity may vary: the ten unknowns of eqs. 18 and 19
     have with a constant one the trivial solution V = (0, …, 0, H).
 
-    Parameters, result and errors raised are those of ``lossless``; the covariance is that of a jackknife over groups of
-    samples.
+    Parameters
+    ----------
+    recording : SampleSource
+        Samples in a uniform field; those without a scalar reading are left out where others have one.
+    array : Array
+        Geometry and noise of the K sensors.
+
+    Returns
+    -------
+    Calibration
+        With the covariance of a jackknife over groups of samples.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid, or a sensor is left-handed.
     """
     moments = gather(recording, "artificial vector", with_platform=True)
     sets, sensors = len(moments.joint), recording.sensor_count

@@ -101,6 +101,15 @@ def calibrate(
 def accepted(recording: SampleSource, array: Array, fit: Fit) -> Calibration:
     """Return the calibration of a fit that is of one field, the same throughout, and accurate enough to be of use.
 
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of the array that was turned in a field.
+    array : Array
+        Geometry and noise of its K sensors; a noise that is not stated is estimated.
+    fit : callable
+        The method: from recording and array to a ``Calibration``.
+
     Raises
     ------
     InputError

@@ -89,7 +89,22 @@ class ChannelMaps:
         vector_noise: FloatArray,
         turning: Turning | None,
     ) -> "ChannelMaps":
-        """Return the maps at matrices D Λ (K, 3, 3), biases (K, 3) and components of the gradient (P,)."""
+        """Return the maps at given errors of the sensors and a given ambient gradient.
+
+        Parameters
+        ----------
+        matrix : (K, 3, 3) array
+            D Λ of each sensor.
+        bias : (K, 3) array
+            Of each sensor, in the unit of the readings.
+        gradient : (P,) array
+            Components xx, xy, xz, yy, yz of the ambient gradient in the world, in the unit of the readings per metre;
+            not read without ``turning``.
+        vector_noise : (K,) array
+            Standard deviation of the noise of each sensor's axes, in the unit of the readings.
+        turning : Turning, optional
+            Attitudes and positions by which the gradient acts; None in a uniform field.
+        """
         elimination = Elimination.of(matrix.reshape(-1, 3), 1 / np.repeat(vector_noise, 3))
         if turning is None:
             return cls._of_uniform_field(elimination, bias)

@@ -66,6 +66,13 @@ class _Parts:
 def require_one_calibration(recording: SampleSource, calibration: Calibration) -> None:
     """Check that a fit is of a field on Earth and leaves the same residual throughout the recording.
 
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings, an ambient gradient taken off.
+    calibration : Calibration
+        What was fitted to them.
+
     Raises
     ------
     Refused
@@ -102,7 +109,15 @@ def require_one_sphere(recording: SampleSource) -> None:
 
 
 def find_warnings(recording: SampleSource, calibration: Calibration) -> tuple[str, ...]:
-    """Return what speaks against trusting a calibration, one sentence each."""
+    """Return what speaks against trusting a calibration, one sentence each.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings, an ambient gradient taken off.
+    calibration : Calibration
+        What was fitted to them.
+    """
     warnings = []
     names = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
     chance = 6 * np.sqrt(2 / max(1, calibration.samples - FEWEST_SAMPLES))

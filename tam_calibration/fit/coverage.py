@@ -83,7 +83,20 @@ def measure_coverage(field_T: FloatArray) -> Coverage:
 
 
 def field_of(recording: Recording, errors: SensorErrors) -> FloatArray:
-    """Return the (N, 3) field of a recording: the mean of its restored sensors."""
+    """Return the field of a recording: the mean of its restored sensors.
+
+    Parameters
+    ----------
+    recording : Recording
+        Raw readings of K sensors.
+    errors : SensorErrors
+        By which the readings are corrected.
+
+    Returns
+    -------
+    (N, 3) array
+        Field in the array frame, tesla.
+    """
     return np.concatenate([errors.restore(block.readings_T).mean(axis=1) for block in recording.blocks()])
 
 

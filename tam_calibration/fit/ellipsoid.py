@@ -37,7 +37,22 @@ _SHIFT = _shifts()
 
 
 def monomial_columns(points: FloatArray, intensity: FloatArray, out: FloatArray | None = None) -> FloatArray:
-    """Return the (11, N) monomials of points (3, N) and intensities (N,), in ``out`` where that is given."""
+    """Return the monomials of points and intensity, in the order of the moments.
+
+    Parameters
+    ----------
+    points : (3, N) array
+        Readings of one sensor, of order one.
+    intensity : (N,) array
+        Reference intensity s of each sample, in the same unit.
+    out : (11, N) array, optional
+        Where to write the monomials; by default a new array.
+
+    Returns
+    -------
+    (11, N) array
+        ``out``, or the new array.
+    """
     columns = np.empty((11, points.shape[1])) if out is None else out
     np.multiply(points, points, out=columns[:3])
     np.multiply(points[0], points[1:], out=columns[3:5])
@@ -50,7 +65,20 @@ def monomial_columns(points: FloatArray, intensity: FloatArray, out: FloatArray 
 
 
 def move_origin(moments: FloatArray, origin: FloatArray) -> FloatArray:
-    """Return the moments (..., 11, 11) of the points seen from an origin (..., 3)."""
+    """Return the moments of points seen from another origin.
+
+    Parameters
+    ----------
+    moments : (..., 11, 11) array
+        Sums of the outer products of the monomials.
+    origin : (..., 3) array
+        The new origin, in the unit of the points.
+
+    Returns
+    -------
+    (..., 11, 11) array
+        The same sums for the points less the origin; the intensity stays.
+    """
     pairs = origin[..., ROWS] * origin[..., COLUMNS]
     shift = (np.concatenate([origin, pairs], axis=-1) @ _SHIFT).reshape(moments.shape) + np.eye(11)
     moved: FloatArray = shift @ moments @ np.swapaxes(shift, -1, -2)
@@ -110,7 +138,19 @@ def center_of(moments: FloatArray) -> FloatArray:
 
 
 def shape_about(moments: FloatArray, center: FloatArray) -> FloatArray:
-    """Return the matrices A (..., 3, 3) of (p - o)ᵀ A (p - o) = s² about given centres: Wu 2025 eq. 13.
+    """Return the matrices A of the ellipsoids (p - o)ᵀ A (p - o) = s² about given centres: Wu 2025 eq. 13.
+
+    Parameters
+    ----------
+    moments : (..., 11, 11) array
+        Sums of the outer products of the monomials, points scaled to order one.
+    center : (..., 3) array
+        Centres o, in the unit of the points.
+
+    Returns
+    -------
+    (..., 3, 3) array
+        Symmetric matrices A.
 
     Raises
     ------

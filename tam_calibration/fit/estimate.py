@@ -70,7 +70,25 @@ def measure_quality(source: SampleSource, array: KnownNoiseArray, errors: Sensor
 def measure_chi_square(
     source: SampleSource, array: KnownNoiseArray, errors: SensorErrors, intensity_T: float
 ) -> dict[str, float]:
-    """Return the reduced chi-square alone, as ``measure_quality`` does."""
+    """Return the reduced chi-square alone, as ``measure_quality`` does.
+
+    Parameters
+    ----------
+    source : SampleSource
+        Raw readings, an ambient gradient taken off.
+    array : KnownNoiseArray
+        Geometry, and every noise.
+    errors : SensorErrors
+        The estimate.
+    intensity_T : float
+        Intensity of the field where there is no scalar channel, tesla.
+
+    Returns
+    -------
+    dict
+        Energies per degree of freedom of the channels "differential" and "common_mode", without those that have no
+        degree of freedom.
+    """
     energy = EnergySums(errors, array, intensity_T)
     for block in source.blocks():
         energy.add(block)
@@ -178,6 +196,17 @@ def make_calibration(method: str, source: SampleSource, array: Array, estimate: 
     """Return the calibration of an estimate.
 
     An estimated vector noise is scaled so that the whitened channels have unit variance, and the covariance with it.
+
+    Parameters
+    ----------
+    method : str
+        Name of the method that made the estimate.
+    source : SampleSource
+        Raw readings that it was made from.
+    array : Array
+        Geometry and noise of the K sensors; a noise that is not stated is estimated.
+    estimate : Estimate
+        Errors of the sensors, their covariance and what else the method found.
     """
     noisy, noise_is_estimated = complete_noise(array, source)
     errors, covariance, gradient = estimate.errors, estimate.covariance, estimate.ambient_gradient

@@ -26,8 +26,18 @@ _ROUNDING = 1e-9
 def fast_rotation(recording: SampleSource, array: Array) -> Calibration:
     """Fit the errors of the sensors by Li 2018b, where the turns determine them.
 
-    Parameters and result are those of ``lossless``; the array must be turned about three axes, and the covariance is
-    that of a jackknife over groups of samples.
+    Parameters
+    ----------
+    recording : SampleSource
+        Samples in a uniform field, the array turned about three axes; those without a scalar reading are left out where
+        others have one.
+    array : Array
+        Geometry and noise of the K sensors.
+
+    Returns
+    -------
+    Calibration
+        With the covariance of a jackknife over groups of samples.
 
     Raises
     ------
@@ -50,6 +60,18 @@ def count_determined(recording: Recording, array: Array) -> tuple[int, int]:
 
     The rank of the Jacobian: the differences between sensors see each row of [D Λ | o] along (b, 1), the intensity sees
     the nine parameters of an ellipsoid along the monomials of the readings. What rises above the noise is counted.
+
+    Parameters
+    ----------
+    recording : Recording
+        Raw readings; the directions are those of sensor 1 about the mean of its readings.
+    array : Array
+        Noise of the K sensors; it is estimated where it is not stated.
+
+    Returns
+    -------
+    int, int
+        How many are determined, and 12 K - 3 in all, less one without a scalar reference.
     """
     noisy, _ = complete_noise(array, recording)
     centered = recording.readings_T[:, 0] - recording.readings_T[:, 0].mean(axis=0)

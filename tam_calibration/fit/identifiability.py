@@ -29,6 +29,15 @@ def require_determined(recording: SampleSource, array: Array, is_uniform: bool =
     The bound is taken at error-free sensors whose fields are the readings about the centre of their sphere. In a field
     that is not uniform what the sensors differ in is not taken for noise.
 
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors.
+    array : Array
+        Noise of these sensors; a noise that is not stated is estimated.
+    is_uniform : bool
+        Whether the field is uniform.
+
     Raises
     ------
     InputError
@@ -79,7 +88,14 @@ def _noise_excess(data: Normalized, array: KnownNoiseArray) -> float:
 
 
 def refuse_open(standard_errors: FloatArray, intensity_T: float) -> None:
-    """Refuse standard errors (12 K,) that are too large to be of use, or unknown.
+    """Refuse standard errors that are too large to be of use, or unknown.
+
+    Parameters
+    ----------
+    standard_errors : (12 K,) array
+        Of the parameters in the order of ``SensorErrors.to_vector`` flattened, SI; infinite or NaN where unknown.
+    intensity_T : float
+        Intensity of the field, against which a bias is judged, tesla.
 
     Raises
     ------
@@ -152,6 +168,13 @@ def find_weakness(recording: Recording, calibration: Calibration) -> Weakness:
     """Return what a recording determines badly, at the errors that its calibration found.
 
     Where only some samples have a scalar reading, they are those that count.
+
+    Parameters
+    ----------
+    recording : Recording
+        Raw readings, whose attitudes are judged.
+    calibration : Calibration
+        Made from them; its noise is the one that counts.
     """
     field_T = field_of(recording, calibration.errors)
     if recording.scalar_T is not None:

@@ -213,7 +213,20 @@ class InformationModel:
         return np.where(is_open, np.inf, variance)
 
     def variances_with(self, information: Information, rows: SensitivityRows) -> FloatArray:
-        """Return the (N, 12 K) variances when one of N samples is added to information that is not singular."""
+        """Return the variances of the parameters when one of N samples is added to what is known.
+
+        Parameters
+        ----------
+        information : Information
+            Of what is known; not singular.
+        rows : SensitivityRows
+            Of the N samples, of which each is added alone.
+
+        Returns
+        -------
+        (N, 12 K) array
+            Variances in the order of ``SensorErrors.to_vector`` flattened, SI.
+        """
         ellipsoid, affine = self.loadings
         square = np.einsum("pki,pkj->pij", affine, affine).reshape(len(affine), 16)
         inverse, inverse_affine = inv(information.ellipsoid), inv(information.affine)

@@ -93,9 +93,19 @@ class Likelihood:
         weights: FloatArray | None = None,
         ambient_gradient: FloatArray = UNIFORM,
     ) -> Linearization:
-        """Return the normal equations at matrices D Λ (K, 3, 3), biases (K, 3) and components of the gradient.
+        """Return the normal equations at a point.
 
-        Each sample counts by its weight (N,), or as one.
+        Parameters
+        ----------
+        matrix : (K, 3, 3) array
+            D Λ of each sensor.
+        bias : (K, 3) array
+            Of each sensor, in the unit of the readings.
+        weights : (N,) array, optional
+            By how much each sample counts; by default each counts as one.
+        ambient_gradient : (P,) array
+            Components xx, xy, xz, yy, yz of the ambient gradient in the world, in the unit of the readings per metre;
+            by default the field is uniform.
         """
         channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
         moments = self._moments if weights is None else _second_moments(self._flat, weights)
@@ -103,7 +113,18 @@ class Likelihood:
         return _linearization(channels, moments, self._common_mode_moments(channels, weights), reference_count)
 
     def energy(self, matrix: FloatArray, bias: FloatArray, ambient_gradient: FloatArray = UNIFORM) -> FloatArray:
-        """Return the (N,) sums of the squares of each sample's whitened channels."""
+        """Return the (N,) sums of the squares of each sample's whitened channels.
+
+        Parameters
+        ----------
+        matrix : (K, 3, 3) array
+            D Λ of each sensor.
+        bias : (K, 3) array
+            Of each sensor, in the unit of the readings.
+        ambient_gradient : (P,) array
+            Components xx, xy, xz, yy, yz of the ambient gradient in the world, in the unit of the readings per metre;
+            by default the field is uniform.
+        """
         assert self.interpolation_noise is None, "what samples share is no sample's own"
         channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
         energy = np.empty(len(self.points))
@@ -165,7 +186,19 @@ class CommonMode(NamedTuple):
 
 
 def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: Any) -> CommonMode:
-    """Return the common mode of rows (Z - 1, n), without their 1, and intensities (n,)."""
+    """Return the common mode of samples, of which those without a reference are left out.
+
+    Parameters
+    ----------
+    channels : ChannelMaps
+        Maps at the errors of the sensors.
+    rows : (Z - 1, n) array
+        Readings and features of n samples, without the 1 that ends a row.
+    intensity : (n,) array
+        Reference intensity in the unit of the readings; NaN where there is none.
+    scalar_noise : float or (n,) array
+        Standard deviation of the intensity's error, for all samples or each.
+    """
     finite = np.isfinite(intensity)
     known = slice(None) if finite.all() else finite
     field = channels.at_scalar[:, :-1] @ rows[:, known]
@@ -178,9 +211,20 @@ def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, 
 
 
 def whitened(there: CommonMode, features: FloatArray) -> FloatArray:
-    """Return the whitened columns direction ⊗ [field, features, 1] and, last, the residual: (3 F + 1, n).
+    """Return the whitened columns direction ⊗ [field, features, 1] and, last, the residual.
 
-    The features (Q, m) are those of all samples, also of those without a reference.
+    Parameters
+    ----------
+    there : CommonMode
+        Of the n samples with a reference.
+    features : (Q, m) array
+        How an ambient gradient is turned, of all m samples, also of those without a reference; Q = 0 in a uniform
+        field.
+
+    Returns
+    -------
+    (3 F + 1, n) array
+        With F = Q + 4; each column over the standard deviation of its residual.
     """
     root = np.sqrt(there.precision)
     extended = np.concatenate([there.field, features[:, there.known], np.ones((1, len(root)))])
@@ -254,7 +298,15 @@ class UniformLikelihood:
     scalar_noise: float
 
     def linearize(self, matrix: FloatArray, bias: FloatArray) -> Linearization:
-        """Return the normal equations at matrices D Λ (K, 3, 3) and biases (K, 3)."""
+        """Return the normal equations at a point.
+
+        Parameters
+        ----------
+        matrix : (K, 3, 3) array
+            D Λ of each sensor.
+        bias : (K, 3) array
+            Of each sensor about the origin of the data, in units of their radius.
+        """
         channels = ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None)
         size = channels.response[0].size + 1
         common, count = np.zeros((size, size)), 0

@@ -52,7 +52,17 @@ def _scale_square(energy: FloatArray, channels: FloatArray) -> float:
 
 
 def weights(energy: FloatArray, channels: FloatArray, square: float) -> FloatArray:
-    """Return the (N,) weights of samples: about one for noise, small for outliers."""
+    """Return the (N,) weights of samples: about one for noise, small for outliers.
+
+    Parameters
+    ----------
+    energy : (N,) array
+        Sum of the squares of each sample's whitened channels.
+    channels : (N,) array
+        Number of channels of each sample.
+    square : float
+        Square of the scale of the noise, in units of the stated one.
+    """
     return (_DEGREES_OF_FREEDOM + channels) / (_DEGREES_OF_FREEDOM + energy / square)
 
 

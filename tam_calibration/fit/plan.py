@@ -55,7 +55,14 @@ def reach_of_turntable(steps: FloatArray, inclination: float) -> Reach:
 
 
 def reach_of_vehicle(pitch_limit: float, roll_limit: float, inclination: float) -> Reach:
-    """Return the reach of a vehicle that yaws right round, and pitches and rolls up to limits, radians.
+    """Return the reach of a vehicle that yaws right round, and pitches and rolls up to limits.
+
+    Parameters
+    ----------
+    pitch_limit, roll_limit : float
+        Largest angle to either side, radians.
+    inclination : float
+        Of the field, positive downwards, radians.
 
     Raises
     ------
@@ -82,7 +89,20 @@ def _swing(limit: float) -> FloatArray:
 
 
 def field_directions(angles: FloatArray, inclination: float) -> FloatArray:
-    """Return the (N, 3) unit vectors of the field in the array frame at yaw, pitch and roll (N, 3), radians."""
+    """Return the directions of the field in the array frame at given attitudes.
+
+    Parameters
+    ----------
+    angles : (N, 3) array
+        Yaw from magnetic north, pitch and roll, radians.
+    inclination : float
+        Of the field, positive downwards, radians.
+
+    Returns
+    -------
+    (N, 3) array
+        Unit vectors.
+    """
     from scipy.spatial.transform import Rotation
 
     in_world = [np.cos(inclination), 0.0, -np.sin(inclination)]

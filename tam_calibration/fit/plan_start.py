@@ -53,6 +53,13 @@ class PlanStart:
 def start_from_nothing(array: Array, intensity_T: float) -> PlanStart:
     """Return the start of a whole calibration of sensors whose errors are small.
 
+    Parameters
+    ----------
+    array : Array
+        Geometry of the K sensors, and their vector noise, which must be stated.
+    intensity_T : float
+        Intensity of the field, tesla.
+
     Raises
     ------
     InputError
@@ -68,6 +75,13 @@ def start_from_nothing(array: Array, intensity_T: float) -> PlanStart:
 
 def start_from_recording(recording: Recording, array: Array) -> PlanStart:
     """Return the start that a recording gives; where it leaves parameters open, its raw readings give the directions.
+
+    Parameters
+    ----------
+    recording : Recording
+        Raw readings; the inclination of the field is known where it has an attitude.
+    array : Array
+        Geometry and noise of the K sensors; a noise that is not stated is estimated.
 
     Raises
     ------

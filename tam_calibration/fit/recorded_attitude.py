@@ -54,10 +54,27 @@ def into_array_frame(errors: SensorErrors, recording: Recording) -> SensorErrors
 
 
 def find_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
-    """Return the rotation X (3, 3) with which to_world X field (N, 3) is nearest to one vector w; field of order one.
+    """Return the rotation X with which the fields to_world X field are nearest to one vector w.
 
     The sum of |X b - Qᵀ w|² is quadratic in X and w together; w is eliminated, and the best X of unit norm is an
     eigenvector, the nearest rotation to which is taken.
+
+    Parameters
+    ----------
+    field : (N, 3) array
+        Uniform field b in a frame that is fixed to the array, in a unit in which it is of order one.
+    to_world : (N, 3, 3) array
+        Recorded attitude Q of each sample: rotation matrix from the array frame to the world.
+
+    Returns
+    -------
+    (3, 3) array
+        From the frame of the field to the one whose attitude was recorded.
+
+    Raises
+    ------
+    InputError
+        When the array was not turned about two axes.
     """
     mixed = np.einsum("naj,ni->jia", to_world, field).reshape(9, 3)
     residuals = np.kron(np.eye(3), field.T @ field) - mixed @ mixed.T / len(field)
@@ -118,7 +135,17 @@ def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
 
 
 def turning_of(recording: Recording, array: Array, field: FloatArray) -> Turning:
-    """Return how a recording with attitude turned the array, its fields (N, 3) at the centre known in any unit."""
+    """Return how a recording with attitude turned the array.
+
+    Parameters
+    ----------
+    recording : Recording
+        With an attitude in every sample.
+    array : Array
+        Positions of the sensors and of the scalar magnetometer.
+    field : (N, 3) array
+        At the centre in the frame of the array, in any unit: the attitudes are aligned with it.
+    """
     assert recording.attitude is not None
     at_center = np.zeros(3)
     scalar_position = at_center if array.scalar_position_m is None else array.scalar_position_m
@@ -129,6 +156,17 @@ def as_if_uniform(
     source: SampleSource, errors: SensorErrors, array: Array, gradient: AmbientGradientEstimate | None
 ) -> SampleSource:
     """Return samples as they would be in a uniform field, their attitudes aligned; themselves without a gradient.
+
+    Parameters
+    ----------
+    source : SampleSource
+        Raw readings.
+    errors : SensorErrors
+        Of the sensors, as fitted.
+    array : Array
+        Positions of the sensors and of the scalar magnetometer.
+    gradient : AmbientGradientEstimate, optional
+        What was fitted of the gradient in the world; None for a uniform field.
 
     Raises
     ------
@@ -177,7 +215,17 @@ def marginal_information(information: FloatArray, free: np.ndarray) -> tuple[Flo
 
 
 def gradient_of(components: FloatArray, covariance: FloatArray, unit_T: float) -> AmbientGradientEstimate:
-    """Return the tensor of fitted components (5,) per metre, in units of a field, with its standard errors."""
+    """Return the tensor of fitted components of the gradient, with its standard errors.
+
+    Parameters
+    ----------
+    components : (5,) array
+        xx, xy, xz, yy, yz in the world, per metre in units of ``unit_T``.
+    covariance : (5, 5) array
+        Of the components, in the square of their unit.
+    unit_T : float
+        Unit of field of the components, tesla.
+    """
     basis = UNIT_TENSORS.reshape(5, 9)
     variance = np.einsum("pi,pq,qi->i", basis, covariance, basis).reshape(3, 3)
     return AmbientGradientEstimate(unit_T * np.tensordot(components, UNIT_TENSORS, 1), unit_T * np.sqrt(variance))

@@ -60,10 +60,22 @@ class InterpolationNoise:
         return of_line + of_walk
 
     def explained(self, weighted: FloatArray, precision: FloatArray) -> FloatArray:
-        """Return Xᵀ D⁻¹ X - Xᵀ C⁻¹ X of columns X, from weighted = D⁻¹ X (M, F) and the diagonal of D⁻¹ (M,).
+        """Return Xᵀ D⁻¹ X - Xᵀ C⁻¹ X of F columns X of M samples.
 
-        First the walk, by the tridiagonal inverse of B, then the readings: (A + U Uᵀ)⁻¹ =
-        A⁻¹ - A⁻¹ U (1 + Uᵀ A⁻¹ U)⁻¹ Uᵀ A⁻¹.
+        First the walk, by the tridiagonal inverse of B, then the readings: (A + U Uᵀ)⁻¹ = A⁻¹ - A⁻¹ U (1 + Uᵀ A⁻¹ U)⁻¹
+        Uᵀ A⁻¹.
+
+        Parameters
+        ----------
+        weighted : (M, F) array
+            D⁻¹ X.
+        precision : (M,) array
+            Diagonal of D⁻¹.
+
+        Returns
+        -------
+        (F, F) array
+            What the shared errors take from the normal equations.
         """
         from scipy.linalg import solveh_banded
 

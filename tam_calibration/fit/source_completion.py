@@ -75,7 +75,15 @@ def amplitudes_of(recording: Recording, frequency_hz: float) -> PoseAmplitudes:
 
 
 def poses_of(recording: Recording, frequency_hz: float) -> list[slice]:
-    """Return the stretches of a recording, its attitude known throughout, in which the array stood still."""
+    """Return the stretches of a recording, its attitude known throughout, in which the array stood still.
+
+    Parameters
+    ----------
+    recording : Recording
+        Its attitude known in every sample.
+    frequency_hz : float
+        Of the source: a stretch lasts at least ``FEWEST_PERIODS`` of its periods.
+    """
     assert recording.attitude is not None
     shortest = FEWEST_PERIODS / frequency_hz
     return [part for part in _still(recording.attitude) if np.ptp(recording.time_s[part]) >= shortest]

@@ -18,8 +18,19 @@ from tam_calibration.model.recording import SampleSource
 def two_step_linear(recording: SampleSource, array: Array) -> Calibration:
     """Fit the errors of the sensors by Yin 2014.
 
-    Parameters and result are those of ``lossless``, but the intensity is taken as constant, the mean square of the
-    scalar readings, and the covariance is that of a jackknife over groups of samples.
+    The intensity is taken as constant: the mean square of the scalar readings.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Samples in a uniform field; those without a scalar reading are left out where others have one.
+    array : Array
+        Geometry and noise of the K sensors.
+
+    Returns
+    -------
+    Calibration
+        With the covariance of a jackknife over groups of samples.
 
     Raises
     ------

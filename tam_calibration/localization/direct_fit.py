@@ -192,7 +192,28 @@ def fit_loop(
     uniform_field_T: FloatArray | None = None,
     fit_uniform_field: bool = False,
 ) -> SourceFit:
-    """Fit a circular loop of known radius to the fields at the sensors; the rest is as for ``fit_dipole``.
+    """Fit a circular loop of known radius to the fields at the sensors.
+
+    Parameters
+    ----------
+    fields_T : (N, K, 3) array
+        Calibrated readings of each pose, array frame, tesla: of the source alone, or with a field beside it that is
+        uniform in the world.
+    array : Array
+        Positions and noise of the sensors; without a stated noise it is taken from the residuals.
+    radius_m : float
+        Of the loop, metres.
+    poses : Poses
+        Of the array; by default one, in which the array frame is the world.
+    uniform_field_T : (3,) array, optional
+        Of the field beside the source's in the world, where it is known, tesla.
+    fit_uniform_field : bool
+        Whether there is an unknown field beside the source's.
+
+    Returns
+    -------
+    SourceFit
+        In the world.
 
     Raises
     ------

@@ -97,7 +97,23 @@ def locate_one(
     index: float = DIPOLE_INDEX,
     constrained: bool = True,
 ) -> EulerSolutions:
-    """Locate the source of one output (9,) or (8,), as ``locate`` does, or say why not.
+    """Locate the source of one sample, as ``locate`` does, or say why not.
+
+    Parameters
+    ----------
+    output : (9,) or (8,) array
+        Field and gradient of the source alone, in the order of ``array.OUTPUT_NAMES``, array frame, tesla and T/m.
+    covariance : (9, 9) or (8, 8) array, optional
+        Of the output; without it only exact degeneracy is seen.
+    index : float
+        Structural index n: the field falls as 1/rⁿ.
+    constrained : bool
+        Whether r is kept at right angles to the eigenvector of smallest |eigenvalue|.
+
+    Returns
+    -------
+    EulerSolutions
+        Of this one sample.
 
     Raises
     ------

@@ -71,7 +71,15 @@ class EulerSolutions:
 
     @classmethod
     def refused(cls, count: int, status: Status) -> "EulerSolutions":
-        """Return those of samples that are all refused for one reason."""
+        """Return those of samples that are all refused for one reason.
+
+        Parameters
+        ----------
+        count : int
+            Number of samples.
+        status : Status
+            The reason.
+        """
         vectors, matrices = np.full((2, count, 3), np.nan), np.full((2, count, 3, 3), np.nan)
         return cls(vectors[0], matrices[0], vectors[1], matrices[1], np.full(count, status, dtype=int))
 
@@ -104,7 +112,14 @@ _PIECE = 8192
 def in_pieces(locate: Locate, outputs: FloatArray, covariance: FloatArray | None) -> EulerSolutions:
     """Locate samples in pieces of bounded size, so that what is worked out on the way stays small.
 
-    ``covariance`` is one for all samples, (9, 9) or (8, 8), or one for each of them.
+    Parameters
+    ----------
+    locate : callable
+        From the outputs of some samples and their covariance to an ``EulerSolutions``.
+    outputs : (N, 9) or (N, 8) array
+        Field and gradient of the source, array frame, tesla and T/m.
+    covariance : (9, 9) or (8, 8) or (N, …) array, optional
+        Of the outputs, for all samples or each.
     """
     if len(outputs) <= _PIECE:
         return locate(outputs, covariance)

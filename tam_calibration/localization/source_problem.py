@@ -55,9 +55,21 @@ class Problem:
         return data.reshape(problems, -1), derivative.reshape(problems, data[0].size, -1)
 
     def start(self, data: FloatArray, positions_m: FloatArray) -> FloatArray:
-        """Return the unknowns (M, 6 + Q) at given positions (M, 3), whose moments follow from data (M, N D) linearly.
+        """Return the unknowns at given positions, the moments and the further ones by linear least squares.
 
         The moment is found as that of a dipole.
+
+        Parameters
+        ----------
+        data : (M, N D) array
+            Whitened data of each of M problems.
+        positions_m : (M, 3) array
+            Of the source in each problem, metres.
+
+        Returns
+        -------
+        (M, 6 + Q) array
+            Position, moment and further unknowns.
         """
         moment = np.broadcast_to([0.0, 0.0, 1.0], positions_m.shape)
         further = np.zeros((len(positions_m), self.linear.shape[2]))

@@ -42,7 +42,16 @@ class Track:
 
 
 def straight_track(time_s: FloatArray, start_m: FloatArray, velocity_m_per_s: FloatArray) -> FloatArray:
-    """Return the positions (N, 3) at times (N,) of a platform that keeps its velocity, metres; it starts at the first.
+    """Return the positions (N, 3) of a platform that keeps its velocity, metres.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Times, seconds; the platform starts at the first.
+    start_m : (3,) array
+        Position at the first time, metres.
+    velocity_m_per_s : (3,) array
+        Velocity in the same frame, m/s.
 
     Raises
     ------
@@ -56,7 +65,17 @@ def straight_track(time_s: FloatArray, start_m: FloatArray, velocity_m_per_s: Fl
 
 
 def without_regional(fields_T: FloatArray, attitude: FloatArray, regional_T: FloatArray) -> FloatArray:
-    """Return fields (N, K, 3) in the array frame less a field (3,) that is uniform in the world, tesla."""
+    """Return fields (N, K, 3) in the array frame less a field that is uniform in the world, tesla.
+
+    Parameters
+    ----------
+    fields_T : (N, K, 3) array
+        Calibrated readings, array frame, tesla.
+    attitude : (N, 4) array
+        Quaternions x, y, z, w from the array frame to the world.
+    regional_T : (3,) array
+        The uniform field, in the world, tesla.
+    """
     from scipy.spatial.transform import Rotation
 
     regional: FloatArray = Rotation.from_quat(attitude).inv().apply(regional_T)

@@ -57,7 +57,16 @@ class Residuals:
 def residual_series(errors: SensorErrors, array: Array, recording: Recording, intensity_T: float) -> ResidualSeries:
     """Return the residuals of the samples of a recording in a uniform field, corrected with given errors.
 
-    ``intensity_T`` stands in where the recording has no scalar channel.
+    Parameters
+    ----------
+    errors : SensorErrors
+        By which the readings are corrected.
+    array : Array
+        Geometry of the K sensors.
+    recording : Recording
+        Raw readings.
+    intensity_T : float
+        Intensity of the field where the recording has no scalar channel, tesla.
     """
     corrected = errors.restore(recording.readings_T)
     scalar = np.full(len(corrected), intensity_T) if recording.scalar_T is None else recording.scalar_T
@@ -113,7 +122,19 @@ class ResidualSums:
 
 
 def measure_residuals(errors: SensorErrors, array: Array, source: SampleSource, intensity_T: float) -> Residuals:
-    """Return the root mean square residuals of a recording, as in ``residual_series``."""
+    """Return the root mean square residuals of a recording, as in ``residual_series``.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        By which the readings are corrected.
+    array : Array
+        Geometry of the K sensors.
+    source : SampleSource
+        Raw readings.
+    intensity_T : float
+        Intensity of the field where there is no scalar channel, tesla.
+    """
     sums = ResidualSums(errors, array, intensity_T)
     for block in source.blocks():
         sums.add(block)
@@ -131,6 +152,15 @@ def noise_floor(errors: SensorErrors, array: KnownNoiseArray, scalar_noise_T: fl
     """Return the residuals that sensor noise alone leaves, whatever the calibration.
 
     The noise of an intensity is the mean over all directions of the noise along the field.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Of the K sensors, which turn the noise of readings into that of fields.
+    array : KnownNoiseArray
+        Geometry, and the noise of each sensor's axes.
+    scalar_noise_T : float
+        Standard deviation of the reference intensity, tesla; 0 where it is the true one.
     """
     unmix = inv(errors.matrix)
     sensor_variance = array.vector_noise_T**2 * (unmix**2).sum(axis=(1, 2)) / 3

@@ -20,7 +20,20 @@ class Motion(Protocol):
     """What turns the array."""
 
     def attitudes(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
-        """Return the (N, 4) quaternions x, y, z, w at times (N,)."""
+        """Return the quaternions x, y, z, w from the array frame to the world.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds.
+        generator : numpy.random.Generator
+            Random numbers of this motion.
+
+        Returns
+        -------
+        (N, 4) array
+            Unit quaternions, one for each time.
+        """
 
 
 @dataclass(frozen=True)
@@ -28,7 +41,15 @@ class RandomAttitudes:
     """Independent attitudes, uniform over all rotations: no direction of the field is preferred."""
 
     def attitudes(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
-        """Return the (N, 4) quaternions x, y, z, w at times (N,)."""
+        """Return the (N, 4) quaternions x, y, z, w at times (N,).
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Only their number counts.
+        generator : numpy.random.Generator
+            Draws the attitudes.
+        """
         quaternion = generator.standard_normal((len(time_s), 4))
         unit: FloatArray = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
         return unit
@@ -50,7 +71,15 @@ class RandomEulerAngles:
     standard_deviation: float = np.pi
 
     def attitudes(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
-        """Return the (N, 4) quaternions x, y, z, w at times (N,)."""
+        """Return the (N, 4) quaternions x, y, z, w at times (N,).
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Only their number counts.
+        generator : numpy.random.Generator
+            Draws the angles.
+        """
         return _from_angles(self.standard_deviation * generator.standard_normal((len(time_s), 3)))
 
 
@@ -59,7 +88,15 @@ class ThreeAxisTurns:
     """One full turn in equal steps about x, then one about y, then one about z: the other rotation of Wu 2025 4.1."""
 
     def attitudes(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
-        """Return the (N, 4) quaternions x, y, z, w at times (N,)."""
+        """Return the (N, 4) quaternions x, y, z, w at times (N,).
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Only their number counts: a third of the samples for each turn.
+        generator : numpy.random.Generator
+            Not used.
+        """
         angles = np.zeros((len(time_s), 3))
         for axis, part in enumerate(np.array_split(np.arange(len(time_s)), 3)):
             angles[part, axis] = np.linspace(0, 2 * np.pi, len(part), endpoint=False)
@@ -71,7 +108,15 @@ class Turntable:
     """The 72 poses of the three-axis turntable of Wu 2025 section 4.2, the x axis innermost; in turn, then again."""
 
     def attitudes(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
-        """Return the (N, 4) quaternions x, y, z, w at times (N,)."""
+        """Return the (N, 4) quaternions x, y, z, w at times (N,).
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Only their number counts: each sample is the next pose.
+        generator : numpy.random.Generator
+            Not used.
+        """
         z, y, x = np.meshgrid([-90, -60, -30, 0], [0, 60, 120], [0, 60, 120, 180, 240, 300], indexing="ij")
         poses = _from_angles(from_degrees(np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(float)))
         return poses[np.arange(len(time_s)) % len(poses)]
@@ -90,7 +135,15 @@ class Tumble:
     turn_rate: float = np.pi / 2
 
     def attitudes(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
-        """Return the (N, 4) quaternions x, y, z, w at times (N,)."""
+        """Return the (N, 4) quaternions x, y, z, w at times (N,).
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds; at 0 the array is not turned.
+        generator : numpy.random.Generator
+            Not used.
+        """
         rates = self.turn_rate / _GOLDEN_RATIO ** np.arange(3)
         quaternions: FloatArray = Rotation.from_euler("XYZ", np.outer(time_s, rates)).as_quat()
         return quaternions
@@ -125,7 +178,15 @@ class Manoeuvre:
             raise InputError(f"the period of a turn must be a positive number of seconds, not {self.turn_period_s}")
 
     def attitudes(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
-        """Return the (N, 4) quaternions x, y, z, w at times (N,)."""
+        """Return the (N, 4) quaternions x, y, z, w at times (N,).
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds; at 0 all angles are zero.
+        generator : numpy.random.Generator
+            Not used.
+        """
         yaw = 2 * np.pi * time_s / self.turn_period_s
         pitch = self.pitch_limit * np.sin(_GOLDEN_RATIO * yaw)
         roll = self.roll_limit * np.sin(_GOLDEN_RATIO**2 * yaw)

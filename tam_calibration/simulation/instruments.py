@@ -29,7 +29,19 @@ class ScalarReference:
     def readings(
         self, time_s: FloatArray, intensity_T: FloatArray, noise_T: float, generator: np.random.Generator
     ) -> FloatArray:
-        """Return the (N,) readings of true intensities (N,), tesla; NaN in samples without a reading."""
+        """Return the (N,) readings, tesla; NaN in samples without a reading.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds.
+        intensity_T : (N,) array
+            True intensity at each sample, tesla.
+        noise_T : float
+            Standard deviation of the noise, tesla.
+        generator : numpy.random.Generator
+            Draws the noise.
+        """
         noise = generator.normal(0, noise_T, 1 if self.one_error_per_recording else len(time_s))
         readings = intensity_T + noise
         if self.rate_hz is not None:
@@ -59,7 +71,15 @@ class Temperature:
         return np.linspace(self.start_C, self.end_C, len(time_s))
 
     def readings(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
-        """Return the (N,) temperatures at times (N,)."""
+        """Return the (N,) temperatures read, degrees Celsius.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Only their number counts: the temperature changes evenly from sample to sample.
+        generator : numpy.random.Generator
+            Draws the noise.
+        """
         return self.course(time_s) + generator.normal(0, self.noise_C, len(time_s))
 
 
@@ -87,7 +107,15 @@ class Current:
         return np.where(time_s % self.period_s < self.period_s / 2, self.low_A, self.high_A)
 
     def readings(self, time_s: FloatArray, generator: np.random.Generator) -> FloatArray:
-        """Return the (N,) currents at times (N,)."""
+        """Return the (N,) currents read, ampere.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds.
+        generator : numpy.random.Generator
+            Draws the noise.
+        """
         return self.course(time_s) + generator.normal(0, self.noise_A, len(time_s))
 
 
@@ -104,7 +132,15 @@ class AttitudeChannel:
     noise: float = 0.0
 
     def readings(self, attitude: FloatArray, generator: np.random.Generator) -> FloatArray:
-        """Return the (N, 4) reported quaternions of the true ones (N, 4)."""
+        """Return the (N, 4) reported quaternions x, y, z, w.
+
+        Parameters
+        ----------
+        attitude : (N, 4) array
+            True quaternions x, y, z, w from the array frame to the world.
+        generator : numpy.random.Generator
+            Draws the errors.
+        """
         error = Rotation.from_rotvec(generator.normal(0, self.noise, (len(attitude), 3)))
         reported: FloatArray = (Rotation.from_quat(attitude) * error).as_quat()
         return reported

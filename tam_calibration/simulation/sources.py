@@ -16,7 +16,14 @@ from tam_calibration.model.units import FloatArray
 def field_from_elements(intensity_T: float, inclination: float, declination: float) -> FloatArray:
     """Return the (3,) field east, north, up, tesla.
 
-    Angles in radians, the inclination positive downwards and the declination positive to the east.
+    Parameters
+    ----------
+    intensity_T : float
+        Of the field, tesla.
+    inclination : float
+        Radians, positive downwards.
+    declination : float
+        Radians, positive to the east.
     """
     north = np.cos(inclination) * np.cos(declination)
     east = np.cos(inclination) * np.sin(declination)
@@ -27,7 +34,15 @@ class Drift(Protocol):
     """How the uniform field of the site changes with time."""
 
     def variation_T(self, time_s: FloatArray, site_field_T: FloatArray) -> FloatArray:
-        """Return what is added to the site field (3,) at times (N,): (N, 3), tesla."""
+        """Return what is added to the field of the site, (N, 3) east, north, up, tesla.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds.
+        site_field_T : (3,) array
+            Uniform field of the site, east, north, up, tesla.
+        """
 
 
 @dataclass(frozen=True)
@@ -46,7 +61,15 @@ class SinusoidDrift:
     period_s: float
 
     def variation_T(self, time_s: FloatArray, site_field_T: FloatArray) -> FloatArray:
-        """Return what is added to the site field (3,) at times (N,): (N, 3), tesla."""
+        """Return what is added to the field of the site, (N, 3) east, north, up, tesla.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds.
+        site_field_T : (3,) array
+            Uniform field of the site, along which it swings, tesla.
+        """
         return _along(site_field_T, np.sin(2 * np.pi * time_s / self.period_s), self.standard_deviation_T)
 
 
@@ -63,7 +86,15 @@ class RampDrift:
     standard_deviation_T: float
 
     def variation_T(self, time_s: FloatArray, site_field_T: FloatArray) -> FloatArray:
-        """Return what is added to the site field (3,) at times (N,): (N, 3), tesla."""
+        """Return what is added to the field of the site, (N, 3) east, north, up, tesla.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds.
+        site_field_T : (3,) array
+            Uniform field of the site, along which it rises, tesla.
+        """
         return _along(site_field_T, time_s, self.standard_deviation_T)
 
 
@@ -83,7 +114,14 @@ class ObservedDrift:
     field_T: FloatArray
 
     def variation_T(self, time_s: FloatArray, site_field_T: FloatArray) -> FloatArray:
-        """Return what is added to the site field (3,) at times (N,): (N, 3), tesla.
+        """Return what is added to the field of the site, (N, 3) east, north, up, tesla.
+
+        Parameters
+        ----------
+        time_s : (N,) array
+            Times of the samples, seconds.
+        site_field_T : (3,) array
+            Uniform field of the site, east, north, up, tesla; its level part gives the magnetic meridian.
 
         Raises
         ------

@@ -57,7 +57,15 @@ def background_of(
 
 
 def without(background: FloatArray, channels: FloatArray) -> FloatArray:
-    """Return channels (N, D) less what orthonormal columns (N, Q) make of them."""
+    """Return channels (N, D) less what orthonormal columns (N, Q) make of them.
+
+    Parameters
+    ----------
+    background : (N, Q) array
+        Orthonormal columns, as of ``background_of``.
+    channels : (N, D) array
+        Samples of D channels, in any unit.
+    """
     rest: FloatArray = channels - background @ (background.T @ channels)
     return rest
 

@@ -82,10 +82,25 @@ def dipole_field(offset_m: FloatArray, moment_Am2: FloatArray) -> tuple[FloatArr
 
 
 def moment_of_field(offset_m: FloatArray, field_T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the moment (…, 3) of the dipole that makes a field (…, 3) at an offset (…, 3) from it, A m².
+    """Return the moment of the dipole that makes a given field, and its derivatives.
 
-    With it come its derivatives (…, 3, 3) by the offset and by the field. As n nᵀ is a projection, the inverse of
-    3 n nᵀ - 1 is (3/2) n nᵀ - 1.
+    As n nᵀ is a projection, the inverse of 3 n nᵀ - 1 is (3/2) n nᵀ - 1.
+
+    Parameters
+    ----------
+    offset_m : (…, 3) array
+        From the dipole to the point, metres.
+    field_T : (…, 3) array
+        Field of the dipole at the point, tesla.
+
+    Returns
+    -------
+    moment : (…, 3) array
+        Magnetic moment, A m².
+    by_offset : (…, 3, 3) array
+        Rows of the moment, columns of the offset, A m.
+    by_field : (…, 3, 3) array
+        Rows of the moment, columns of the field, A m²/T.
     """
     distance = norm(offset_m, axis=-1)[..., None, None]
     column, field = offset_m[..., :, None], field_T[..., :, None]

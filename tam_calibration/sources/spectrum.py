@@ -139,10 +139,24 @@ def _standard_error(frequency_hz: float, time: FloatArray, rest: FloatArray, bac
 
 
 def band_pass_amplitude(time_s: FloatArray, channels: FloatArray, low_hz: float, high_hz: float) -> FloatArray:
-    """Return the signed amplitudes (D,) of channels (N, D) behind a band-pass of zero phase, as Wu 2025 takes them.
+    """Return the signed amplitudes of channels behind a band-pass of zero phase, as Wu 2025 takes them.
 
     A Butterworth filter of second order runs forwards and backwards; the amplitude is √2 times the root mean square of
     the middle half, in which the filter has settled, and its sign that of the correlation with the strongest channel.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Times, evenly spaced, seconds.
+    channels : (N, D) array
+        Samples of D channels, in any unit.
+    low_hz, high_hz : float
+        Edges of the band.
+
+    Returns
+    -------
+    (D,) array
+        Peak amplitudes, in the unit of each channel.
 
     Raises
     ------

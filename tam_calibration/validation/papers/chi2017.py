@@ -76,7 +76,15 @@ _TURNED_FRAME_DEG = (-8.2, -14.5, -22.0)
 
 
 def set_up(variance_nT2: float = 9.0, seed: int = 0) -> SetUp:
-    """Return the cross of Table 1 and its readings, with the attitude of the platform."""
+    """Return the cross of Table 1 and its readings, with the attitude of the platform.
+
+    Parameters
+    ----------
+    variance_nT2 : float
+        Variance of the noise of each axis, nT².
+    seed : int
+        Of the random attitudes and noise.
+    """
     from scipy.spatial.transform import Rotation
 
     generator = np.random.default_rng(seed)

@@ -61,7 +61,17 @@ class SetUp:
 
 
 def site_field(intensity_T: float, inclination_deg: float, declination_deg: float) -> FloatArray:
-    """Return the field (3,) north, east, down of a site, tesla."""
+    """Return the field (3,) north, east, down of a site, tesla.
+
+    Parameters
+    ----------
+    intensity_T : float
+        Of the field, tesla.
+    inclination_deg : float
+        Degrees, positive downwards.
+    declination_deg : float
+        Degrees, positive to the east.
+    """
     inclination, declination = from_degrees(inclination_deg), from_degrees(declination_deg)
     level = np.cos(inclination)
     direction = [level * np.cos(declination), level * np.sin(declination), np.sin(inclination)]
@@ -90,6 +100,14 @@ def grid_of_turns(order: str, turns: int, field_T: FloatArray) -> FloatArray:
 
 
 def record(readings_T: FloatArray, intensity_T: float) -> Recording:
-    """Return the recording of readings (N, K, 3) beside a constant scalar reading, one a second."""
+    """Return the recording of readings beside a constant scalar reading, one sample a second.
+
+    Parameters
+    ----------
+    readings_T : (N, K, 3) array
+        Raw readings, tesla.
+    intensity_T : float
+        The scalar reading of every sample, tesla.
+    """
     count = len(readings_T)
     return Recording(np.arange(count, dtype=float), readings_T, np.full(count, intensity_T))

@@ -91,7 +91,15 @@ def _true_errors() -> SensorErrors:
 
 
 def turns_about(axes: str, seed: int = 0) -> SetUp:
-    """Return the same cross turned once about each of some axes, 36 samples a turn."""
+    """Return the same cross turned once about each of some axes, 36 samples a turn.
+
+    Parameters
+    ----------
+    axes : str
+        Axes of the turns one after the other, such as "z" or "zxy".
+    seed : int
+        Of the noise.
+    """
     from scipy.spatial.transform import Rotation
 
     case = _set_up(seed)

@@ -81,7 +81,15 @@ _SIZE = (WIDTH_INCH, 4.6)
 
 @matplotlib.rc_context(STYLE)
 def plot_relative_errors(sweep: Sweep, with_bound: bool) -> Figure:
-    """Draw the mean relative errors of each kind of parameters: all curves of the published method, pale, and means."""
+    """Draw the mean relative errors of each kind of parameters: all curves of the published method, pale, and means.
+
+    Parameters
+    ----------
+    sweep : Sweep
+        With the relative errors of every method.
+    with_bound : bool
+        Whether the Cramér–Rao bound is drawn too.
+    """
     figure = Figure(figsize=_SIZE, layout="constrained")
     for axes, letter, (group, columns) in zip(figure.subplots(2, 2).flat, "abcd", GROUPS.items(), strict=True):
         percent = 100 * sweep.mean(PUBLISHED, RELATIVE_ERROR)[:, columns]

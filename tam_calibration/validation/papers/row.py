@@ -61,7 +61,22 @@ def compare(
 ) -> list[PrintedNumber]:
     """Return the rows of numbers that are reproduced where they agree to a relative or an absolute tolerance.
 
-    ``reason`` stands at the rows that are not reproduced.
+    Parameters
+    ----------
+    names : iterable of str
+        Where each number stands in the paper, and what it is.
+    paper, ours : sequence of float
+        As printed, and as computed here; as many as names.
+    unit : str
+        Of all of them.
+    relative : float
+        Largest difference that agrees, as part of the printed number.
+    absolute : float
+        The same in the unit; the larger of the two tolerances counts.
+    reason : str
+        Why a number is not reproduced; it stands at those rows only.
+    recorded : str
+        The status that was found when the paper was examined.
     """
     rows = []
     for name, printed, value in zip(names, paper, ours, strict=True):
@@ -81,7 +96,23 @@ def compare_together(
     reason: str,
     recorded: Status,
 ) -> list[PrintedNumber]:
-    """Return the rows of numbers that are one finding: reproduced where all of them agree, and otherwise none."""
+    """Return the rows of numbers that are one finding: reproduced where all of them agree, and otherwise none.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Where each number stands in the paper, and what it is.
+    paper, ours : sequence of float
+        As printed, and as computed here; as many as names.
+    unit : str
+        Of all of them.
+    relative : float
+        Largest difference that agrees, as part of the printed number.
+    reason : str
+        Why they are not reproduced; it stands at all rows then.
+    recorded : str
+        The status that was found when the paper was examined.
+    """
     rows = compare(names, paper, ours, unit, relative=relative, reason=reason, recorded=recorded)
     if all(row.status == "reproduced" for row in rows):
         return rows
@@ -102,6 +133,23 @@ def correct_paper(
     """Return the rows of numbers in which the paper is wrong, for a reason that makes ours the right ones.
 
     Where ours does not agree to what is right, the reason does not hold and the row is not reproduced.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Where each number stands in the paper, and what it is.
+    paper, ours : sequence of float
+        As printed, and as computed here; as many as names.
+    unit : str
+        Of all of them.
+    reason : str
+        What is wrong in the paper.
+    right : sequence of float
+        What ours must agree with for the reason to hold; as many as names.
+    relative : float
+        Largest difference of ours from what is right, as part of the latter.
+    absolute : float
+        The same in the unit; the larger of the two tolerances counts.
     """
     rows = []
     for name, printed, value, true in zip(names, paper, ours, right, strict=True):

@@ -65,12 +65,33 @@ class Sweep:
         return np.array(self.plan.points, dtype=float)
 
     def mean(self, source: str, quantity: str) -> FloatArray:
-        """Return the (P, n) means over the runs."""
+        """Return the means over the runs.
+
+        Parameters
+        ----------
+        source : str
+            What gave the figures: a method, the raw readings, the noise floor or the bound.
+        quantity : str
+            Which of its figures.
+
+        Returns
+        -------
+        (P, n) array
+            A row for each point of the sweep, in the unit of the quantity.
+        """
         means: FloatArray = self.values[source, quantity].mean(axis=1)
         return means
 
     def exponent(self, curve: FloatArray, least: float = 0.0) -> float:
-        """Return the exponent with which a curve (P,) changes with the setting, from the points ``least`` and above."""
+        """Return the exponent with which a curve changes with the setting.
+
+        Parameters
+        ----------
+        curve : (P,) array
+            A positive value for each point of the sweep.
+        least : float
+            Points with a smaller setting are left out.
+        """
         chosen = self.points >= least
         return float(np.polyfit(np.log(self.points[chosen]), np.log(curve[chosen]), 1)[0])
 
@@ -106,12 +127,33 @@ def run(plans: Sequence[SweepPlan], score: _Score, runs: int, progress: Progress
 
 
 def tasks_of(plans: Sequence[SweepPlan], runs: int) -> list[tuple[Scenario, int]]:
-    """Return what is to be scored: each scenario of each plan, ``runs`` times."""
+    """Return what is to be scored: each scenario of each plan, as often as there are runs.
+
+    Parameters
+    ----------
+    plans : sequence of SweepPlan
+        What to simulate.
+    runs : int
+        Of each scenario, numbered from 0.
+
+    Returns
+    -------
+    list of (Scenario, int)
+        Scenario and number of the run, plan by plan and point by point.
+    """
     return [(scenario, number) for plan in plans for scenario in plan.scenarios for number in range(runs)]
 
 
 def sweeps_of(plans: Sequence[SweepPlan], results: Sequence[Figures]) -> list[Sweep]:
-    """Return the sweeps of plans from the scores of their tasks."""
+    """Return the sweeps of plans from the scores of their tasks.
+
+    Parameters
+    ----------
+    plans : sequence of SweepPlan
+        What was simulated.
+    results : sequence of mapping
+        The figures of each task, in the order of ``tasks_of``.
+    """
     runs = len(results) // sum(len(plan.points) for plan in plans)
     rest = iter(results)
     sweeps = []

@@ -76,7 +76,17 @@ _NUMERIC = {"paper", "ours", "ratio"}
 
 
 def print_rows(console: Console, title: str, rows: Sequence[PrintedNumber]) -> None:
-    """Print every number of a paper, and the notes under them."""
+    """Print every number of a paper, and the notes under them.
+
+    Parameters
+    ----------
+    console : rich.console.Console
+        Where to print.
+    title : str
+        Of the table.
+    rows : sequence of PrintedNumber
+        Numbers of the paper beside ours.
+    """
     table = Table(title=title)
     for heading in HEADER:
         table.add_column(heading, justify="right" if heading in _NUMERIC else "left")
@@ -88,7 +98,15 @@ def print_rows(console: Console, title: str, rows: Sequence[PrintedNumber]) -> N
 
 
 def summary(paper: str, rows: Sequence[PrintedNumber]) -> str:
-    """Return one line on a paper: how many of its numbers have which status."""
+    """Return one line on a paper: how many of its numbers have which status.
+
+    Parameters
+    ----------
+    paper : str
+        Name of the paper.
+    rows : sequence of PrintedNumber
+        Its numbers beside ours.
+    """
     counts = ", ".join(f"{count} {status}" for count, status in zip(tally(rows), STATUSES, strict=True))
     return f"{paper}: {len(rows)} numbers, {counts}"
 
@@ -105,7 +123,15 @@ _COIL_HEADER = ("error", "unit", "size", "least_r_m", "median_r_m", "largest_r_m
 
 
 def rows_to_csv(rows: Sequence[PrintedNumber], command: str) -> str:
-    """Return every number of a paper."""
+    """Return every number of a paper as CSV.
+
+    Parameters
+    ----------
+    rows : sequence of PrintedNumber
+        Numbers of the paper beside ours.
+    command : str
+        The command that makes the file, for its first line.
+    """
     lines = [
         (row.name, row.unit, f"{row.paper:.9g}", *_numbers(row.ours, row.ratio), row.status, row.recorded, row.reason)
         for row in rows
@@ -114,12 +140,28 @@ def rows_to_csv(rows: Sequence[PrintedNumber], command: str) -> str:
 
 
 def sweeps_to_csv(sweeps: Mapping[str, Sweep], command: str) -> str:
-    """Return the curves of the figures: means over the runs, and over the parameters of a kind."""
+    """Return the curves of the figures as CSV: means over the runs, and over the parameters of a kind.
+
+    Parameters
+    ----------
+    sweeps : mapping of str to Sweep
+        The sweeps of Wu 2025 by name.
+    command : str
+        The command that makes the file, for its first line.
+    """
     return _to_csv(command, _SWEEP_HEADER, [line for sweep in sweeps.values() for line in _lines(sweep)])
 
 
 def coil_sweeps_to_csv(sweeps: Sequence[CoilSweep], command: str) -> str:
-    """Return the errors of the distance of Wu's coil over the size of each error that his model leaves out."""
+    """Return as CSV the errors of the distance of Wu's coil over the size of each error that his model leaves out.
+
+    Parameters
+    ----------
+    sweeps : sequence of CoilSweep
+        One for each of these errors.
+    command : str
+        The command that makes the file, for its first line.
+    """
     lines = [
         (sweep.name, sweep.unit, f"{size:g}", *_numbers(*figures, sweep.needed))
         for sweep in sweeps

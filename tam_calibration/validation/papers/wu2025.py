@@ -67,13 +67,34 @@ def simulated_rows(sweeps: dict[str, Sweep]) -> list[PrintedNumber]:
 
 
 def excess(sweep: Sweep, quantity: str) -> float:
-    """Return k of (quantity/floor)² = 1 + k/N for the published method in the sweep over N."""
+    """Return k of (quantity/floor)² = 1 + k/N for the published method in the sweep over N.
+
+    Parameters
+    ----------
+    sweep : Sweep
+        Over the number N of samples.
+    quantity : str
+        Residual of the fitted or the held-out data, such as "e_B in sample".
+    """
     after, floor = (np.mean(sweep.values[source, quantity] ** 2, axis=(1, 2)) for source in (PUBLISHED, FLOOR))
     return float(np.mean((after / floor - 1) * sweep.points))
 
 
 def bias_rmse(sweep: Sweep, source: str) -> FloatArray:
-    """Return the (P,) root mean square errors of the biases at the points of a sweep, tesla."""
+    """Return the root mean square errors of the biases at the P points of a sweep.
+
+    Parameters
+    ----------
+    sweep : Sweep
+        With the errors of the method.
+    source : str
+        The method.
+
+    Returns
+    -------
+    (P,) array
+        Over all runs, sensors and axes, tesla.
+    """
     error = sweep.values[source, ERROR][:, :, GROUPS["bias"]]
     rmse: FloatArray = np.sqrt(np.mean(error**2, axis=(1, 2)))
     return rmse

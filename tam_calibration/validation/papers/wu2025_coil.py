@@ -103,9 +103,25 @@ class Experiment:
     def rmse_m(
         self, stage: str, axes: FloatArray, fault: Fault | None = None, kernel: Kernel = KERNELS["loop"]
     ) -> FloatArray:
-        """Return the (O, 4) root mean square errors of ``AXES`` over the headings for O directions of the coil, metres.
+        """Return the root mean square errors of the position over the headings.
 
         x, y and z are those of the turntable at rest, in which the paper prints the position; r is the distance.
+
+        Parameters
+        ----------
+        stage : str
+            "before" or "after" calibration.
+        axes : (O, 3) array
+            Unit vectors along the axis of the coil, in the frame of the turntable at rest.
+        fault : Fault, optional
+            What the model of the paper leaves out; by default nothing.
+        kernel : callable
+            Field of the coil: one of ``KERNELS``, by default that of a loop.
+
+        Returns
+        -------
+        (O, 4) array
+            Errors of ``AXES`` for each direction of the coil, metres.
         """
         fault = fault or Fault()
         stated, true = (_turns(from_degrees(HEADINGS_DEG) + offset) for offset in (0.0, fault.heading))

@@ -70,6 +70,13 @@ def plans(table_1: Scenario) -> dict[str, SweepPlan]:
 def score(scenario: Scenario, number: int) -> Figures:
     """Return the figures of one simulated calibration.
 
+    Parameters
+    ----------
+    scenario : Scenario
+        What is simulated, once for the fit and once to be held out.
+    number : int
+        Of the run: it makes the random numbers.
+
     Returns
     -------
     mapping
