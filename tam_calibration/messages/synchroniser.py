@@ -24,7 +24,7 @@ from tam_calibration.messages.stream import (
     Stream,
     sensor_stream,
 )
-from tam_calibration.messages.timeline import STEP_NS, Step
+from tam_calibration.messages.timeline import STEP_NS, StampStep
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.units import FloatArray
 
@@ -101,7 +101,7 @@ class Synchroniser:
         delay_s: FloatArray | None = None,
     ) -> None:
         self.delivered = self.restarts = 0
-        self.steps: list[Step] = []
+        self.steps: list[StampStep] = []
         self._patience_ns, self._hold_patience_ns = patience_ns, hold_patience_ns
         self._capacity = capacity
         delays_ns = [] if delay_s is None else np.round(1e9 * delay_s).astype(int).tolist()
@@ -211,7 +211,7 @@ class Synchroniser:
         stream.losses.implausible = timeline.given_up
         is_step = len(believed) > 1
         if is_step and self._is_first_to_step(stream, believed[0][0]):
-            self.steps.append(Step(stream.name, timeline.jump_ns))
+            self.steps.append(StampStep(stream.name, timeline.jump_ns))
         is_stored = [self._admit(stream, *message) for message in believed]
         if is_step:
             self._release()

@@ -27,7 +27,7 @@ _ANYWHERE = 1 << 62
 Content = TypeVar("Content")
 
 
-class Step(NamedTuple):
+class StampStep(NamedTuple):
     """A step of the stamps of a stream.
 
     Parameters

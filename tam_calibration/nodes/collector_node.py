@@ -21,7 +21,7 @@ from tam_calibration.messages.run import Run
 from tam_calibration.messages.stamp_figures import StampFigures
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.synchroniser import Sample, Synchroniser
-from tam_calibration.messages.timeline import Step
+from tam_calibration.messages.timeline import StampStep
 from tam_calibration.messages.topics import CHANNEL_TOPICS, sensor_topic
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
@@ -187,7 +187,7 @@ class Collector(TamNode):
         if self._synchroniser.steps:
             self._tell_steps(self._synchroniser.steps)
 
-    def _tell_steps(self, steps: list[Step]) -> None:
+    def _tell_steps(self, steps: list[StampStep]) -> None:
         """Log the steps of the stamps, and keep them for /diagnostics."""
         for step in steps:
             self._step = f"{step}: a clock was set or a driver started anew, the run is kept"

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.synchroniser import REMEMBERED, Sample, Synchroniser
-from tam_calibration.messages.timeline import Step
+from tam_calibration.messages.timeline import StampStep
 
 MS = 1_000_000
 PERIOD = 10 * MS
@@ -165,7 +165,7 @@ def test_a_step_of_the_clock_costs_no_sample(step_ns, patience_ns):
     expected = [START + index * PERIOD + step_ns * (index >= 1000) for index in range(1500)]
     assert [sample.stamp_ns for sample in samples] == expected
     assert not any(losses.dropped or losses.missing for losses in synchroniser.losses.values())
-    assert synchroniser.steps == [Step("tam_1", step_ns)]
+    assert synchroniser.steps == [StampStep("tam_1", step_ns)]
     assert synchroniser.restarts == (step_ns < 0)
 
 
@@ -177,13 +177,13 @@ def test_a_step_costs_interpolated_sensors_three_samples(step_ns):
     shifted = [(name, stamp + late) for stamp in stamps for name, late in (("tam_1", 0), ("tam_2", 5 * MS))]
     samples = push_all(synchroniser, [message(*one) for one in shifted])
     assert [sample.stamp_ns for sample in samples] == [*stamps[3:500], *stamps[503:]]
-    assert synchroniser.steps == [Step("tam_1", step_ns)]
+    assert synchroniser.steps == [StampStep("tam_1", step_ns)]
 
 
 def test_a_step_is_told_in_words():
     """With stream, direction and size."""
-    assert str(Step("tam_1", -300 * MS)) == "the stamps of tam_1 stepped back by 0.3 s"
-    assert str(Step("scalar", 5)) == "the stamps of scalar stepped ahead by 5e-09 s"
+    assert str(StampStep("tam_1", -300 * MS)) == "the stamps of tam_1 stepped back by 0.3 s"
+    assert str(StampStep("scalar", 5)) == "the stamps of scalar stepped ahead by 5e-09 s"
 
 
 def test_a_pause_of_one_stream_is_no_step():
