@@ -300,11 +300,13 @@ def test_stated_delays_are_taken_off_the_stamps():
     assert push_all(delays, late) == push_all(Synchroniser(SampleLayout(4), 0), true)
 
 
-def test_one_lost_message_costs_no_sample():
-    """What sensor 2 did not send is told by what it sent before and after."""
+@pytest.mark.parametrize(("lost", "samples"), [(1, 60), (7, 60), (8, 52)])
+def test_lost_messages_cost_no_sample_up_to_seven_in_a_row(lost, samples):
+    """What sensor 2 did not send is told by what it sent before and after, unless that is too far apart."""
     synchroniser = Synchroniser(SampleLayout(2), 0)
-    messages = [one for one in steady(SampleLayout(2), 30) if one[:2] != ("tam_2", 20 * PERIOD)]
-    assert len(push_all(synchroniser, messages)) == 30
+    gone = {("tam_2", index * PERIOD) for index in range(20, 20 + lost)}
+    messages = [one for one in steady(SampleLayout(2), 60) if one[:2] not in gone]
+    assert len(push_all(synchroniser, messages)) == samples
 
 
 def test_a_scalar_with_a_clock_of_its_own_joins_the_nearest_sample():

@@ -131,7 +131,9 @@ def test_interpolation_that_is_worse_than_the_standard_errors_is_told(rate_deg_p
         "sensor 2 is read at 25 Hz while the array turns at up to 180°/s: its"
     ] * is_told
     assert all("are wrong by 0.52 nT (RMS)" in warning for warning in warnings)
-    assert usage.interpolation_warnings(turning(1000, rate_deg_per_s), np.array([1e-9, 1e-7])) == ()
+    for part, is_hidden in ((1.4, True), (1.6, False)):  # of the noise of the mean
+        noise_T = np.array([1e-9, 0.042 * np.radians(180 * 0.04) ** 4 * 50e-6 * np.sqrt(1000) / part])
+        assert (usage.interpolation_warnings(turning(1000, 180), noise_T) == ()) == is_hidden
     assert Usage(1000, 1000, (), (1000, 1000), (0, 0)).interpolation_warnings(turning(1000, 720), np.zeros(2)) == ()
 
 
