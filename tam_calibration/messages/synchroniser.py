@@ -161,6 +161,9 @@ class Synchroniser:
         state.losses.received += 1
         if stamp_ns is not None and stream in self._delays_ns:
             stamp_ns -= self._delays_ns[stream]
+            if stamp_ns < 0:  # read before the clock of a simulation began
+                state.losses.unusable += 1
+                return []
         if stamp_ns is None or state.timeline.advances(stamp_ns):
             is_stored, is_step = self._admit(state, stamp_ns, values), False
         else:

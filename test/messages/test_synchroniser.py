@@ -300,6 +300,14 @@ def test_stated_delays_are_taken_off_the_stamps():
     assert push_all(delays, late) == push_all(Synchroniser(SampleLayout(4), 0), true)
 
 
+def test_a_delay_reaches_no_further_back_than_the_start_of_a_clock():
+    """At the start of a simulation a late sensor's first readings are of before time began: these are not used."""
+    synchroniser = Synchroniser(SampleLayout(2), 0, delay_s=np.array([15e-3, 15e-3]))
+    samples = push_all(synchroniser, steady(SampleLayout(2), 10))
+    assert [sample.stamp_ns for sample in samples] == [5 * MS + index * PERIOD for index in range(8)]
+    assert synchroniser.losses["tam_1"].unusable == 2
+
+
 @pytest.mark.parametrize(("lost", "samples"), [(1, 60), (7, 60), (8, 52)])
 def test_lost_messages_cost_no_sample_up_to_seven_in_a_row(lost, samples):
     """What sensor 2 did not send is told by what it sent before and after, unless that is too far apart."""
