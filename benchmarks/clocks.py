@@ -8,6 +8,8 @@ a period). Errors of the sensors are told over their standard errors: where the 
 sensors (25 Hz, 180°/s), they are larger than told, and the answer warns of it.
 """
 
+from dataclasses import dataclass
+
 import click
 import numpy as np
 from rich.console import Console
@@ -45,6 +47,18 @@ CASES = {
 """Periods, offsets and jitter of the sensors, seconds, and rate of the turns, degrees a second."""
 
 
+@dataclass(frozen=True)
+class Drivers:
+    """Periods, offsets and jitter of the sensors, rate of the turns, length of a run, and how late stamps are."""
+
+    periods_s: tuple[float, ...]
+    offsets_s: tuple[float, ...]
+    jitter_s: float
+    rate_deg_per_s: float
+    span_s: float = SPAN_S
+    late_s: tuple[float, ...] = (0.0,) * 4
+
+
 def field_of_array(time_s: FloatArray, rate_deg_per_s: float) -> FloatArray:
     """Return the field (N, 3) in the frame of an array that turns about one axis, which turns slowly itself."""
     angles = np.outer(time_s, rate_deg_per_s * np.array([1.0, 0.13, 0.047]))
@@ -54,15 +68,20 @@ def field_of_array(time_s: FloatArray, rate_deg_per_s: float) -> FloatArray:
 
 def joined(case: str, seed: int, tolerance_s: float) -> tuple[Recording, Usage]:
     """Return the samples of a run and how many of sensor 1's readings they are."""
-    periods, offsets, jitter, rate = CASES[case]
+    return run_of(Drivers(*CASES[case]), seed, tolerance_s)
+
+
+def run_of(drivers: Drivers, seed: int, tolerance_s: float = 0.0) -> tuple[Recording, Usage]:
+    """Return the samples of a run of some drivers and how many of sensor 1's readings they are."""
     random = np.random.default_rng(seed)
     streams = {}
-    for sensor, (period, offset) in enumerate(zip(periods, offsets, strict=True)):
-        count = int(SPAN_S / period)
-        time_s = offset + period * np.arange(count) + random.uniform(0, 2 * jitter, count)
+    for sensor, (period, offset) in enumerate(zip(drivers.periods_s, drivers.offsets_s, strict=True)):
+        count = int(drivers.span_s / period)
+        time_s = offset + period * np.arange(count) + random.uniform(0, 2 * drivers.jitter_s, count)
         noise = 1e-9 * random.normal(size=(count, 3))
-        streams[f"tam_{sensor + 1}"] = time_s, SCENARIO.errors.distort(field_of_array(time_s, rate))[:, sensor] + noise
-    time_s = 3e-3 + 0.1 * np.arange(int(SPAN_S / 0.1))
+        readings = SCENARIO.errors.distort(field_of_array(time_s, drivers.rate_deg_per_s))[:, sensor] + noise
+        streams[f"tam_{sensor + 1}"] = time_s + drivers.late_s[sensor], readings
+    time_s = 3e-3 + 0.1 * np.arange(int(drivers.span_s / 0.1))
     streams["scalar"] = time_s, np.linalg.norm(FIELD_T) + 1e-10 * random.normal(size=(len(time_s), 1))
     every = np.concatenate([time_s for time_s, _ in streams.values()])
     order = np.split(np.argsort(np.argsort(every)), np.cumsum([len(time_s) for time_s, _ in streams.values()])[:-1])

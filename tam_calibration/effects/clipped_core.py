@@ -110,7 +110,7 @@ class _Hinge:
     def _plane(self, short: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
         """Return the plane (5,) fitted to the shortfall of chosen samples; NaN at an end that none reaches."""
         unit = np.append(np.full(3, self._height.max()), np.ones(2))
-        values: FloatArray = np.linalg.lstsq(self._functions[chosen] / unit, short[chosen])[0] / unit
+        values: FloatArray = np.linalg.lstsq(self._functions[chosen] / unit, short[chosen], rcond=None)[0] / unit
         is_reached = self._functions[chosen, 3:].any(axis=0)
         values[3:][~is_reached] = np.nan
         return values

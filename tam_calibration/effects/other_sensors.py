@@ -93,7 +93,7 @@ class AgainstOthers:
         for _ in range(_CONCENTRATIONS):
             better = np.argpartition(self.energy(left), len(usable) // 2)[: len(usable) // 2 + 1]
             own = functions_of[better]
-            values = np.linalg.lstsq(own.T @ own, own.T @ beyond[better])[0]
+            values = np.linalg.lstsq(own.T @ own, own.T @ beyond[better], rcond=None)[0]
             left = beyond - functions_of @ values
         return replace(
             self, beyond_T=self.beyond_T - functions @ values, expected_T=self.expected_T + functions @ values

@@ -138,7 +138,7 @@ class _Path:
         against, counted = AgainstOthers.of(residuals, sensor), residuals.is_counted
         rate = against.rate * counted[:, None]
         even = np.column_stack([np.ones(len(rate)), _unit(against.expected_T), _unit(rate)])[counted]
-        values = np.linalg.lstsq(even.T @ even, even.T @ against.beyond_T[counted])[0]
+        values = np.linalg.lstsq(even.T @ even, even.T @ against.beyond_T[counted], rcond=None)[0]
         taken = np.zeros((len(rate), len(residuals.directions)))
         own = slice(3 * sensor, 3 * sensor + 3)
         taken[counted, own] = even @ values

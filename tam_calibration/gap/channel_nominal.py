@@ -115,6 +115,6 @@ def _of_ellipsoid(points_T: FloatArray, courses: FloatArray) -> _Following:
 def _fit(own: FloatArray, added: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the least-squares values of the columns own and added, and the residual energies by own and by all."""
     both = np.column_stack([own, added])
-    values = np.linalg.lstsq(both, target)[0]
-    alone = target - own @ np.linalg.lstsq(own, target)[0]
+    values = np.linalg.lstsq(both, target, rcond=None)[0]
+    alone = target - own @ np.linalg.lstsq(own, target, rcond=None)[0]
     return values, np.array([np.sum(alone**2), np.sum((target - both @ values) ** 2)])

@@ -7,6 +7,9 @@ import numpy as np
 _REMEMBERED = 256
 """Messages of a stream that count: some seconds of a usual driver."""
 
+_FEWEST = 3
+"""Messages of a driver that tell something of it."""
+
 _LONGEST_DELAY_S = 60.0
 """Seconds; beyond, stamps are of another clock than this computer's, such as those of a bag that is played."""
 
@@ -31,6 +34,11 @@ class StampFigures:
         self._stamps_ns.append(stamp_ns)
         self._arrivals_ns.append(arrival_ns)
 
+    @property
+    def are_zero(self) -> bool:
+        """Whether all stamps are zero, those of three messages or more: the driver does not stamp them."""
+        return len(self._stamps_ns) >= _FEWEST and not any(self._stamps_ns)
+
     def summary(self, pace: "StampFigures") -> dict[str, str]:
         """Return the figures for people, by name; those that the messages do not tell yet are left out.
 
@@ -43,7 +51,7 @@ class StampFigures:
             Those of sensor 1.
         """
         stamps = np.array(self._stamps_ns)
-        if len(stamps) < 3:
+        if len(stamps) < _FEWEST:
             return {}
         intervals = 1e-9 * np.diff(stamps)
         delay_s = 1e-9 * float(np.median(np.array(self._arrivals_ns) - stamps))

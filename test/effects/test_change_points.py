@@ -30,7 +30,10 @@ def test_the_gain_is_that_of_a_regression(cuts):
     first, last = change.cuts[0], (*change.cuts, COUNT)[1]
     inside = ((np.arange(COUNT) > first) & (np.arange(COUNT) <= last))[:, None]
     both = np.column_stack([nuisance, inside * wave])
-    left = [np.sum((residual - design @ np.linalg.lstsq(design, residual)[0]) ** 2) for design in (nuisance, both)]
+    left = [
+        np.sum((residual - design @ np.linalg.lstsq(design, residual, rcond=None)[0]) ** 2)
+        for design in (nuisance, both)
+    ]
     assert_allclose(change.gain, left[0] - left[1], rtol=1e-4)
 
 

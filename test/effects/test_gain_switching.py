@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tam_calibration.effects.gain_switching import GainSwitching
 from tam_calibration.effects.recursions import Memory
 from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
+from tam_calibration.files.schema import check
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 EFFECT = GainSwitching()
@@ -102,4 +103,4 @@ def test_it_survives_a_file(shape):
     """Windows and thresholds read again from what is written are the same."""
     fitted = FittedEffect("gain_switching", shape, (Contribution(1, 2, "gain", {"gain": 2e-4}),))
     units = dict(EFFECT.shape_units) | {"gain": "1"}
-    assert EffectFile.model_validate(effect_to_mapping(fitted, units)).to_fitted() == fitted
+    assert check(effect_to_mapping(fitted, units), EffectFile).to_fitted() == fitted

@@ -7,6 +7,7 @@ from scipy.signal import lsim
 
 from tam_calibration.effects.ringing import Ringing
 from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
+from tam_calibration.files.schema import check
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 EFFECT = Ringing()
@@ -96,7 +97,7 @@ def test_it_survives_a_file():
     """Read again from what is written, it is the same."""
     fitted = FittedEffect("ringing", SHAPE, (Contribution(1, None, "response", WHOLE),))
     units = dict(EFFECT.shape_units) | {"amplitude": "1", "delay": "s"}
-    assert EffectFile.model_validate(effect_to_mapping(fitted, units)).to_fitted() == fitted
+    assert check(effect_to_mapping(fitted, units), EffectFile).to_fitted() == fitted
 
 
 def test_a_tail_ends_before_the_next_jump(turning, left_by):

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.scale_step import ScaleStep
 from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
+from tam_calibration.files.schema import check
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 EFFECT = ScaleStep()
@@ -115,4 +116,4 @@ def test_it_survives_a_file():
     """Read again from what is written, it is the same."""
     fitted = FittedEffect("scale_step", BOX, (Contribution(1, 2, "scale", {"scale": 2e-4}),))
     units = EFFECT.shape_units | {"scale": "1"}
-    assert EffectFile.model_validate(effect_to_mapping(fitted, units)).to_fitted() == fitted
+    assert check(effect_to_mapping(fitted, units), EffectFile).to_fitted() == fitted

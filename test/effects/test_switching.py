@@ -15,7 +15,7 @@ def level(states, size=2.0, noise=1.0, seed=2):
     wave = np.sqrt(2) * np.cos(0.11 * np.arange(COUNT))
     shift = size * states * wave + noise * generator.normal(size=COUNT)
     held = np.column_stack([np.ones(COUNT), wave])
-    return Level(shift - held @ np.linalg.lstsq(held, shift)[0], wave, np.ones(COUNT), held)
+    return Level(shift - held @ np.linalg.lstsq(held, shift, rcond=None)[0], wave, np.ones(COUNT), held)
 
 
 def windows(edges=EDGES):

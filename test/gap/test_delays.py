@@ -8,8 +8,9 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.core.interpolation import without_delays
 from tam_calibration.files.scenario import read_scenario
+from tam_calibration.gap import delays
 from tam_calibration.gap.delays import estimate_delays
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.simulation import simulate
 
 
@@ -50,3 +51,36 @@ def test_poses_tell_no_delay(wu_run):
     """An array that jumps from pose to pose has no rate to see a delay by."""
     with pytest.raises(InputError, match="turn the array fast and continuously"):
         estimate_delays(wu_run.recording, wu_run.scenario.array)
+
+
+@pytest.fixture
+def steps(monkeypatch):
+    """Return a list of the steps of sensor 2's delay, in standard errors of a microsecond; the last goes on."""
+    parts = []
+
+    def step(recording, array):
+        part = parts.pop(0) if len(parts) > 1 else parts[0]
+        return np.array([part * 1e-6, 0, 0]), np.full(3, 1e-6)
+
+    monkeypatch.setattr(delays, "_step", step)
+    return parts
+
+
+def test_delays_are_settled_within_a_hundredth_of_their_standard_errors(steps):
+    """A step that is larger is followed by another."""
+    recording, array = delayed((0, 0, 0, 0), 1)
+    steps += [5, -0.0101, 0.0099, 7]
+    assert_allclose(estimate_delays(recording, array).delay_s, [0, 4.9998e-6, 0, 0], rtol=1e-9)
+    assert steps == [7]
+
+
+@pytest.mark.parametrize(("before", "is_refused"), [(11, False), (12, True)])
+def test_delays_that_do_not_settle_are_refused(steps, before, is_refused):
+    """After twelve steps: more than delays is unknown."""
+    recording, array = delayed((0, 0, 0, 0), 1)
+    steps += [*[1] * before, 0]
+    if not is_refused:
+        assert estimate_delays(recording, array).delay_s[1] == pytest.approx(11e-6)
+        return
+    with pytest.raises(Refused, match="do not settle"):
+        estimate_delays(recording, array)

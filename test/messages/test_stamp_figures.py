@@ -35,3 +35,13 @@ def test_another_clock_has_no_delay():
 def test_few_messages_tell_nothing():
     """Two stamps make one interval, which has no jitter."""
     assert stream(2, 10).summary(stream(9, 10)) == {}
+
+
+def test_stamps_that_are_all_zero_are_seen():
+    """Of three messages on; one stamp that is another ends it."""
+    figures = StampFigures()
+    for count in range(1, 5):
+        figures.add(0, 10**18)
+        assert figures.are_zero == (count >= 3)
+    figures.add(10**18, 10**18)
+    assert not figures.are_zero
