@@ -6,6 +6,10 @@ from setuptools import find_packages, setup
 
 NAME = "tam_calibration"
 SHARE = f"share/{NAME}"
+BAGS = ["rosbags>=0.11", "zstandard>=0.22"]
+REPORT = ["jinja2>=3", "matplotlib>=3.6"]
+FLEET = ["distributed>=2024.1", *REPORT]
+VALIDATION = ["magpylib>=5", "ppigrf>=2", *REPORT]
 NOTEBOOK = ["pandas>=2", "xarray>=2024.1"]
 DOCS = ["myst-parser", "numpydoc", "sphinx>=7.2", "sphinx-rtd-theme"]
 
@@ -17,7 +21,7 @@ setup(
     maintainer_email="maintainers@tam-calibration.org",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "report/templates/*"]},
+    package_data={NAME: ["py.typed", "model/*.shc", "report/templates/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (SHARE, ["package.xml"]),
@@ -27,39 +31,32 @@ setup(
     ],
     zip_safe=False,
     python_requires=">=3.11",
-    install_requires=[
-        "PyYAML>=6",
-        "click>=8.1",
-        "jinja2>=3",
-        "matplotlib>=3.6",
-        "numpy>=1.26",
-        "ppigrf>=2",
-        "pydantic>=2",
-        "rich>=13",
-        "rosbags>=0.11",
-        "scipy>=1.11",
-        "zstandard>=0.22",
-    ],
+    install_requires=["PyYAML>=6", "click>=8.1", "numpy>=1.26", "rich>=13", "scipy>=1.11"],
     extras_require={
+        "bags": BAGS,
         "bench": ["circuitpython-mag-cal", "magcal", "navlib>=2"],
         "docs": DOCS,
-        "fleet": ["distributed>=2024.1"],
+        "fleet": FLEET,
         "notebook": NOTEBOOK,
+        "report": REPORT,
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
         "test": [
             "click>=8.2",
             "colcon-common-extensions",
-            "distributed>=2024.1",
             "hypothesis",
-            "magpylib",
             "mypy",
             "pytest",
+            "pytest-rerunfailures",
             "pytest-xdist",
             "ruff",
             "types-PyYAML",
+            *BAGS,
             *DOCS,
+            *FLEET,
             *NOTEBOOK,
+            *VALIDATION,
         ],
+        "validation": VALIDATION,
     },
     entry_points={
         "console_scripts": [

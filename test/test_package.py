@@ -78,10 +78,12 @@ def test_every_import_is_declared(manifest, arguments):
     depends = {depend.name for depend in manifest.exec_depends}
     ros = {name for name in depends if not name.startswith("python3-")} - {"launch", "launch_ros"}
     extras = arguments["extras_require"]
-    optional = {requirement.split(">")[0] for requirement in extras["fleet"] + extras["notebook"]}
+    optional = {
+        requirement.split(">")[0] for extra in ("bags", "fleet", "notebook", "report") for requirement in extras[extra]
+    }
     assert third_party_imports() == required | ros | optional
-    keys = {name.removeprefix("python3-").removesuffix("-pip") for name in depends if name.startswith("python3-")}
-    assert keys == required - {"ppigrf", "pydantic", "zstandard"}  # by pip, as package.xml says
+    keys = {name.removeprefix("python3-") for name in depends if name.startswith("python3-")}
+    assert keys == required, "package.xml asks for what every command needs, by rosdep keys with a package of Ubuntu"
 
 
 @pytest.mark.parametrize(

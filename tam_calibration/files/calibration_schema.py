@@ -1,9 +1,10 @@
 """What a calibration file holds, and the calibration that it gives."""
 
+import dataclasses
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
 
 from tam_calibration.correction.calibration import (
     AmbientGradientEstimate,
@@ -15,7 +16,7 @@ from tam_calibration.correction.calibration import (
 from tam_calibration.effects.library import check_numbers
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.effects_schema import EffectFile
-from tam_calibration.files.yaml_document import Document, check
+from tam_calibration.files.schema import Bounds, check
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -23,13 +24,14 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
 SCHEMA = "tam_calibration/calibration/1"
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+Finite = Annotated[float, Bounds()]
 Vector = tuple[Finite, Finite, Finite]
 Tensor = tuple[Vector, Vector, Vector]
 _StandardErrors = tuple[float, float, float]
 
 
-class _CalibratedSensor(Document):
+@dataclass(frozen=True, kw_only=True)
+class _CalibratedSensor:
     sensor: int
     scale_factor: Vector
     scale_factor_standard_error: _StandardErrors
@@ -42,11 +44,13 @@ class _CalibratedSensor(Document):
     matrix: Tensor
 
 
+@dataclass(frozen=True, kw_only=True)
 class _Array(ArrayFile):
     noise_is_estimated: bool
 
 
-class _Field(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Field:
     intensity_nT: Finite
     has_scalar_reference: bool
     coverage_of_sphere: Finite
@@ -61,7 +65,8 @@ class _Field(Document):
         return AmbientGradientEstimate(from_nanotesla(np.array(tensor)), from_nanotesla(np.array(errors)))
 
 
-class _Residuals(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Residuals:
     sensor_intensity_nT: list[float]
     center_intensity_nT: float
     tensor_nT_per_m: tuple[float, float, float, float, float]
@@ -76,14 +81,16 @@ class _Residuals(Document):
         )
 
 
-class _AllResiduals(Document):
+@dataclass(frozen=True, kw_only=True)
+class _AllResiduals:
     before: _Residuals
     in_sample: _Residuals
     held_out: _Residuals | None
     noise_floor: _Residuals
 
 
-class _Recording(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Recording:
     samples: int
     time_span_s: tuple[Finite, Finite]
     name: str | None
@@ -97,7 +104,8 @@ class _Recording(Document):
         return Provenance(self.name, self.size_bytes, self.sha256)
 
 
-class _OfOutputs(Document):
+@dataclass(frozen=True, kw_only=True)
+class _OfOutputs:
     field_nT: tuple[float, float, float]
     gradient_nT_per_m: tuple[float, float, float, float, float, float]
 
@@ -106,6 +114,7 @@ class _OfOutputs(Document):
         return from_nanotesla(np.array([*self.field_nT, *self.gradient_nT_per_m]))
 
 
+@dataclass(frozen=True, kw_only=True)
 class _Effect(EffectFile):
     size: _OfOutputs
     size_standard_error: _OfOutputs
@@ -115,7 +124,8 @@ class _Effect(EffectFile):
         return EffectSize(self.size.to_tesla(), self.size_standard_error.to_tesla())
 
 
-class _KnownSource(Document):
+@dataclass(frozen=True, kw_only=True)
+class _KnownSource:
     baseline_scale: Finite
     baseline_scale_standard_error: Finite
     rotation_deg: Vector
@@ -135,8 +145,9 @@ class _KnownSource(Document):
         )
 
 
-class _Calibration(Document):
-    schema_version: Literal["tam_calibration/calibration/1"] = Field(alias="schema")
+@dataclass(frozen=True, kw_only=True)
+class _Calibration:
+    schema: Literal["tam_calibration/calibration/1"]
     software: str
     method: str
     formula: str
@@ -148,7 +159,7 @@ class _Calibration(Document):
     field: _Field
     residuals: _AllResiduals
     reduced_chi_square: dict[str, float]
-    effects: list[_Effect] = Field(default_factory=list)
+    effects: list[_Effect] = dataclasses.field(default_factory=list)
     known_source: _KnownSource | None = None
     recording: _Recording
     covariance_order: str

@@ -11,13 +11,13 @@ A value is text with a unit, in which nT, uT and deg may stand for T and rad, or
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
 
+from tam_calibration.files.schema import Bounds
 from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write
-from tam_calibration.files.yaml_document import Document
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import from_degrees, from_nanotesla
@@ -27,17 +27,18 @@ _SPECIAL = {"scalar": SCALAR, "all": ALL}
 _PLAIN_UNITS = frozenset({"1", "T", "rad", "s", "Hz", "K", "°C", "A", "m"})
 _WRITTEN = {"T": ("nT", nanotesla_to_write), "rad": ("deg", degrees_to_write)}
 
-_Quantity = Annotated[float, Field(allow_inf_nan=False)] | str
+_Quantity = Annotated[float, Bounds()] | str
 
 
-class TermFile(Document):
+@dataclass(frozen=True, kw_only=True)
+class TermFile:
     """What an effect does to one sensor or axis."""
 
-    sensor: Annotated[int, Field(ge=1)] | Literal["scalar", "all"]
+    sensor: Annotated[int, Bounds(least=1)] | Literal["scalar", "all"]
     axis: Literal["x", "y", "z"] | None = None
     term: str
     values: dict[str, _Quantity]
-    standard_errors: dict[str, _Quantity] = Field(default_factory=dict)
+    standard_errors: dict[str, _Quantity] = field(default_factory=dict)
 
     def to_contribution(self) -> Contribution:
         """Return it in SI."""
@@ -46,12 +47,13 @@ class TermFile(Document):
         return Contribution(sensor, axis, self.term, _in_si(self.values), _in_si(self.standard_errors))
 
 
-class EffectFile(Document):
+@dataclass(frozen=True, kw_only=True)
+class EffectFile:
     """One effect."""
 
     effect: str
-    shape: dict[str, _Quantity] = Field(default_factory=dict)
-    shape_standard_errors: dict[str, _Quantity] = Field(default_factory=dict)
+    shape: dict[str, _Quantity] = field(default_factory=dict)
+    shape_standard_errors: dict[str, _Quantity] = field(default_factory=dict)
     terms: list[TermFile]
 
     def to_fitted(self) -> FittedEffect:

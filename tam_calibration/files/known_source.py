@@ -5,15 +5,15 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field
 
 from tam_calibration.files.calibration_schema import Vector
-from tam_calibration.files.yaml_document import Document, check, mapping_in
+from tam_calibration.files.schema import Bounds, check
+from tam_calibration.files.yaml_document import mapping_in
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.sources.dipole import Dipole, Source
 from tam_calibration.sources.loop import Loop, area_of
 
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_Positive = Annotated[float, Bounds(above=0)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,8 @@ class StatedSource:
     recording: Path
 
 
-class _SourceFile(Document):
+@dataclass(frozen=True, kw_only=True)
+class _SourceFile:
     """What the file may hold.
 
     Parameters

@@ -1,17 +1,17 @@
 """What a scenario file holds, and the scenario that it gives."""
 
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
 
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.calibration_schema import Finite, Tensor, Vector
 from tam_calibration.files.effects_schema import EffectFile
 from tam_calibration.files.iaga2002 import read_iaga2002
-from tam_calibration.files.yaml_document import Document, check
+from tam_calibration.files.schema import Bounds, check
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import site_field_T
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -19,11 +19,12 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.simulation import Scenario, attitude, instruments, sources
 from tam_calibration.sources.dipole import Dipole
 
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-_NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+_Positive = Annotated[float, Bounds(above=0)]
+_NotNegative = Annotated[float, Bounds(least=0)]
 
 
-class _StatedSensor(Document):
+@dataclass(frozen=True, kw_only=True)
+class _StatedSensor:
     sensor: int
     scale_factor: Vector = (1.0, 1.0, 1.0)
     non_orthogonality_deg: Vector = (0.0, 0.0, 0.0)
@@ -31,9 +32,10 @@ class _StatedSensor(Document):
     misalignment_deg: Vector = (0.0, 0.0, 0.0)
 
 
-class _Site(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Site:
     intensity_nT: _Positive
-    inclination_deg: Annotated[float, Field(ge=-90, le=90)]
+    inclination_deg: Annotated[float, Bounds(least=-90, most=90)]
     declination_deg: Finite = 0.0
 
     def field_T(self) -> FloatArray:
@@ -41,7 +43,8 @@ class _Site(Document):
         return sources.field_from_elements(from_nanotesla(self.intensity_nT), *angles)
 
 
-class _Place(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Place:
     latitude_deg: float
     longitude_deg: float
     height_m: float = 0.0
@@ -51,7 +54,8 @@ class _Place(Document):
         return site_field_T(self.latitude_deg, self.longitude_deg, self.height_m, self.date)
 
 
-class _Sinusoid(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Sinusoid:
     kind: Literal["sinusoid"]
     standard_deviation_nT: _NotNegative
     period_s: _Positive
@@ -60,7 +64,8 @@ class _Sinusoid(Document):
         return sources.SinusoidDrift(from_nanotesla(self.standard_deviation_nT), self.period_s)
 
 
-class _Ramp(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Ramp:
     kind: Literal["ramp"]
     standard_deviation_nT: _NotNegative
 
@@ -68,7 +73,8 @@ class _Ramp(Document):
         return sources.RampDrift(from_nanotesla(self.standard_deviation_nT))
 
 
-class _Observatory(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Observatory:
     kind: Literal["observatory"]
     file: str
     start: datetime | None = None
@@ -81,7 +87,8 @@ class _Observatory(Document):
         return sources.ObservedDrift(record.time_s - (start - record.start).total_seconds(), record.field_T)
 
 
-class _Dipole(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Dipole:
     position_m: Vector
     moment_Am2: Vector
 
@@ -89,14 +96,16 @@ class _Dipole(Document):
         return Dipole(np.array(self.position_m), np.array(self.moment_Am2))
 
 
-class _Random(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Random:
     kind: Literal["random"]
 
     def build(self) -> attitude.Motion:
         return attitude.RandomAttitudes()
 
 
-class _RandomEulerAngles(Document):
+@dataclass(frozen=True, kw_only=True)
+class _RandomEulerAngles:
     kind: Literal["random_euler_angles"]
     standard_deviation_deg: _Positive = 180.0
 
@@ -104,21 +113,24 @@ class _RandomEulerAngles(Document):
         return attitude.RandomEulerAngles(from_degrees(self.standard_deviation_deg))
 
 
-class _ThreeAxisTurns(Document):
+@dataclass(frozen=True, kw_only=True)
+class _ThreeAxisTurns:
     kind: Literal["three_axis_turns"]
 
     def build(self) -> attitude.Motion:
         return attitude.ThreeAxisTurns()
 
 
-class _Turntable(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Turntable:
     kind: Literal["turntable"]
 
     def build(self) -> attitude.Motion:
         return attitude.Turntable()
 
 
-class _Tumble(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Tumble:
     kind: Literal["tumble"]
     turn_rate_deg_per_s: _Positive = 90.0
 
@@ -126,7 +138,8 @@ class _Tumble(Document):
         return attitude.Tumble(from_degrees(self.turn_rate_deg_per_s))
 
 
-class _Auv(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Auv:
     kind: Literal["auv"]
     pitch_limit_deg: float
     roll_limit_deg: float
@@ -137,25 +150,29 @@ class _Auv(Document):
         return attitude.Manoeuvre(*limits, self.turn_period_s)
 
 
-class _Scalar(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Scalar:
     rate_hz: _Positive | None = None
     one_error_per_recording: bool = False
 
 
-class _Temperature(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Temperature:
     start_C: Finite
     end_C: Finite
     noise_C: _NotNegative = 0.0
 
 
-class _Current(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Current:
     low_A: Finite
     high_A: Finite
     period_s: _Positive
     noise_A: _NotNegative = 0.0
 
 
-class _Attitude(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Attitude:
     noise_deg: _NotNegative = 0.0
 
     def build(self) -> instruments.AttitudeChannel:
@@ -166,25 +183,26 @@ _Motion = _Random | _RandomEulerAngles | _ThreeAxisTurns | _Turntable | _Tumble 
 _Drift = _Sinusoid | _Ramp | _Observatory
 
 
-class ScenarioFile(Document):
+@dataclass(frozen=True, kw_only=True)
+class ScenarioFile:
     """What a scenario file may hold; channels that it does not name are not recorded."""
 
     array: ArrayFile
     sensors: list[_StatedSensor] | None = None
     site: _Site | None = None
     place: _Place | None = None
-    motion: Annotated[_Motion, Field(discriminator="kind")]
+    motion: _Motion
     samples: int
     rate_hz: float
-    seed: Annotated[int, Field(ge=0)] = 0
-    drift: Annotated[_Drift, Field(discriminator="kind")] | None = None
+    seed: Annotated[int, Bounds(least=0)] = 0
+    drift: _Drift | None = None
     dipole: _Dipole | None = None
     site_gradient_nT_per_m: Tensor | None = None
     scalar: _Scalar | None = None
     temperature: _Temperature | None = None
     current: _Current | None = None
     attitude: _Attitude | None = None
-    effects: list[EffectFile] = Field(default_factory=list)
+    effects: list[EffectFile] = field(default_factory=list)
 
     def build(self, folder: Path) -> Scenario:
         """Return the scenario, paths in it relative to a folder."""
@@ -200,9 +218,9 @@ class ScenarioFile(Document):
             drift=None if self.drift is None else self.drift.build(folder),
             dipole=None if self.dipole is None else self.dipole.build(),
             site_gradient_T_per_m=self._site_gradient_T_per_m(),
-            scalar=None if self.scalar is None else instruments.ScalarReference(**self.scalar.model_dump()),
-            temperature=None if self.temperature is None else instruments.Temperature(**self.temperature.model_dump()),
-            current=None if self.current is None else instruments.Current(**self.current.model_dump()),
+            scalar=None if self.scalar is None else instruments.ScalarReference(**asdict(self.scalar)),
+            temperature=None if self.temperature is None else instruments.Temperature(**asdict(self.temperature)),
+            current=None if self.current is None else instruments.Current(**asdict(self.current)),
             attitude=None if self.attitude is None else self.attitude.build(),
             effects=tuple(effect.to_fitted() for effect in self.effects),
         )

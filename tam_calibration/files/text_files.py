@@ -43,6 +43,25 @@ def read_text(path: Path) -> str:
     return text
 
 
+def check_writable(path: str) -> None:
+    """Check that a file could be written; an empty path is none.
+
+    Raises
+    ------
+    InputError
+        When its folder is not there or cannot be written to, or it is no file itself.
+    """
+    folder = Path(path).parent
+    if not path:
+        return
+    if Path(path).is_dir():
+        raise InputError(f"{path} is a folder: name a file")
+    if not folder.is_dir():
+        raise InputError(f"{path} cannot be written: there is no folder {folder}")
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{path} cannot be written: {folder} is write-protected")
+
+
 @contextmanager
 def write_whole(path: Path) -> Iterator[Path]:
     """Give a place to write a file or folder to, and move it to its path when that went well.

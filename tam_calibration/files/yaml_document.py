@@ -1,12 +1,11 @@
-"""YAML text for people and programs: checked against a schema when read, laid out for reading when written."""
+"""YAML text for people and programs: read as a mapping of plain values, laid out for reading when written."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
 
 from tam_calibration.files.text_files import in_file, read_text
 from tam_calibration.model.exceptions import InputError
@@ -22,15 +21,6 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
                 raise yaml.MarkedYAMLError(problem=f"the key {key.value!r} is there twice", problem_mark=key.start_mark)
             seen.add(key.value)
         return super().construct_mapping(node, deep)
-
-
-class Document(BaseModel):
-    """A mapping in a file that has no other keys than those of its schema."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-Schema = TypeVar("Schema", bound=BaseModel)
 
 
 def parse_mapping(text: str) -> dict[str, Any]:
@@ -65,41 +55,6 @@ def mapping_in(path: Path) -> Iterator[dict[str, Any]]:
     text = read_text(path)
     with in_file(path):
         yield parse_mapping(text)
-
-
-def check(content: Mapping[str, Any], schema: type[Schema]) -> Schema:
-    """Return the content as an instance of its schema.
-
-    Parameters
-    ----------
-    content : mapping of str
-        Keys and values of a file.
-    schema : type of BaseModel
-        Keys that there may be, with types and bounds of their values.
-
-    Raises
-    ------
-    InputError
-        When it does not follow the schema; one sentence names the first fault.
-    """
-    try:
-        return schema.model_validate(dict(content))
-    except ValidationError as problem:
-        first = problem.errors(include_url=False)[0]
-        key = ".".join(str(part + 1) if isinstance(part, int) else part for part in first["loc"])
-        others = f" (and {problem.error_count() - 1} more faults)" if problem.error_count() > 1 else ""
-        raise InputError(f"{_sentence(key, first['type'], first['msg'], schema)}{others}") from None
-
-
-def _sentence(key: str, kind: str, message: str, schema: type[BaseModel]) -> str:
-    if kind == "extra_forbidden":
-        known = [field.alias or name for name, field in schema.model_fields.items()]
-        where = f"; known are {', '.join(known)}" if "." not in key else ""
-        return f"the key {key!r} is not known{where}"
-    if kind == "missing":
-        return f"the key {key!r} is missing"
-    words = message.replace("tuple", "list")  # YAML has no tuples
-    return f"{key}: {words[0].lower()}{words[1:]}"
 
 
 class _Dumper(yaml.SafeDumper):

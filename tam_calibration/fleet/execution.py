@@ -11,6 +11,7 @@ from typing import Any
 
 from tam_calibration.fleet.task import Task, process
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.extras import require
 
 _PRELOADED = (process.__module__, "tam_calibration.files.bag_corrected", "scipy.optimize", "scipy.spatial.transform")
 """What every task loads sooner or later: loaded once, before the processes are forked."""
@@ -107,10 +108,9 @@ def run_on_cluster(tasks: list[Task], scheduler: str) -> Iterator[tuple[Task, st
     InputError
         When Dask is not installed, or the scheduler does not answer or has no worker.
     """
-    try:
-        import distributed
-    except ImportError:
-        raise InputError("--scheduler needs Dask: pip install 'tam_calibration[fleet]'") from None
+    require("fleet", "--scheduler")
+    import distributed
+
     dask: Any = distributed  # typed in part
     with _connect(dask.Client, scheduler) as client:
         futures = [client.submit(process, task, pure=False) for task in tasks]

@@ -201,9 +201,10 @@ def _work(task: Task, folder: Path) -> Result:
         rest |= {"seal": Seal(*state, origin.sha256), "samples": source.sample_count, "time_span_s": source.time_span_s}
     if notes.problems:
         return task.result(notes.status, notes.problems)
+    seen = source if usage is None else usage.with_each_reading_once(source)
     with notes.step("calibrate", may_refuse=True):
         warnings = () if usage is None else usage.warnings()
-        own = calibrate(source if usage is None else usage.with_each_reading_once(source), options.array)
+        own = calibrate(seen, options.array)
         if usage is not None:
             warnings += usage.interpolation_warnings(source, own.array.vector_noise_T)
         own = replace(own, source=origin, warnings=(*warnings, *own.warnings))
@@ -212,7 +213,7 @@ def _work(task: Task, folder: Path) -> Result:
         calibration = calibration or read_calibration(folder / "calibration.yaml")  # what others will correct with
     with notes.step("diagnose", may_refuse=True):
         remarks = () if usage is None else usage.remarks()
-        gap = diagnose(source.whole(), options.array)
+        gap = diagnose(seen.whole(), options.array)
         gap = replace(gap, remarks=(*remarks, *gap.remarks))
         write_gap(folder / "gap.json", gap, origin)
         rest["gap"] = _in_short(gap_to_mapping(gap))
@@ -227,9 +228,9 @@ def _read(path: Path, options: Options) -> tuple[SampleSource, Usage | None]:
     array = options.array
     source = path, array.sensor_count, options.tolerance_s
     if options.calibration is not None and options.calibration.effects:
-        samples = read_samples(*source, delay_s=array.delay_s)
+        samples = read_samples(*source, array=array)
         return options.calibration.without_effects(samples.recording), samples.usage
-    return read_source(*source, delay_s=array.delay_s)
+    return read_source(*source, array=array)
 
 
 def _in_short(content: dict[str, Any]) -> dict[str, Any]:

@@ -1,13 +1,14 @@
 """The geomagnetic field: bounds of its intensity, and its value at a place and date from the IGRF."""
 
 from dataclasses import dataclass
-from datetime import date, datetime
+from datetime import date
 from math import sqrt
 
 import numpy as np
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
+from tam_calibration.model.igrf import igrf_T
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 WEAKEST_FIELD_T = 200e-9
 """In a weaker one a nanotesla of noise is more than half a per cent; and the Earth's in µT, taken for nT, is weaker."""
@@ -150,8 +151,6 @@ def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day
     InputError
         When a coordinate or the day lies outside its bounds.
     """
-    import ppigrf  # late, as it brings pandas with it
-
     if not -90 <= latitude_deg <= 90:
         raise InputError(f"the latitude must lie between -90 and 90 degrees, not at {latitude_deg}")
     if not -180 <= longitude_deg <= 360:
@@ -162,8 +161,7 @@ def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day
         raise InputError(
             f"the geomagnetic model IGRF-14 holds from {_MODEL_YEARS[0]} to {_MODEL_YEARS[1] - 1}, not in {day.year}"
         )
-    components = ppigrf.igrf(longitude_deg, latitude_deg, height_m / 1e3, datetime(day.year, day.month, day.day))
-    return from_nanotesla(np.ravel(components).astype(float))
+    return igrf_T(latitude_deg, longitude_deg, height_m, day)
 
 
 def field_at(place: str) -> FloatArray:

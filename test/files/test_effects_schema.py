@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from tam_calibration.files.effects_schema import EffectFile, effect_to_mapping
-from tam_calibration.files.yaml_document import check, dump_mapping, parse_mapping
+from tam_calibration.files.schema import check
+from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 

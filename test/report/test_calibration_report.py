@@ -8,7 +8,8 @@ import pytest
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.report import calibration_report, write_calibration_report
+from tam_calibration.report import calibration_report
+from tam_calibration.report.calibration_report import write_calibration_report
 
 VOID = {"meta", "img"}
 

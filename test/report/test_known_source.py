@@ -9,7 +9,7 @@ import pytest
 from tam_calibration.correction.calibration import KnownSource
 from tam_calibration.model.array import Array
 from tam_calibration.model.units import from_degrees
-from tam_calibration.report import write_calibration_report
+from tam_calibration.report.calibration_report import write_calibration_report
 
 
 @pytest.fixture

@@ -1,0 +1,238 @@
+"""Mappings of a file read into frozen dataclasses, whose annotations state keys, types and bounds."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from datetime import date, datetime, time
+from functools import cache
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from tam_calibration.model.exceptions import InputError
+
+Schema = TypeVar("Schema")
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a number must keep to, as in ``Annotated[float, Bounds(above=0)]``; it must be finite.
+
+    Parameters
+    ----------
+    above : float
+        The number is greater.
+    least, most : float
+        The number is not less, and not greater.
+    """
+
+    above: float = -math.inf
+    least: float = -math.inf
+    most: float = math.inf
+
+    def broken_by(self, number: float) -> str:
+        """Return what a number should be and is not; empty where it keeps to all."""
+        if not abs(number) < math.inf:
+            return "a finite number"
+        if number <= self.above:
+            return f"greater than {self.above}"
+        if number < self.least:
+            return f"greater than or equal to {self.least}"
+        return f"less than or equal to {self.most}" if number > self.most else ""
+
+
+def check(content: Mapping[str, Any], schema: type[Schema]) -> Schema:
+    """Return the content as an instance of its schema.
+
+    A key that the schema has not is a fault. Text is a number where it reads as one: in YAML 1.1 ``1e-9`` is text. Of
+    several dataclasses the one is taken whose ``kind`` the mapping states.
+
+    Parameters
+    ----------
+    content : mapping of str
+        Keys and values of a file.
+    schema : type
+        A dataclass with a field for each key that there may be; those without a default must be there.
+
+    Raises
+    ------
+    InputError
+        When it does not follow the schema; one sentence names the first fault.
+    """
+    faults: list[str] = []
+    checked: Schema = _document(schema, content, "", faults)
+    if faults:
+        others = f" (and {len(faults) - 1} more faults)" if len(faults) > 1 else ""
+        raise InputError(f"{faults[0]}{others}")
+    return checked
+
+
+def _value(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
+    """Return a value as a type has it; where it has no such value, add the fault and return None."""
+    if kind is Any:
+        return value
+    if kind in _PLAIN:
+        convert, name = _PLAIN[kind]
+        try:
+            return convert(value)
+        except (ValueError, OverflowError):
+            return _fault(f"a valid {name}", place, faults)
+    read = _document if is_dataclass(kind) else _COMPOSED[get_origin(kind)]
+    return read(kind, value, place, faults)
+
+
+def _fault(right: str, place: str, faults: list[str]) -> None:
+    faults.append(f"{place}: input should be {right}")
+
+
+@cache
+def _types(schema: Any) -> dict[str, Any]:
+    return get_type_hints(schema, include_extras=True)
+
+
+def _document(schema: Any, content: Any, place: str, faults: list[str]) -> Any:
+    if not isinstance(content, Mapping):
+        return _fault("a mapping of keys to values", place, faults)
+    within = f"{place}." if place else ""
+    values = {}
+    for field in fields(schema):
+        if field.name in content:
+            values[field.name] = _value(_types(schema)[field.name], content[field.name], within + field.name, faults)
+        elif field.default is MISSING and field.default_factory is MISSING:
+            faults.append(f"the key {within + field.name!r} is missing")
+    known = [field.name for field in fields(schema)]
+    hint = "" if within else f"; known are {', '.join(known)}"
+    faults += [f"the key '{within}{key}' is not known{hint}" for key in content if key not in known]
+    return None if faults else schema(**values)
+
+
+def _list(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
+    if not isinstance(value, list | tuple):
+        return _fault("a valid list", place, faults)
+    (part,) = get_args(kind)
+    return [_value(part, each, f"{place}.{number}", faults) for number, each in enumerate(value, start=1)]
+
+
+def _tuple(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
+    if not isinstance(value, list | tuple):
+        return _fault("a valid list", place, faults)
+    parts = get_args(kind)
+    if len(value) > len(parts):
+        faults.append(f"{place}: tuple should have at most {len(parts)} items, not {len(value)}")
+        return None
+    faults += [f"the key '{place}.{number}' is missing" for number in range(len(value) + 1, len(parts) + 1)]
+    pairs = enumerate(zip(parts, value, strict=False), start=1)
+    return tuple(_value(part, each, f"{place}.{number}", faults) for number, (part, each) in pairs)
+
+
+def _dict(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
+    if not isinstance(value, Mapping):
+        return _fault("a mapping of keys to values", place, faults)
+    name, part = get_args(kind)
+    return {_value(name, key, place, faults): _value(part, value[key], f"{place}.{key}", faults) for key in value}
+
+
+def _literal(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
+    choices = [repr(choice) for choice in get_args(kind)]
+    return value if value in get_args(kind) else _fault(" or ".join(choices), place, faults)
+
+
+def _bounded(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
+    base, bounds = get_args(kind)
+    number = _value(base, value, place, faults)
+    broken = "" if number is None else bounds.broken_by(number)
+    return _fault(broken, place, faults) if broken else number
+
+
+def _one_of(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
+    """Return a value as the first type of a union that has it; of what all others say the first is told."""
+    kinds = [each for each in get_args(kind) if each is not NoneType]
+    if value is None and NoneType in get_args(kind):
+        return None
+    if len(kinds) > 1 and all(is_dataclass(each) for each in kinds):
+        return _of_kind(kinds, value, place, faults)
+    told = []
+    for each in kinds:
+        own: list[str] = []
+        read = _value(each, value, place, own)
+        if not own:
+            return read
+        told.append(own)
+    faults += told[-1] if isinstance(value, list) else told[0]  # a list was meant for what takes one
+    return None
+
+
+def _of_kind(schemas: list[Any], content: Any, place: str, faults: list[str]) -> Any:
+    if not isinstance(content, Mapping):
+        return _fault("a mapping of keys to values", place, faults)
+    if "kind" not in content:
+        faults.append(f"the key '{place}.kind' is missing")
+        return None
+    by_kind = {get_args(_types(schema)["kind"])[0]: schema for schema in schemas}
+    kind = content["kind"]
+    if not isinstance(kind, str) or kind not in by_kind:
+        faults.append(f"{place}: the kind {kind!r} is none of {', '.join(by_kind)}")
+        return None
+    return _document(by_kind[kind], content, place, faults)
+
+
+def _number(value: Any) -> float:
+    return float(_no_truth(value))
+
+
+def _integer(value: Any) -> int:
+    if isinstance(value, float) and not value.is_integer():
+        raise ValueError
+    return int(_no_truth(value))
+
+
+def _no_truth(value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError
+    return value
+
+
+def _exactly(kind: type) -> Callable[[Any], Any]:
+    def convert(value: Any) -> Any:
+        if not isinstance(value, kind):
+            raise ValueError
+        return value
+
+    return convert
+
+
+def _moment(value: Any) -> datetime:
+    if isinstance(value, datetime):
+        return value
+    if isinstance(value, str):
+        return datetime.fromisoformat(value)
+    return datetime.combine(_day(value), time())
+
+
+def _day(value: Any) -> date:
+    if isinstance(value, str):
+        return date.fromisoformat(value)
+    if isinstance(value, datetime) or not isinstance(value, date):
+        raise ValueError
+    return value
+
+
+_PLAIN: dict[Any, tuple[Callable[[Any], Any], str]] = {
+    float: (_number, "number"),
+    int: (_integer, "integer"),
+    bool: (_exactly(bool), "boolean"),
+    str: (_exactly(str), "string"),
+    date: (_day, "date"),
+    datetime: (_moment, "datetime"),
+}
+"""Types of single values: what makes one of a value or raises, and their names for people."""
+
+_COMPOSED: dict[Any, Callable[[Any, Any, str, list[str]], Any]] = {
+    Annotated: _bounded,
+    Literal: _literal,
+    Union: _one_of,
+    UnionType: _one_of,
+    dict: _dict,
+    list: _list,
+    tuple: _tuple,
+}
+"""How values of composed types are read."""
