@@ -1,21 +1,31 @@
-"""The array file: positions and noise of the sensors, with units in the keys."""
+"""The array file: positions, rotations and noise of the sensors, with units in the keys."""
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tam_calibration.files.schema import check
 from tam_calibration.files.text_files import nanotesla_to_write, write_whole
-from tam_calibration.files.yaml_document import Document, check, dump_mapping, mapping_in
+from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
-from tam_calibration.model.units import from_nanotesla
+from tam_calibration.model.mounting import Mounting, quaternion_of
+from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
-_Offsets = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+_Vector = tuple[float, float, float]
+_Quaternion = tuple[float, float, float, float]
+_Offsets = tuple[_Vector, _Vector, _Vector]
+
+LookUp = Callable[[str], tuple[FloatArray, FloatArray]]
+"""From the name of a frame to its origin (3,), metres, and the quaternion (4,) of its axes, in the array's frame."""
 
 
-class ArrayFile(Document):
+@dataclass(frozen=True, kw_only=True)
+class ArrayFile:
     """What an array file may hold; a noise that is not stated is estimated from the recording.
 
     Parameters
@@ -39,20 +49,70 @@ class ArrayFile(Document):
     delay_s : list of float, optional
         How much later than it was read a reading of each sensor is stamped, s; ``tam calibrate --estimate-delays``
         finds them.
+    scalar_delay_s : float, optional
+        The same of the scalar magnetometer, whose messages must have stamps.
+    rotations_deg : list of [roll, pitch, yaw], optional
+        Of each sensor against the array: about the array's fixed axes x, y and z, one after the other (REP 103, URDF).
+    rotations_quaternion : list of [x, y, z, w], optional
+        The same; each turns vectors from the axes of a sensor into those of the array.
+    imu_rotation_deg, imu_rotation_quaternion : optional
+        The same of the IMU.
+    frame_ids : list of str, optional
+        ``frame_id`` of each sensor's messages. In a file without ``baseline_m`` and ``positions_m`` positions and
+        rotations are those of these frames in tf.
+    imu_frame_id : str, optional
+        The same of the IMU.
     notes, recording
         Anything; not read.
     """
 
     baseline_m: float | None = None
-    positions_m: list[tuple[float, float, float]] | None = None
+    positions_m: list[_Vector] | None = None
     vector_noise_nT: float | list[float] | None = None
     scalar_noise_nT: float | None = None
-    scalar_position_m: tuple[float, float, float] | None = None
+    scalar_position_m: _Vector | None = None
     axis_offsets_m: list[_Offsets] | None = None
     intensity_nT: tuple[float, float] | None = None
     delay_s: list[float] | None = None
+    scalar_delay_s: float = 0.0
+    rotations_deg: list[_Vector] | None = None
+    rotations_quaternion: list[_Quaternion] | None = None
+    imu_rotation_deg: _Vector | None = None
+    imu_rotation_quaternion: _Quaternion | None = None
+    frame_ids: list[str] | None = None
+    imu_frame_id: str | None = None
     notes: Any = None
     recording: Any = None
+
+    @property
+    def is_in_tf(self) -> bool:
+        """Whether tf tells where the sensors sit."""
+        return bool(self.frame_ids) and self.baseline_m is None and self.positions_m is None
+
+    def located(self, look_up: LookUp | None) -> "ArrayFile":
+        """Return the file with the positions and rotations that tf tells, where it leaves them to tf.
+
+        Raises
+        ------
+        InputError
+            When there is no tf, or the file states rotations of what it leaves to tf.
+        """
+        if not self.is_in_tf:
+            return self
+        if look_up is None:
+            raise InputError(
+                "it names frame_ids and no positions, which are then looked up in /tf_static: here state positions_m"
+            )
+        if self.rotations_deg or self.rotations_quaternion:
+            raise InputError("it leaves positions to tf, which tells the rotations too: leave those out, or state both")
+        poses = [look_up(frame) for frame in self.frame_ids or ()]
+        found: dict[str, Any] = {
+            "positions_m": [position.tolist() for position, _ in poses],
+            "rotations_quaternion": [rotation.tolist() for _, rotation in poses],
+        }
+        if self.imu_frame_id and not (self.imu_rotation_deg or self.imu_rotation_quaternion):
+            found["imu_rotation_quaternion"] = look_up(self.imu_frame_id)[1].tolist()
+        return replace(self, **found)
 
     def to_array(self) -> Array:
         """Return the array.
@@ -60,7 +120,7 @@ class ArrayFile(Document):
         Raises
         ------
         InputError
-            When positions or noise make no array.
+            When positions, rotations or noise make no array.
         """
         if (self.baseline_m is None) == (self.positions_m is None):
             raise InputError("give either baseline_m (the cross) or positions_m (a row of x, y, z for each sensor)")
@@ -81,16 +141,45 @@ class ArrayFile(Document):
             None if self.axis_offsets_m is None else np.array(self.axis_offsets_m),
             field,
             None if self.delay_s is None else np.array(self.delay_s),
+            self.scalar_delay_s,
+            self._mounting(),
+        )
+
+    def _mounting(self) -> Mounting:
+        return Mounting(
+            _rotation_of("rotations", self.rotations_deg, self.rotations_quaternion),
+            _rotation_of("imu_rotation", self.imu_rotation_deg, self.imu_rotation_quaternion),
+            None if self.frame_ids is None else tuple(self.frame_ids),
+            self.imu_frame_id,
         )
 
 
-def read_array(path: str | Path) -> Array:
+def _rotation_of(
+    name: str, angles_deg: list[_Vector] | _Vector | None, quaternion: list[_Quaternion] | _Quaternion | None
+) -> FloatArray | None:
+    """Return quaternions, however they are stated.
+
+    Raises
+    ------
+    InputError
+        When they are stated twice.
+    """
+    if angles_deg is not None and quaternion is not None:
+        raise InputError(f"give either {name}_deg or {name}_quaternion")
+    if angles_deg is not None:
+        return quaternion_of(from_degrees(np.array(angles_deg))) if angles_deg else np.zeros((0, 4))
+    return None if quaternion is None else np.array(quaternion)
+
+
+def read_array(path: str | Path, look_up: LookUp | None = None) -> Array:
     """Read an array file.
 
     Parameters
     ----------
     path : str or Path
         The YAML file: ``baseline_m`` of a cross or ``positions_m``, metres, and the noise in nT where it is known.
+    look_up : callable, optional
+        Tells positions and rotations where the file leaves them to tf.
 
     Returns
     -------
@@ -112,18 +201,7 @@ def read_array(path: str | Path) -> Array:
     (4, array([1.e-09, 1.e-09, 1.e-09, 1.e-09]))
     """
     with mapping_in(Path(path)) as content:
-        return _array_from_mapping(content)
-
-
-def _array_from_mapping(content: dict[str, Any]) -> Array:
-    """Return the array of the keys and values of an array file.
-
-    Raises
-    ------
-    InputError
-        When a key is not known, or the values make no array.
-    """
-    return check(content, ArrayFile).to_array()
+        return check(content, ArrayFile).located(look_up).to_array()
 
 
 def array_to_mapping(array: Array) -> dict[str, Any]:
@@ -139,8 +217,24 @@ def array_to_mapping(array: Array) -> dict[str, Any]:
         content["axis_offsets_m"] = array.axis_offsets_m.tolist()
     if array.delay_s is not None:
         content["delay_s"] = array.delay_s.tolist()
+    if array.scalar_delay_s:
+        content["scalar_delay_s"] = float(array.scalar_delay_s)
+    content |= _mounting_to_mapping(array.mounting)
     if array.field != EARTH_FIELD:
         content["intensity_nT"] = nanotesla_to_write(np.array([array.field.low_T, array.field.high_T])).tolist()
+    return content
+
+
+def _mounting_to_mapping(mounting: Mounting) -> dict[str, Any]:
+    content: dict[str, Any] = {}
+    if mounting.rotations is not None:
+        content["rotations_quaternion"] = mounting.rotations.tolist()
+    if mounting.imu_rotation is not None:
+        content["imu_rotation_quaternion"] = mounting.imu_rotation.tolist()
+    if mounting.frame_ids is not None:
+        content["frame_ids"] = list(mounting.frame_ids)
+    if mounting.imu_frame_id is not None:
+        content["imu_frame_id"] = mounting.imu_frame_id
     return content
 
 

@@ -148,6 +148,9 @@ _KINDS: dict[_ByteOrder, int] = {"<": 0x0100, ">": 0x0000}
 _HEAD = np.dtype([("seconds", "i4"), ("nanoseconds", "u4"), ("length", "u4")])
 """Stamp, and length of the frame's name."""
 
+FRAME_ID = _BODY + _HEAD.itemsize
+"""Where a serialised message has the name of its frame, a zero at its end."""
+
 _HEADS = {_KINDS[order].to_bytes(2, "little"): (order, struct.Struct(f"{order}iII")) for order in _KINDS}
 """Byte order and head by the first two bytes of a message."""
 
@@ -221,6 +224,21 @@ def read_stamp_and_doubles(message: bytes, count: int) -> tuple[int, tuple[float
     if seconds < 0 or nanoseconds >= 1_000_000_000:
         raise InputError(f"the stamp is no time: {seconds} s and {nanoseconds} ns; its driver must set header.stamp")
     return seconds * 1_000_000_000 + nanoseconds, values
+
+
+def read_frame_id(message: bytes) -> str:
+    """Return the name of the frame of one message that begins with a header.
+
+    Raises
+    ------
+    InputError
+        When the message is truncated or not plain CDR.
+    """
+    try:
+        *_, length = _HEADS[message[:2]][1].unpack_from(message, _BODY)
+    except (KeyError, struct.error):
+        raise InputError(_DAMAGED) from None
+    return message[FRAME_ID : FRAME_ID + length].rstrip(b"\0").decode(errors="replace")
 
 
 def read_float64(message: bytes) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
+from tam_calibration.model.mounting import NOT_TURNED, Mounting
 from tam_calibration.model.units import FloatArray
 
 OUTPUT_NAMES = ("bx", "by", "bz", "gxx", "gxy", "gxz", "gyy", "gyz", "gzz")
@@ -53,6 +54,10 @@ class Array:
         What the intensity of the field can be in which the array is turned.
     delay_s : (K,) array, optional
         How much later than it was read a reading of each sensor is stamped, seconds; None means that stamps are true.
+    scalar_delay_s : float
+        The same of the scalar magnetometer.
+    mounting : Mounting
+        How sensors and IMU are turned against the array's axes, in which a recording is once it is read.
 
     Raises
     ------
@@ -83,6 +88,8 @@ class Array:
     axis_offsets_m: FloatArray | None = None
     field: FieldBounds = EARTH_FIELD
     delay_s: FloatArray | None = None
+    scalar_delay_s: float = 0.0
+    mounting: Mounting = NOT_TURNED
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
@@ -123,6 +130,9 @@ class Array:
                     f"delay_s needs one finite number for each of {len(positions)} sensors, not the shape {delay.shape}"
                 )
             object.__setattr__(self, "delay_s", delay)
+        if not np.isfinite(self.scalar_delay_s):
+            raise InputError(f"scalar_delay_s must be a finite number of seconds, not {self.scalar_delay_s}")
+        self.mounting.require_sensors(len(positions))
 
     @classmethod
     def cross(
@@ -160,6 +170,14 @@ class Array:
         """Number of sensors K."""
         return len(self.positions_m)
 
+    @property
+    def stamp_delay_s(self) -> FloatArray | None:
+        """(K + 1,) delays of the stamps of the sensors, then the scalar, seconds; None where all stamps are true."""
+        if self.delay_s is None and not self.scalar_delay_s:
+            return None
+        sensors = np.zeros(self.sensor_count) if self.delay_s is None else self.delay_s
+        return np.append(sensors, self.scalar_delay_s)
+
     @cached_property
     def element_positions_m(self) -> FloatArray:
         """(K, 3, 3) positions of the elements of each sensor's axes x, y, z in the array frame, metres."""
@@ -170,10 +188,10 @@ class Array:
     @cached_property
     def has_gradient(self) -> bool:
         """Whether the geometry determines the five tensor components that a plane array can see."""
-        return bool(np.linalg.matrix_rank(self._linear_field) == 8)
+        return bool(np.linalg.matrix_rank(self.linear_field) == 8)
 
     @cached_property
-    def _linear_field(self) -> FloatArray:
+    def linear_field(self) -> FloatArray:
         """(3K, 8) readings in a linear field, of its bx by bz gxx gxy gxz gyy gyz."""
         rows = np.zeros((self.sensor_count, 3, 8))
         # (K, 3) each: a column for the element of each axis.
@@ -196,7 +214,7 @@ class Array:
         """
         operator = np.full((9, 3 * self.sensor_count), np.nan)
         if self.has_gradient:
-            operator[:8] = np.linalg.pinv(self._linear_field)
+            operator[:8] = np.linalg.pinv(self.linear_field)
             operator[8] = -operator[3] - operator[6]
         else:
             operator[:3] = np.tile(np.eye(3), self.sensor_count) / self.sensor_count
@@ -238,7 +256,7 @@ class Array:
         return self.with_noise(self.vector_noise_T, self.scalar_noise_T or 0.0)
 
     def has_geometry_of(self, other: "Array") -> bool:
-        """Whether the other array has its sensors at the same places, to a micrometre.
+        """Whether the other array has its sensors at the same places, to a micrometre, and turned alike.
 
         Parameters
         ----------
@@ -248,10 +266,12 @@ class Array:
         Returns
         -------
         bool
-            True where the element of each axis is at the same place.
+            True where the element of each axis is at the same place, along the same axes.
         """
-        return self.positions_m.shape == other.positions_m.shape and bool(
-            np.allclose(self.element_positions_m, other.element_positions_m, rtol=0, atol=1e-6)
+        return (
+            self.positions_m.shape == other.positions_m.shape
+            and bool(np.allclose(self.element_positions_m, other.element_positions_m, rtol=0, atol=1e-6))
+            and self.mounting.turns_sensors_as(other.mounting)
         )
 
 

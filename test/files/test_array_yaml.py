@@ -1,7 +1,8 @@
 """The array file: the cross by its baseline, any array by positions, and each fault by its key."""
 
+import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.files import read_array, write_array
 from tam_calibration.model.array import Array
@@ -59,6 +60,17 @@ def test_delays_are_one_for_each_sensor(read, tmp_path):
     assert read_array(tmp_path / "again.yaml").delay_s.tolist() == [0, 0.0123]
     with pytest.raises(InputError, match="delay_s needs one finite number for each of 4 sensors"):
         read("baseline_m: 0.5\ndelay_s: [0, 0.1]\n")
+    assert array.stamp_delay_s.tolist() == [0, 0.0123, 0]
+
+
+def test_the_scalar_has_a_delay_of_its_own(read, tmp_path):
+    """It is the last of the delays of the stamps, also where the sensors have none."""
+    array = read("baseline_m: 0.5\nscalar_delay_s: 0.03\n")
+    write_array(tmp_path / "again.yaml", array)
+    assert read_array(tmp_path / "again.yaml").stamp_delay_s.tolist() == [0, 0, 0, 0, 0.03]
+    assert read("baseline_m: 0.5\n").stamp_delay_s is None
+    with pytest.raises(InputError, match="scalar_delay_s must be a finite number of seconds"):
+        read("baseline_m: 0.5\nscalar_delay_s: .inf\n")
 
 
 def test_an_array_reads_back(tmp_path):
@@ -116,3 +128,65 @@ def test_a_fault_is_one_sentence(read, text, sentence):
         read(text)
     assert "array.yaml" in str(problem.value)
     assert "\n" not in str(problem.value)
+
+
+def test_rotations_are_angles_or_quaternions(read, tmp_path):
+    """One for each sensor and one of the IMU, which are written as they were read; frames are names."""
+    array = read(
+        "baseline_m: 0.5\nrotations_deg: [[0, 0, 0], [0, 0, 90], [180, 0, 0], [0, 0, 0]]\n"
+        "imu_rotation_quaternion: [0, 0, 1, 0]\nframe_ids: [a, b, c, d]\nimu_frame_id: imu_link\n"
+    )
+    half = np.sqrt(0.5)
+    expected = [[0, 0, 0, 1], [0, 0, half, half], [1, 0, 0, 0], [0, 0, 0, 1]]
+    assert_allclose(array.mounting.rotations, expected, atol=1e-15)
+    assert array.mounting.imu_rotation.tolist() == [0, 0, 1, 0]
+    write_array(tmp_path / "again.yaml", array)
+    again = read_array(tmp_path / "again.yaml").mounting
+    assert_array_equal(again.rotations, array.mounting.rotations)
+    assert_array_equal(again.imu_rotation, array.mounting.imu_rotation)
+    assert (again.frame_ids, again.imu_frame_id) == (("a", "b", "c", "d"), "imu_link")
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("rotations_deg: [[0, 0, 0]]", "rotations needs one for each of 4 sensors, not 1"),
+        ("rotations_deg: [[0, 0, .nan]]", "the rotation of sensor 1 is no rotation"),
+        ("rotations_quaternion: [[0, 0, 0, 0]]", "the rotation of sensor 1 is no rotation"),
+        ("imu_rotation_quaternion: [0, 0, 0, 0]", "the rotation of the IMU is no rotation"),
+        ("imu_rotation_deg: [0, 0, 0]\nimu_rotation_quaternion: [0, 0, 0, 1]", "either imu_rotation_deg or"),
+        ("rotations_deg: []\nrotations_quaternion: []", "either rotations_deg or rotations_quaternion"),
+        ("rotations_deg: []", "rotations needs one for each of 4 sensors, not 0"),
+        ("frame_ids: [a]", "frame_ids needs one for each of 4 sensors, not 1"),
+    ],
+)
+def test_what_is_no_rotation_of_each_sensor_is_refused(read, text, sentence):
+    """In one sentence that names it."""
+    with pytest.raises(InputError, match=sentence):
+        read(f"baseline_m: 0.5\n{text}\n")
+
+
+POSES = {
+    "left": (np.array([0, 0.5, 0]), np.array([0, 0, 1, 0])),
+    "right": (np.array([0, -0.5, 0]), np.array([0, 0, 0, 1])),
+    "imu": (np.zeros(3), np.array([1, 0, 0, 0])),
+}
+
+
+def test_a_file_without_positions_leaves_them_to_tf(tmp_path):
+    """Positions and rotations are those of the frames; what a file states is never looked up."""
+    path = tmp_path / "array.yaml"
+    path.write_text("frame_ids: [left, right]\nimu_frame_id: imu\n")
+    array = read_array(path, POSES.__getitem__)
+    assert array.positions_m.tolist() == [[0, 0.5, 0], [0, -0.5, 0]]
+    assert array.mounting.rotations.tolist() == [[0, 0, 1, 0], [0, 0, 0, 1]]
+    assert array.mounting.imu_rotation.tolist() == [1, 0, 0, 0]
+    with pytest.raises(InputError, match="names frame_ids and no positions"):
+        read_array(path)
+    path.write_text("frame_ids: [left, right]\nrotations_deg: [[0, 0, 0], [0, 0, 0]]\n")
+    with pytest.raises(InputError, match="leave those out, or state both"):
+        read_array(path, POSES.__getitem__)
+    path.write_text("frame_ids: [left, right]\npositions_m: [[1, 0, 0], [0, 1, 0]]\nimu_frame_id: imu\n")
+    stated = read_array(path, POSES.__getitem__)
+    assert stated.positions_m.tolist() == [[1, 0, 0], [0, 1, 0]]
+    assert stated.mounting.rotations is None and stated.mounting.imu_rotation is None

@@ -7,11 +7,13 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from tam_calibration.messages.cdr import (
+    FRAME_ID,
     NO_TIME,
     RawMessages,
     fill,
     read_float64,
     read_float64s,
+    read_frame_id,
     read_stamp_and_doubles,
     read_stamped_doubles,
 )
@@ -150,3 +152,14 @@ def test_the_latest_stamp_is_a_time():
     message = bytearray(STORE.serialize_cdr(field("frame"), FIELD))
     message[4:12] = (2**31 - 1).to_bytes(4, "little") + (10**9 - 1).to_bytes(4, "little")
     assert read_stamp_and_doubles(bytes(message), 3)[0] == 2**31 * 10**9 - 1
+
+
+@pytest.mark.parametrize("is_little_endian", [True, False])
+@pytest.mark.parametrize("name", ["", "tam_1_link", "é"])
+def test_the_name_of_a_frame_is_read(name, is_little_endian):
+    """From the header of a message as rosbags writes it; a message that ends before it is damaged."""
+    message = bytes(STORE.serialize_cdr(field(name), FIELD, little_endian=is_little_endian))
+    assert read_frame_id(message) == name
+    assert message.startswith(f"{name}\0".encode(), FRAME_ID)
+    with pytest.raises(InputError, match="damaged"):
+        read_frame_id(message[:10])
