@@ -1,5 +1,6 @@
 """The result of a fit: the sensors' errors with their covariance, how good they are, and how to apply them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -13,7 +14,7 @@ from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +125,11 @@ class Corrected:
         NaN where the array's geometry has none.
     standard_errors : (9,) array
         Standard error of each column: sensor noise and the calibration's own uncertainty.
+    missing : (N,) array of int, optional
+        Which sensors each sample lacks, bit k for sensor k + 1; None where none lacks any. What the others do not
+        determine is NaN.
+    covariances : dict of int to (9, 9) array
+        Of the outputs of samples that lack sensors, by what they lack.
 
     Examples
     --------
@@ -138,6 +144,8 @@ class Corrected:
     time_s: FloatArray
     outputs: FloatArray
     standard_errors: FloatArray
+    missing: IntArray | None = None
+    covariances: Mapping[int, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,17 +287,52 @@ class Calibration:
 
         Effects count as independent from output to output.
         """
-        noise = self.correction_matrix * np.repeat(self.array.vector_noise_T**2, 3) @ self.correction_matrix.T
+        return self.covariance_of(self.correction_matrix)
+
+    def covariance_of(self, matrix: FloatArray) -> FloatArray:
+        """Return the covariance of the outputs that a matrix makes of the readings.
+
+        What is not known of an effect is that of the outputs of all sensors, grown as the noise grows.
+
+        Parameters
+        ----------
+        matrix : (9, 3K) array
+            From the readings without bias to the outputs.
+
+        Returns
+        -------
+        (9, 9) array
+            As ``output_covariance``.
+        """
+        noise = matrix * np.repeat(self.array.vector_noise_T**2, 3) @ matrix.T
         effects = sum((size.standard_errors**2 for size in self.effect_sizes), start=np.zeros(9))
-        covariance: FloatArray = noise + self._calibration_covariance() + np.diag(effects)
+        covariance: FloatArray = (
+            noise + self._calibration_covariance(matrix) + np.diag(self.growth_of(matrix) * effects)
+        )
         return covariance
 
-    def _calibration_covariance(self) -> FloatArray:
+    def growth_of(self, matrix: FloatArray) -> FloatArray:
+        """Return by how much the noise of the outputs that a matrix makes exceeds that of all sensors.
+
+        Parameters
+        ----------
+        matrix : (9, 3K) array
+            From the readings without bias to the outputs.
+
+        Returns
+        -------
+        (9,) array
+            Ratio of the variances of equal sensors; 1 for ``correction_matrix``.
+        """
+        growth: FloatArray = (matrix**2).sum(axis=1) / (self.correction_matrix**2).sum(axis=1)
+        return growth
+
+    def _calibration_covariance(self, matrix: FloatArray) -> FloatArray:
         if self.covariance is None:
             return np.zeros((9, 9))
         sensor_count = self.errors.sensor_count
         # d output = -C_i (dM_i b + do_i)
-        sensors = self.correction_matrix.reshape(9, sensor_count, 3)
+        sensors = matrix.reshape(9, sensor_count, 3)
         by_parameter = np.einsum("rki,kidp->rdkp", sensors, self.errors.jacobian()).reshape(9, 4, -1)
         mean_square = np.array([*[self.intensity_T**2 / 3] * 3, 1.0])
         covariance: FloatArray = np.einsum(
@@ -316,12 +359,32 @@ class Calibration:
             When the recording has another number of sensors or lacks a channel that an effect needs, or its readings
             are not geomagnetic in tesla.
         """
+        return Corrected(recording.time_s, self.apply(self.unaffected(recording)), self.output_standard_errors)
+
+    def unaffected(self, recording: Recording) -> FloatArray:
+        """Return the readings without what effects that go with the array add to them.
+
+        Parameters
+        ----------
+        recording : Recording
+            As of ``correct``.
+
+        Returns
+        -------
+        (N, K, 3) array
+            Raw still, tesla.
+
+        Raises
+        ------
+        InputError
+            As ``correct``.
+        """
         self._check(recording)
         readings = recording.readings_T
         if effects := of_sensors(self.effects):
             added = added_to(recording, effects, self.errors, self.array)[:, :-1]
             readings = readings - added.reshape(readings.shape)
-        return Corrected(recording.time_s, self.apply(readings), self.output_standard_errors)
+        return readings
 
     def without_effects(self, recording: Recording) -> Recording:
         """Return the recording as it would be if no effect had added to its sensors and its scalar.

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration, Corrected
+from tam_calibration.correction.partial import PartialCorrection
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.removal import EffectStream, linear_effect, on_sensors
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +88,7 @@ class Correction:
     """
 
     def __init__(self, calibration: Calibration) -> None:
-        self._calibration = calibration
+        self._calibration, self.partial = calibration, PartialCorrection(calibration)
         sizes = zip(calibration.effects, calibration.effect_sizes, strict=True)
         own = [(on_sensors(fitted), size.rms) for fitted, size in sizes]
         kept = [(fitted, rms) for fitted, rms in own if fitted is not None]
@@ -102,14 +103,27 @@ class Correction:
         """Names of the effects that go with the array."""
         return self._names
 
-    def correct(self, recording: Recording) -> CorrectedBatch:
-        """Return the results of the next samples."""
+    def correct(self, recording: Recording, codes: IntArray | None = None) -> CorrectedBatch:
+        """Return the results of the next samples.
+
+        Parameters
+        ----------
+        recording : Recording
+            Readings of missing sensors as ``PartialCorrection.filled`` makes them.
+        codes : (N,) array of int, optional
+            Which sensors are missing: see ``missing_codes``.
+        """
         readings = recording.readings_T
         is_left = np.ones((recording.sample_count, len(self._names)), dtype=bool)
         if self._stream is not None:
             added = self._stream.added(recording)
             readings = readings - added.rows_T[:, :-1].reshape(readings.shape)
             is_left[:, : added.is_known.shape[1]] = ~added.is_known
-        variance = self._calibration.output_standard_errors**2 + is_left @ self._squares
+        outputs, variance = self._calibration.apply(readings), is_left @ self._squares
+        if codes is None:
+            variance = self._calibration.output_standard_errors**2 + variance
+        else:
+            self.partial.put(outputs, readings, codes)
+            variance = np.square(self.partial.standard_errors(codes)) + self.partial.growth(codes) * variance
         left_in = tuple(name for name, left in zip(self._names, is_left.T, strict=True) if left.any())
-        return CorrectedBatch(self._calibration.apply(readings), np.sqrt(variance), left_in)
+        return CorrectedBatch(outputs, np.sqrt(variance), left_in)

@@ -11,6 +11,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
 
+from tam_calibration.correction.partial import missing_codes
 from tam_calibration.files.bag_blocks import read_blocks
 from tam_calibration.files.bag_storages import STORAGES
 from tam_calibration.files.text_files import in_file
@@ -20,8 +21,11 @@ from tam_calibration.messages.cdr import NO_TIME, RawMessages
 from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS
 from tam_calibration.messages.run import Run
 from tam_calibration.messages.samples import Progress, Samples, seconds_of
+from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.topics import StreamTopics, find_topics
+from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -134,7 +138,8 @@ def read_bag(
     sensor_count: int | None = None,
     tolerance_ns: int = 0,
     progress: Progress = lambda done, total: None,
-    delay_s: FloatArray | None = None,
+    array: Array | None = None,
+    with_partial: bool = False,
 ) -> Samples:
     """Read the topics of an array from a bag and join them by their stamps; losses are logged.
 
@@ -148,8 +153,10 @@ def read_bag(
         Greatest difference of stamps within a sample.
     progress : callable
         Called now and then with the bytes read, and how many there are.
-    delay_s : (K,) array, optional
-        How much later than it was read a reading of each sensor is stamped, seconds.
+    array : Array, optional
+        Whose delays are taken off, and into whose axes readings and attitude are turned.
+    with_partial : bool
+        Whether samples are kept that lack a sensor that was silent.
 
     Raises
     ------
@@ -158,17 +165,20 @@ def read_bag(
     """
     with open_bag(path) as reader, in_file(path):
         topics = find_topics(reader.connections, sensor_count)
-        rows = np.empty((reader.message_count // topics.layout.sensor_count, len(topics.layout.columns)))
+        # Where sensor 1 is silent another sets the pace; not every storage counts the messages of a topic.
+        pacing = range(1, 1 + (topics.layout.sensor_count if with_partial else 1))
+        most = sum(topics.connections[sensor_stream(sensor)].msgcount for sensor in pacing) or reader.message_count
+        rows = np.empty((most, len(topics.layout.columns)))
         stamps = np.empty(len(rows), dtype=np.int64)
         count, usage = 0, None
-        joined = _join(reader, topics, tolerance_ns, progress, delay_s)
+        joined = _join(reader, topics, tolerance_ns, progress, array, with_partial)
         for stamps_ns, times_ns, values, usage in joined:  # noqa: B007
             chosen = slice(count, count + len(stamps_ns))
             if chosen.stop > len(rows):
                 raise InputError("the bag holds more messages than its metadata say: `ros2 bag reindex` counts them")
             stamps[chosen], rows[chosen, 0], rows[chosen, 1:] = stamps_ns, seconds_of(times_ns), values
             count = chosen.stop
-        return Samples(topics.layout.recording(rows[:count]), stamps[:count], usage)
+        return _samples(topics, stamps[:count], rows[:count], usage)
 
 
 def read_bag_pieces(
@@ -176,7 +186,8 @@ def read_bag_pieces(
     sensor_count: int | None = None,
     tolerance_ns: int = 0,
     progress: Progress = lambda done, total: None,
-    delay_s: FloatArray | None = None,
+    array: Array | None = None,
+    with_partial: bool = False,
 ) -> Iterator[Samples]:
     """Yield what `read_bag` returns in pieces of some ten thousand samples, so that a bag may be larger than memory.
 
@@ -193,8 +204,10 @@ def read_bag_pieces(
         Greatest difference of stamps within a sample, nanoseconds.
     progress : callable
         Called now and then with the bytes read, and how many there are.
-    delay_s : (K,) array, optional
-        How much later than it was read a reading of each sensor is stamped, seconds.
+    array : Array, optional
+        Whose delays are taken off, and into whose axes readings and attitude are turned.
+    with_partial : bool
+        Whether samples are kept that lack a sensor that was silent.
 
     Raises
     ------
@@ -203,9 +216,21 @@ def read_bag_pieces(
     """
     with open_bag(path) as reader, in_file(path):
         topics = find_topics(reader.connections, sensor_count)
-        for stamps_ns, times_ns, values, usage in _join(reader, topics, tolerance_ns, progress, delay_s):
-            rows = np.column_stack([seconds_of(times_ns), values])
-            yield Samples(topics.layout.recording(rows), stamps_ns, usage)
+        joined = _join(reader, topics, tolerance_ns, progress, array, with_partial)
+        for stamps_ns, times_ns, values, usage in joined:
+            yield _samples(topics, stamps_ns, np.column_stack([seconds_of(times_ns), values]), usage)
+
+
+def _samples(topics: StreamTopics, stamps_ns: IntArray, rows: FloatArray, usage: Usage | None) -> Samples:
+    """Return the samples of rows, with what they lack."""
+    last = 1 + 3 * topics.layout.sensor_count
+    readings = rows[:, 1:last].reshape(-1, topics.layout.sensor_count, 3)
+    codes = missing_codes(readings)
+    if not codes.any():
+        return Samples(topics.layout.recording(rows), stamps_ns, usage)
+    filled = np.where(np.isnan(readings), np.nanmean(readings, axis=1, keepdims=True), readings)
+    rows[:, 1:last] = filled.reshape(-1, last - 1)
+    return Samples(topics.layout.recording(rows), stamps_ns, usage, codes)
 
 
 _Joined = tuple[IntArray, IntArray, FloatArray, Usage]
@@ -213,7 +238,12 @@ _Joined = tuple[IntArray, IntArray, FloatArray, Usage]
 
 
 def _join(
-    reader: Reader, topics: StreamTopics, tolerance_ns: int, progress: Progress, delay_s: FloatArray | None
+    reader: Reader,
+    topics: StreamTopics,
+    tolerance_ns: int,
+    progress: Progress,
+    array: Array | None,
+    with_partial: bool,
 ) -> Iterator[_Joined]:
     """Yield the samples, the last with the usage of the whole; steps and losses are logged at the end."""
     run = Run()
@@ -226,18 +256,20 @@ def _join(
         scalar_is_held=topics.scalar_is_held,
         expected=topics.layout.channels,
         capacity=_CAPACITY,
-        delay_s=delay_s,
+        delay_s=None if array is None else array.stamp_delay_s,
     )
+    turns = {} if array is None else turns_of(array.mounting)
     for batch in _batches(reader, topics, progress):
         for name, messages in batch.items():
-            batch[name] = _usable(synchroniser, name, messages)
-        stamps_ns, values = synchroniser.push_batch(batch)
+            usable = _usable(synchroniser, name, messages)
+            batch[name] = usable.turned(turns[name]) if name in turns else usable
+        stamps_ns, values = _kept(synchroniser, with_partial, *synchroniser.push_batch(batch))
         if held and len(stamps_ns):
             yield held
         if len(stamps_ns):
             held = stamps_ns, _times_in(run, synchroniser, stamps_ns, values), values, synchroniser.usage
-    stamps_ns, values = synchroniser.flush_batch()
-    if not synchroniser.delivered:
+    stamps_ns, values = _kept(synchroniser, with_partial, *synchroniser.flush_batch())
+    if not (synchroniser.delivered or (with_partial and synchroniser.partial)):
         raise InputError(
             f"no sample could be joined by the stamps of the topics ({synchroniser.explain_losses()}): "
             "compare the stamps: do the drivers share one clock?"
@@ -250,6 +282,16 @@ def _join(
         log.warning("%s: a clock was set or a driver started anew, the run is kept", step)
     if any(losses.dropped or losses.missing or losses.unusable for losses in synchroniser.losses.values()):
         log.warning(synchroniser.explain_losses())
+
+
+def _kept(
+    synchroniser: BatchSynchroniser, with_partial: bool, stamps_ns: IntArray, values: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Return stamps and values of the samples that are wanted: the whole ones, or all."""
+    if with_partial or not synchroniser.partial:
+        return stamps_ns, values
+    is_whole = np.isfinite(values[:, : 3 * synchroniser.sensor_count]).all(axis=1)
+    return stamps_ns[is_whole], values[is_whole]
 
 
 def _usable(synchroniser: BatchSynchroniser, stream: str, messages: StreamMessages) -> StreamMessages:

@@ -1,6 +1,6 @@
 """Corrected data as the topics of the corrector node, beside everything else that was in the bag."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from tam_calibration.correction.calibration import Corrected
 from tam_calibration.files.bag import open_bag, raw_blocks
 from tam_calibration.files.bag_storages import DEFAULT, storage_of
 from tam_calibration.files.bag_writing import TYPESTORE, BlockWriter, header, write_bag
+from tam_calibration.messages.batch_stream import BoolArray
 from tam_calibration.messages.cdr import NO_TIME, RawMessages, fill, interleave, read_stamped_doubles
 from tam_calibration.messages.point_cloud import (
     FIELD_GRADIENT_COLUMNS,
@@ -24,6 +25,7 @@ from tam_calibration.messages.point_cloud import (
 )
 from tam_calibration.messages.samples import Progress
 from tam_calibration.messages.samples import pieces as pieces_of
+from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.topics import find_topics
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
@@ -51,7 +53,7 @@ def write_bag_corrected(
         The results and their stamps, piece by piece; one at least.
     source : Path, optional
         Bag of the raw readings, whose storage is kept and whose other topics are carried over unchanged; each
-        result stands behind the reading of sensor 1 that it came from.
+        result stands behind the reading of sensor 1 that it came from, or of the sensor that stood in for it.
     progress : callable
         Called now and then with the bytes of the source that were carried over, and how many there are.
 
@@ -66,7 +68,7 @@ def write_bag_corrected(
             topics = _Topics(writer, "/", results.first)
             for stamps_ns, outputs in results.rest():
                 for piece in pieces_of(len(stamps_ns)):
-                    rows = topics.messages(stamps_ns[piece], outputs[piece], stamps_ns[piece])
+                    rows = topics.messages(stamps_ns[piece], outputs[piece], stamps_ns[piece], results.covariances)
                     writer.write_block(interleave(rows, [np.arange(len(row)) for row in rows]))
         else:
             with open_bag(source) as reader:
@@ -74,19 +76,21 @@ def write_bag_corrected(
 
 
 def _merge(reader: Reader, writer: BlockWriter, results: "_Results", progress: Progress) -> None:
-    """Write the source's messages, and each result behind the reading of sensor 1 with its stamp."""
+    """Write the source's messages, and each result behind the reading that set its pace."""
     found = find_topics(reader.connections, None)
     replaced = {found.namespace + topic for topic in _TOPIC_TYPES}
     kept = [connection for connection in reader.connections if connection.topic not in replaced]
     copies = np.array([_copy_connection(writer, connection).id for connection in kept])
     topics = _Topics(writer, found.namespace, results.first)
-    pace = kept.index(found.connections["tam_1"])
+    sensors = [kept.index(found.connections[sensor_stream(sensor + 1)]) for sensor in range(found.layout.sensor_count)]
     for block in raw_blocks(reader, kept, progress):
-        readings = np.flatnonzero(block.connection == pace)
+        readings = np.flatnonzero(np.isin(block.connection, sensors))
         stamps_ns, _ = read_stamped_doubles(block.take(readings), 3)
+        is_pace = results.are_paced(stamps_ns, block.connection[readings] == sensors[0])
+        readings, stamps_ns = readings[is_pace], stamps_ns[is_pace]
         chosen, outputs = results.take(stamps_ns)
         places = readings[chosen]
-        rows = topics.messages(stamps_ns[chosen], outputs, block.recorded_ns[places])
+        rows = topics.messages(stamps_ns[chosen], outputs, block.recorded_ns[places], results.covariances)
         copied = replace(block, connection=copies[block.connection])
         writer.write_block(interleave([copied, *rows], [np.arange(len(block)), *[places] * len(rows)]))
     for _ in results.rest():
@@ -107,17 +111,31 @@ class _Results:
     """Results that come in pieces, taken by their stamps."""
 
     def __init__(self, pieces: Iterator[tuple[Corrected, IntArray]]) -> None:
-        self.first, self._stamps_ns = next(pieces)
-        self._outputs = self.first.outputs
         self._pieces = pieces
         self._last_ns = -1
+        self.covariances: dict[int, FloatArray] = {}
+        self.first, self._stamps_ns = next(pieces)
+        self._outputs = self._with_codes(self.first)
+
+    def _with_codes(self, corrected: Corrected) -> FloatArray:
+        """Return the outputs (N, 10) with a column of what the samples lack, and keep the covariances of these."""
+        self.covariances |= corrected.covariances
+        codes = np.zeros(len(corrected.outputs)) if corrected.missing is None else corrected.missing
+        return np.column_stack([corrected.outputs, codes])
+
+    def _load(self, latest_ns: int) -> None:
+        while (not len(self._stamps_ns) or self._stamps_ns[-1] < latest_ns) and (piece := next(self._pieces, None)):
+            self._stamps_ns = np.concatenate([self._stamps_ns, piece[1]])
+            self._outputs = np.concatenate([self._outputs, self._with_codes(piece[0])])
+
+    def are_paced(self, stamps_ns: IntArray, is_first: BoolArray) -> BoolArray:
+        """Return which readings, those of sensor 1 marked, may have set the pace: others where it was missing."""
+        self._load(int(stamps_ns.max(initial=-1)))
+        lacks_first = self._outputs[:, 9].astype(int) & 1 == 1
+        return np.asarray(is_first | np.isin(stamps_ns, self._stamps_ns[lacks_first]))
 
     def take(self, stamps_ns: IntArray) -> tuple[IntArray, FloatArray]:
-        """Return which of some readings have a result that was not taken yet, and those results."""
-        latest = int(stamps_ns.max(initial=-1))
-        while (not len(self._stamps_ns) or self._stamps_ns[-1] < latest) and (piece := next(self._pieces, None)):
-            self._stamps_ns = np.concatenate([self._stamps_ns, piece[1]])
-            self._outputs = np.concatenate([self._outputs, piece[0].outputs])
+        """Return which of some readings have a result that was not taken yet, and those results (n, 10)."""
         place = np.searchsorted(self._stamps_ns, stamps_ns)
         is_result = np.append(self._stamps_ns, -1)[place] == stamps_ns
         taken = np.maximum.accumulate(np.concatenate([[self._last_ns], np.where(is_result, stamps_ns, -1)]))
@@ -129,10 +147,10 @@ class _Results:
         return chosen, outputs
 
     def rest(self) -> Iterator[tuple[IntArray, FloatArray]]:
-        """Yield stamps and outputs of what was not taken."""
+        """Yield stamps and results (n, 10) of what was not taken."""
         yield self._stamps_ns, self._outputs
         for corrected, stamps_ns in self._pieces:
-            yield stamps_ns, corrected.outputs
+            yield stamps_ns, self._with_codes(corrected)
 
 
 class _Topics:
@@ -152,11 +170,21 @@ class _Topics:
             for topic in self._templates
         }
 
-    def messages(self, stamps_ns: IntArray, outputs: FloatArray, recorded_ns: IntArray) -> list[RawMessages]:
-        """Return for each topic a message for each result."""
+    def messages(
+        self, stamps_ns: IntArray, results: FloatArray, recorded_ns: IntArray, covariances: Mapping[int, FloatArray]
+    ) -> list[RawMessages]:
+        """Return for each topic a message for each result, nine outputs and what it lacks."""
+        outputs, codes = results[:, :9], results[:, 9]
         errors = np.broadcast_to(self._standard_errors, outputs.shape)
+        centers = outputs[:, :3]
+        if codes.any():
+            errors, centers = errors.copy(), np.hstack([centers, center_covariance(errors)])
+            for code in np.unique(codes[codes > 0]):
+                own = covariances[int(code)]
+                errors[codes == code] = np.sqrt(np.diag(own))
+                centers[codes == code, 3:] = own[:3, :3].ravel()
         parts = {
-            "center": (12 * FLOAT64_SIZE, outputs[:, :3], stamps_ns),
+            "center": (12 * FLOAT64_SIZE, centers, stamps_ns),
             "gradient": (9 * FLOAT64_SIZE, outputs[:, GRADIENT_ROW_MAJOR], None),
             "field_gradient": (18 * FLOAT64_SIZE + 1, np.hstack([outputs, errors]), stamps_ns),
         }

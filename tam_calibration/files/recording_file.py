@@ -6,6 +6,7 @@ from pathlib import Path
 
 from tam_calibration.core.interpolation import without_delays
 from tam_calibration.correction.calibration import Calibration, Corrected, Provenance
+from tam_calibration.correction.partial import PartialCorrection
 from tam_calibration.files.bag_storages import DEFAULT, STORAGES
 from tam_calibration.files.csv_files import (
     read_csv_pieces,
@@ -18,9 +19,11 @@ from tam_calibration.files.text_files import in_file, read_text
 from tam_calibration.files.yaml_document import parse_mapping
 from tam_calibration.messages.samples import Progress, Samples, stamps_of
 from tam_calibration.messages.usage import Usage
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.extras import require
 from tam_calibration.model.recording import Recording, SampleSource
-from tam_calibration.model.units import FloatArray, IntArray
+from tam_calibration.model.units import IntArray
 
 
 def provenance(path: Path) -> Provenance:
@@ -73,7 +76,12 @@ def is_bag(path: Path) -> bool:
         return file.read(16).startswith(_BAG_BEGINNINGS)
 
 
-def read_recording(path: str | Path, sensor_count: int | None = None, tolerance_s: float = TOLERANCE_S) -> Recording:
+def read_recording(
+    path: str | Path,
+    sensor_count: int | None = None,
+    tolerance_s: float = TOLERANCE_S,
+    array: Array | None = None,
+) -> Recording:
     """Read a recording from a bag or a CSV file; what a bag's topics lost in joining them is logged.
 
     Parameters
@@ -85,6 +93,8 @@ def read_recording(path: str | Path, sensor_count: int | None = None, tolerance_
         Number of sensors that there must be; by default as many as there are.
     tolerance_s : float
         Greatest difference of stamps within a sample of a bag, seconds.
+    array : Array, optional
+        Whose delays are taken off, and into whose axes readings and attitude are turned.
 
     Returns
     -------
@@ -104,7 +114,7 @@ def read_recording(path: str | Path, sensor_count: int | None = None, tolerance_
     >>> recording.sample_count, recording.scalar_count, recording.temperature_C
     (360, 360, None)
     """
-    return read_samples(Path(path), sensor_count, tolerance_s).recording
+    return read_samples(Path(path), sensor_count, tolerance_s, array=array).recording
 
 
 def read_samples(
@@ -112,7 +122,8 @@ def read_samples(
     sensor_count: int | None = None,
     tolerance_s: float = TOLERANCE_S,
     progress: Progress = lambda done, total: None,
-    delay_s: FloatArray | None = None,
+    array: Array | None = None,
+    with_partial: bool = False,
 ) -> Samples:
     """Read a recording as `read_recording` does, with the exact stamps of a bag.
 
@@ -126,8 +137,10 @@ def read_samples(
         Greatest difference of stamps within a sample of a bag, seconds.
     progress : callable
         Called now and then with the bytes read of a bag, and how many there are; not of a CSV file.
-    delay_s : (K,) array, optional
-        How much later than it was read a reading of each sensor is stamped, seconds.
+    array : Array, optional
+        Whose delays are taken off, and into whose axes readings and attitude are turned.
+    with_partial : bool
+        Whether samples of a bag are kept that lack a sensor that was silent.
 
     Raises
     ------
@@ -136,13 +149,14 @@ def read_samples(
     """
     path = Path(path)
     if is_bag(path):
+        require("bags", "reading bags")
         from tam_calibration.files.bag import read_bag
 
-        return read_bag(path, sensor_count, round(tolerance_s * 1e9), progress, delay_s)
+        return read_bag(path, sensor_count, round(tolerance_s * 1e9), progress, array, with_partial)
     recording = read_csv_recording(path)
     _require_sensors(path, recording, sensor_count)
     with in_file(path):
-        return Samples(recording if delay_s is None else without_delays(recording, delay_s))
+        return Samples(recording if array is None else _of_array(recording, array))
 
 
 def read_pieces(
@@ -150,7 +164,8 @@ def read_pieces(
     sensor_count: int | None = None,
     tolerance_s: float = TOLERANCE_S,
     progress: Progress = lambda done, total: None,
-    delay_s: FloatArray | None = None,
+    array: Array | None = None,
+    with_partial: bool = False,
 ) -> Iterator[Samples]:
     """Yield a recording as `read_samples` returns it, in pieces of bounded size.
 
@@ -166,8 +181,10 @@ def read_pieces(
         Greatest difference of stamps within a sample of a bag, seconds.
     progress : callable
         Called now and then with the bytes read of a bag, and how many there are; not of a CSV file.
-    delay_s : (K,) array, optional
-        How much later than it was read a reading of each sensor is stamped, seconds.
+    array : Array, optional
+        Whose delays are taken off, and into whose axes readings and attitude are turned.
+    with_partial : bool
+        Whether samples of a bag are kept that lack a sensor that was silent.
 
     Raises
     ------
@@ -176,15 +193,23 @@ def read_pieces(
     """
     path = Path(path)
     if is_bag(path):
+        require("bags", "reading bags")
         from tam_calibration.files.bag import read_bag_pieces
 
-        yield from read_bag_pieces(path, sensor_count, round(tolerance_s * 1e9), progress, delay_s)
-    elif delay_s is not None:
-        yield read_samples(path, sensor_count, tolerance_s, progress, delay_s)
+        yield from read_bag_pieces(path, sensor_count, round(tolerance_s * 1e9), progress, array, with_partial)
+    elif array is not None and array.stamp_delay_s is not None:
+        yield read_samples(path, sensor_count, tolerance_s, progress, array)
     else:
         for recording in read_csv_pieces(path):
             _require_sensors(path, recording, sensor_count)
-            yield Samples(recording)
+            yield Samples(recording if array is None else _of_array(recording, array))
+
+
+def _of_array(recording: Recording, array: Array) -> Recording:
+    """Return what a CSV file holds in the array's axes, without the delays of its sensors."""
+    turned = array.mounting.turned(recording)
+    delay_s = array.stamp_delay_s
+    return turned if delay_s is None else without_delays(turned, delay_s)
 
 
 def _require_sensors(path: Path, recording: Recording, sensor_count: int | None) -> None:
@@ -203,7 +228,7 @@ def read_stream(
     sensor_count: int | None = None,
     tolerance_s: float = TOLERANCE_S,
     progress: Progress = lambda done, total: None,
-    delay_s: FloatArray | None = None,
+    array: Array | None = None,
 ) -> RecordingStream:
     """Read a recording that may be larger than memory: it is kept in temporary files as numbers.
 
@@ -217,8 +242,8 @@ def read_stream(
         Greatest difference of stamps within a sample of a bag, seconds.
     progress : callable
         Called now and then with the bytes read of a bag, and how many there are; not of a CSV file.
-    delay_s : (K,) array, optional
-        How much later than it was read a reading of each sensor is stamped, seconds.
+    array : Array, optional
+        Whose delays are taken off, and into whose axes readings and attitude are turned.
 
     Raises
     ------
@@ -229,7 +254,7 @@ def read_stream(
 
     def recordings() -> Iterator[Recording]:
         nonlocal usage
-        for samples in read_pieces(path, sensor_count, tolerance_s, progress, delay_s):
+        for samples in read_pieces(path, sensor_count, tolerance_s, progress, array):
             usage = samples.usage
             yield samples.recording
 
@@ -243,7 +268,7 @@ def read_source(
     sensor_count: int | None = None,
     tolerance_s: float = TOLERANCE_S,
     progress: Progress = lambda done, total: None,
-    delay_s: FloatArray | None = None,
+    array: Array | None = None,
 ) -> tuple[SampleSource, Usage | None]:
     """Read a recording into memory, or one that is large as `read_stream` does; return with it its usage.
 
@@ -257,8 +282,8 @@ def read_source(
         Greatest difference of stamps within a sample of a bag, seconds.
     progress : callable
         Called now and then with the bytes read of a bag, and how many there are; not of a CSV file.
-    delay_s : (K,) array, optional
-        How much later than it was read a reading of each sensor is stamped, seconds.
+    array : Array, optional
+        Whose delays are taken off, and into whose axes readings and attitude are turned.
 
     Returns
     -------
@@ -272,7 +297,7 @@ def read_source(
     InputError
         When it cannot be read or kept, or holds no recording.
     """
-    source = path, sensor_count, tolerance_s, progress, delay_s
+    source = path, sensor_count, tolerance_s, progress, array
     if is_large(path):
         stream = read_stream(*source)
         return stream, stream.usage
@@ -301,6 +326,7 @@ def write_recording(path: Path, recording: Recording, storage: str = DEFAULT) ->
     if path.suffix == ".csv":
         write_csv_recording(path, recording)
     else:
+        require("bags", "writing bags")
         from tam_calibration.files.bag_writing import write_bag_recording
 
         write_bag_recording(path, recording, storage)
@@ -360,6 +386,7 @@ def write_corrected_pieces(
     if path.suffix == ".csv":
         write_csv_corrected(path, (corrected for corrected, _ in pieces))
     else:
+        require("bags", "writing bags")
         from tam_calibration.files.bag_corrected import write_bag_corrected
 
         stamped = ((each, stamps_of(each.time_s) if stamps is None else stamps) for each, stamps in pieces)
@@ -373,6 +400,8 @@ def correct_file(
     progress: Progress = lambda done, total: None,
 ) -> Iterator[tuple[Corrected, IntArray | None]]:
     """Yield the corrected pieces of a recording with the stamps of its messages; None where it is a CSV file.
+
+    Samples of a bag that lack a sensor that was silent are corrected with the others.
 
     Parameters
     ----------
@@ -390,13 +419,16 @@ def correct_file(
     InputError
         When it cannot be read, and at the end when it is mostly not in tesla.
     """
-    source = path, calibration.errors.sensor_count, tolerance_s, progress, calibration.array.delay_s
+    source = path, calibration.errors.sensor_count, tolerance_s, progress, calibration.array, True
+    partial = PartialCorrection(calibration)
     # Effects reach from one piece into the next, and holes in their channels are filled from both sides.
     pieces = [read_samples(*source)] if calibration.effects else read_pieces(*source)
     wrong_units: list[InputError] = []
     right_units = 0
     for samples in pieces:
-        if calibration.effects:
+        if samples.missing is not None:
+            corrected = partial.correct(samples.recording, samples.missing)
+        elif calibration.effects:
             corrected = calibration.correct(samples.recording)
         else:
             outputs = calibration.apply(samples.recording.readings_T)

@@ -31,7 +31,8 @@ class Status(IntEnum):
 
 _REASONS = {
     Status.LOCATED: "",
-    Status.NOT_FINITE: "field or tensor is not finite: the array's geometry must determine a gradient",
+    Status.NOT_FINITE: "field or tensor is not finite: the array's geometry must determine a gradient, "
+    "and the sensors that do so be there",
     Status.NO_FIELD: "the field of the source is zero or within its noise: go nearer, or average longer",
     Status.NO_GRADIENT: "the gradient tensor is zero or within its noise: go nearer, or average longer",
     Status.ILL_CONDITIONED: "the smallest eigenvalue of the tensor is zero or within its noise, as it is where the "

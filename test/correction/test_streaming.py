@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.correction.calibration import EffectSize
+from tam_calibration.correction.partial import PartialCorrection
 from tam_calibration.correction.streaming import Correction, why_left_in
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError
@@ -93,3 +94,41 @@ def test_an_effect_that_needs_later_samples_is_left_in_live_and_taken_off_offlin
     assert_allclose(batch.outputs, only_drift.correct(warming).outputs, rtol=1e-12)
     assert np.abs(both.correct(warming).outputs - batch.outputs).max() > 1e-9
     assert "needs later samples" in why_left_in("time_skew")
+
+
+def test_effects_are_taken_off_where_a_sensor_is_missing(keeping, plain, warming):
+    """Live as offline, to what the other sensors tell without the effect; the errors are those of these sensors."""
+    drifting = warming.readings_T.copy()
+    drifting[:, 1, 0] += 1e-8 * (warming.temperature_C - 20.0)
+    contribution = replace(DRIFT.contributions[0], values={"offset": 1e-8})
+    fitted = replace(DRIFT, shape={"time_constant_s": 1e-3, "reference_C": 20.0}, contributions=(contribution,))
+    calibration = replace(keeping, effects=(fitted,))
+    codes = np.where(np.arange(600) < 200, 0, 4)
+    recording, partial = replace(warming, readings_T=drifting), PartialCorrection(calibration)
+    offline = partial.correct(recording, codes)
+    correction = Correction(calibration)
+    batches = []
+    for part in (slice(0, 150), slice(150, 400), slice(400, 600)):
+        some = recording.take(part)
+        filled = replace(some, readings_T=partial.filled(some.readings_T, codes[part]))
+        batches.append(correction.correct(filled, codes[part]))
+    live = np.concatenate([batch.outputs for batch in batches])
+    errors = np.concatenate([batch.standard_errors for batch in batches])
+    assert_allclose(live, offline.outputs, rtol=1e-9, atol=1e-18)
+    assert_allclose(errors[0], calibration.output_standard_errors)
+    assert_allclose(errors[-1], partial.without(4).standard_errors)
+    expected = plain.apply(warming.readings_T)
+    PartialCorrection(plain).put(expected, warming.readings_T, codes)
+    assert_allclose(live[:, :3], expected[:, :3], rtol=0, atol=2e-11)
+
+
+def test_an_effect_that_stays_in_counts_as_the_noise_of_those_that_are_left(keeping, warming):
+    """Its size grows in the errors by what the noise grows."""
+    silent = replace(warming, temperature_C=None)
+    codes = np.full(600, 8)
+    batch = Correction(keeping).correct(silent, codes)
+    growth = PartialCorrection(keeping).growth(codes)[0]
+    own = PartialCorrection(keeping).without(8).standard_errors
+    assert batch.left_in == ("temperature_drift",)
+    assert_allclose(batch.standard_errors[0], np.sqrt(own**2 + growth * SIZE.rms**2))
+    assert growth[6] == pytest.approx(3.0, rel=0.05)

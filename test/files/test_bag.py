@@ -2,18 +2,21 @@
 
 import logging
 import shutil
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Corrected
 from tam_calibration.files import read_recording, read_samples, write_recording
 from tam_calibration.files.recording_file import read_pieces, write_corrected
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.mounting import Mounting
 from tam_calibration.model.recording import Recording
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -148,11 +151,19 @@ def test_losses_are_said(tmp_path, caplog):
 
 
 def test_sensors_that_are_read_one_after_the_other_are_interpolated(tmp_path):
-    """All samples but the first three, before which too little was read; within a tolerance they stay as they are."""
+    """All samples but the first four, before which too little was read; within a tolerance they stay as they are."""
     apart = [(t, s, field(s + 3_000_000 * ("tam_2" in t))) for t, s, _ in two_sensors()]
     path = write(tmp_path / "bag", apart)
-    assert read_recording(path).sample_count == 17
+    assert read_recording(path).sample_count == 16
     assert read_recording(path, tolerance_s=4e-3).sample_count == 20
+
+
+def test_a_first_sensor_that_is_read_more_often_makes_a_sample_of_each_reading(tmp_path):
+    """Its messages are more than those of the bag over the number of sensors."""
+    messages = enumerate(two_sensors(count=40))
+    halved = [one for index, one in messages if "tam_1" in one[0] or ("tam_2" in one[0] and index % 2)]
+    assert len(halved) == 60
+    assert read_recording(write(tmp_path / "bag", halved)).sample_count == 36
 
 
 @pytest.mark.parametrize("storage", StoragePlugin)
@@ -318,3 +329,24 @@ def test_a_bag_is_known_by_its_content(tmp_path):
     assert read_recording(tmp_path / "alone.mcap").sample_count == 20
     with Reader(tmp_path / "alone.mcap") as reader:
         assert reader.message_count == 60
+
+
+@pytest.mark.parametrize("name", ["bag", "run.csv"])
+def test_what_the_drivers_recorded_comes_into_the_axes_of_the_array(tmp_path, name):
+    """By the array of the file, from bag and CSV; whole and in pieces; without rotations to the last bit as it is."""
+    recording = full_recording()
+    rng = np.random.default_rng(8)
+    mounting = Mounting(Rotation.random(3, rng=rng).as_quat(), Rotation.random(rng=rng).as_quat())
+    array = Array(np.eye(3), mounting=mounting)
+    write_recording(tmp_path / name, recording)
+    plain, expected = read_recording(tmp_path / name), mounting.turned(recording)
+    for read in (
+        read_recording(tmp_path / name, array=array),
+        *(piece.recording for piece in read_pieces(tmp_path / name, array=array)),
+    ):
+        assert_array_equal(read.readings_T, mounting.turned(plain).readings_T)
+        assert_allclose(read.readings_T, expected.readings_T, rtol=1e-12)
+        assert_allclose(read.attitude, expected.attitude, rtol=1e-12)
+    unturned = read_recording(tmp_path / name, array=replace(array, mounting=Mounting()))
+    for each in fields(Recording):
+        assert_array_equal(getattr(unturned, each.name), getattr(plain, each.name))

@@ -1,7 +1,8 @@
 """A driver of one sensor in a process of its own: each reading is published when its time has come, with its stamp.
 
-``python sensor_driver.py TOPIC FILE``: FILE holds ``stamps_s`` and ``readings_T`` (N, 3). It begins at the time of day
-that arrives on the topic ``begin``, and ends with SIGINT.
+``python sensor_driver.py TOPIC FILE``: FILE holds ``stamps_s`` and ``readings_T`` (N, 3), and by what ``speed`` it
+publishes faster than the stamps. It begins at the time of day that arrives on the topic ``begin``, once somebody
+listens, leaves out what was to come before it was started, and ends with SIGINT.
 """
 
 import contextlib
@@ -11,6 +12,7 @@ import time
 import numpy as np
 import rclpy
 from rclpy.executors import ExternalShutdownException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.time import Time
 from sensor_msgs.msg import MagneticField
@@ -23,25 +25,28 @@ def main():
     """Publish the readings."""
     topic, path = sys.argv[1:]
     with np.load(path) as file:
-        stamps_s, readings = file["stamps_s"].tolist(), file["readings_T"].tolist()
+        stamps_s, readings, speed = file["stamps_s"].tolist(), file["readings_T"].tolist(), float(file["speed"])
     startup = Startup()
     rclpy.init()
     startup.over()
     node = rclpy.create_node(f"driver_{topic.replace('/', '_')}")
-    publisher = node.create_publisher(MagneticField, topic, 1000)
+    publisher = node.create_publisher(MagneticField, topic, 10_000)
     begin = []
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     node.create_subscription(Float64, "begin", lambda message: begin.append(message.data), latched)
-    while not begin:
+    while not (begin and publisher.get_subscription_count()):
         rclpy.spin_once(node)
     message = MagneticField()
+    present_s = time.time() - begin[0]
     for stamp_s, (x, y, z) in zip(stamps_s, readings, strict=True):
-        time.sleep(max(0.0, begin[0] + stamp_s - time.time()))
+        if stamp_s / speed < present_s:
+            continue
+        time.sleep(max(0.0, begin[0] + stamp_s / speed - time.time()))
         message.header.stamp = Time(nanoseconds=round((begin[0] + stamp_s) * 1e9)).to_msg()
         message.magnetic_field.x, message.magnetic_field.y, message.magnetic_field.z = x, y, z
         publisher.publish(message)
     rclpy.spin(node)
 
 
-with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException, rclpy_implementation.RCLError):
     main()
