@@ -11,6 +11,7 @@ from tam_calibration.core.interpolation import BEFORE, interpolated
 from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS
 from tam_calibration.messages.stream import HeldStream, IntensityStream, InterpolatedStream, Stream
 from tam_calibration.messages.timeline import STEP_NS
+from tam_calibration.model.mounting import Turn
 from tam_calibration.model.units import FloatArray, IntArray
 
 BoolArray = NDArray[np.bool_]
@@ -43,6 +44,10 @@ class StreamMessages:
     def earlier(self, delay_ns: int) -> "StreamMessages":
         """Return the messages with stamps that are set back by a delay."""
         return self if self.stamps_ns is None else replace(self, stamps_ns=self.stamps_ns - delay_ns)
+
+    def turned(self, turn: Turn) -> "StreamMessages":
+        """Return the messages with values that are turned."""
+        return replace(self, values=np.column_stack(turn(*self.values.T)))
 
     @classmethod
     def concatenate(cls, parts: Sequence["StreamMessages"]) -> "StreamMessages":

@@ -1,7 +1,7 @@
 """Joining whole batches of messages at once: the samples and losses of `Synchroniser`, for recordings.
 
-What is usual - stamps that rise, streams that keep within the patience of each other, no message that two samples
-want - is joined by searching in sorted stamps. A batch with anything else goes through message by message.
+What is usual - stamps that rise, streams that keep within the patience of each other, no silent sensor, no message that
+two samples want - is joined by searching in sorted stamps. A batch with anything else goes through message by message.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,6 +22,7 @@ from tam_calibration.messages.batch_stream import (
     StreamMessages,
     width_of,
 )
+from tam_calibration.messages.silence import BEFORE_ALL
 from tam_calibration.messages.stream import InterpolatedStream
 from tam_calibration.messages.synchroniser import REMEMBERED, Sample, Synchroniser
 from tam_calibration.model.units import FloatArray, IntArray
@@ -78,7 +79,10 @@ class BatchSynchroniser(Synchroniser):
         sensors = [batch[stream.name] for stream in self._sensors if stream.name in batch]
         arrivals = Arrivals.of(sensors, max(self._newest, LONG_AGO))
         pace, *partners = (Queue.of(stream, batch.get(stream.name), arrivals) for stream in self._streams.values())
+        sensor_queues = [pace, *partners[: len(self._sensors) - 1]]
         if any(self._is_unusual(queue, arrivals) for queue in (pace, *partners)):
+            return None
+        if self._has_silence(sensor_queues, arrivals) or (pace.keys[:1] <= max(self._previous, LONG_AGO)).any():
             return None
         before = self._newest, self._horizon, self._hold_horizon, self._epoch_start
         for stamp_ns in arrivals.newest_ns[[0, -1]].tolist() if len(arrivals.order) else []:
@@ -103,6 +107,7 @@ class BatchSynchroniser(Synchroniser):
         if len(keys):
             self._intervals.extend(np.diff(keys, prepend=max(self._previous, LONG_AGO)).tolist())
             self._previous = int(keys[-1])
+            self._silence.hear_first(self._previous)
         tail, tail_values = self._to_arrays(self._complete())
         return np.concatenate([keys[is_sample], tail]), np.concatenate([np.hstack(values), tail_values])
 
@@ -114,6 +119,19 @@ class BatchSynchroniser(Synchroniser):
         patience = self._hold_patience_ns if queue.is_held else self._patience_ns - queue.stream.window_ns
         lags = queue.is_new & (arrivals.newest_before(queue.order) >= new + patience)
         return not queue.stream.awaited or queue.jumps(arrivals) or bool((lags | (new < 0)).any())
+
+    def _has_silence(self, sensors: Sequence[Queue], arrivals: Arrivals) -> bool:
+        """Return whether a sensor is silent at some time in a batch, or in what waits from before."""
+        if self._newest == BEFORE_ALL and len(arrivals.order):
+            self._silence.begin(int(arrivals.newest_ns[0]))
+        limit_ns = self._silence.limit_ns
+        horizon = int(arrivals.newest_ns[-1]) - self._patience_ns if len(arrivals.order) else self._horizon
+        for queue in sensors:
+            last = max(self._silence.last(queue.stream), LONG_AGO)
+            gaps = np.diff(np.append(queue.keys, max(horizon, queue.newest_ns)), prepend=last)
+            if (gaps > limit_ns).any():
+                return True
+        return False
 
     def _limit(self, partners: Sequence[Queue]) -> int:
         """Return the last stamp at which it is decided what joins a sample."""

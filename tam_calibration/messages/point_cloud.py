@@ -130,6 +130,14 @@ class SampleLayout:
         has_attitude = rows[:, -4:].any(axis=1) | (not self.attitude)
         return np.asarray(has_readings & has_attitude & ~np.isinf(rows[:, first:]).any(axis=1))
 
+    def are_partial(self, rows: FloatArray) -> NDArray[np.bool_]:
+        """Return which of (N, columns) rows would be samples but for sensors that are missing, all three axes NaN."""
+        last = 1 + 3 * self.sensor_count
+        is_missing = np.asarray(np.isnan(rows[:, 1:last].reshape(-1, self.sensor_count, 3)).all(axis=2))
+        completed = rows.copy()
+        completed[:, 1:last][np.repeat(is_missing, 3, axis=1)] = 0.0
+        return np.asarray(is_missing.any(axis=1) & ~is_missing.all(axis=1) & self.are_samples(completed))
+
     def rows(self, recording: Recording) -> FloatArray:
         """Return the (N, columns) rows of a recording."""
         readings = recording.readings_T.reshape(recording.sample_count, -1)

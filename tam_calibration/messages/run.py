@@ -18,6 +18,22 @@ class Run:
         self._newest_ns: int | None = None
         self._shift_ns, self._period_ns = 0, _LONGEST_STEP_NS
 
+    def resume(self, stamp_ns: int, values: Hashable, newest_ns: int, shift_ns: int) -> None:
+        """Go on with a run of which another process knew the beginning.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Stamp of its first sample, nanoseconds.
+        values : hashable
+            The readings of that sample.
+        newest_ns : int
+            Time of its last sample, nanoseconds.
+        shift_ns : int
+            How much later that time is than the sample's stamp, nanoseconds.
+        """
+        self._first, self._newest_ns, self._shift_ns = (stamp_ns, values), newest_ns, shift_ns
+
     def begins_again(self, stamp_ns: int, values: Hashable) -> bool:
         """Return whether the first sample comes again, to the last bit: a recording that is played once more.
 

@@ -36,11 +36,15 @@ class Samples:
         Stamps of their messages, nanoseconds; None where they were no messages.
     usage : Usage, optional
         How many of sensor 1's messages were used so far; None where they were no messages.
+    missing : (N,) array of int, optional
+        Which sensors each sample lacks, bit k for sensor k + 1; their readings are the mean of the others'. None
+        where no sample lacks any.
     """
 
     recording: Recording
     stamps_ns: IntArray | None = None
     usage: Usage | None = None
+    missing: IntArray | None = None
 
 
 def stamps_of(time_s: FloatArray) -> IntArray:

@@ -136,6 +136,11 @@ class JoinedStream(Stream):
         while self.buffer and self.buffer[0][0] < before - self.window_ns:
             self._drop_oldest()
 
+    def skip(self, until: int) -> None:
+        """Drop the messages up to a stamp."""
+        while self.buffer and self.buffer[0][0] <= until:
+            self._drop_oldest()
+
     def take(self, message: Message) -> None:
         """Let a message that was found join a sample."""
         self.buffer.popleft()
@@ -173,9 +178,9 @@ class InterpolatedStream(JoinedStream):
         stamps = [float(stamp - key) for stamp, _ in messages]
         if stamps[-1] <= 0 or not is_even(*stamps):
             return None
-        first, second, third, after = weights(*stamps)
+        oldest, first, second, third, after = weights(*stamps)
         columns = zip(*(values for _, values in messages), strict=True)
-        return key, tuple(first * a + second * b + third * c + after * d for a, b, c, d in columns)
+        return key, tuple(oldest * a + first * b + second * c + third * d + after * e for a, b, c, d, e in columns)
 
     def take(self, message: Message) -> None:
         """Let a message that was found join a sample."""

@@ -2,8 +2,9 @@
 
 Sensor 1 sets the pace: each of its messages makes a sample with the nearest message of every other sensor within a
 tolerance, unless that message is nearer to the next one of sensor 1: after a loss no stream takes what belongs to the
-next sample, whatever the tolerance. The streams arrive each in its own order but interleaved in any way; the samples do
-not depend on how, as long as no stream lags behind another by more than the patience. Time is that of the stamps: no
+next sample, whatever the tolerance. Samples go on without a sensor that is silent: see `silence`. The streams arrive
+each in its own order but interleaved in any way; the samples do not depend on how, as long as no stream lags behind
+another by more than the patience, but for those with which a silent sensor returns. Time is that of the stamps: no
 clock is read. A stamp that jumps is believed when the next one of its stream follows it: see `timeline`.
 """
 
@@ -14,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS, SampleLayout
+from tam_calibration.messages.silence import BEFORE_ALL, SILENCE_NS, Silence
 from tam_calibration.messages.stream import (
     HeldStream,
     IntensityStream,
@@ -41,7 +43,7 @@ REMEMBERED = 16
 
 # Stamps of successive epochs are set apart by more than any stamp, so that one number orders all messages.
 _EPOCH = 1 << 64
-_BEFORE_ALL = -_EPOCH
+_NO_READING = (float("nan"),) * 3
 _NO_VALUE = {channel: (float("nan"),) * len(columns) for channel, columns in CHANNEL_COLUMNS.items()}
 
 
@@ -51,11 +53,11 @@ class Sample(NamedTuple):
     Parameters
     ----------
     stamp_ns : int
-        Stamp of sensor 1; strictly increasing within an epoch.
+        Stamp of sensor 1, or of the sensor that stands in for it; strictly increasing within an epoch.
     epoch : int
         Grows when stamps stepped back: a clock that was set, a driver that restarted, a bag that loops.
     values : tuple of float
-        The columns of `SampleLayout` after ``time_s``; NaN where a channel had no value.
+        The columns of `SampleLayout` after ``time_s``; NaN where a channel had no value, or a sensor is silent.
     """
 
     stamp_ns: int
@@ -84,8 +86,11 @@ class Synchroniser:
         How old a held value may be, by channel.
     capacity : int
         Greatest number of waiting messages of a stream.
-    delay_s : (K,) array, optional
-        How much later than it was read a reading of each sensor is stamped, seconds: its stamps are set back by that.
+    delay_s : (K,) or (K + 1,) array, optional
+        How much later than it was read a reading of each sensor, and of the scalar, is stamped, seconds: its stamps are
+        set back by that.
+    silence_ns : int
+        Time in stamps without a message of a sensor after which samples go on without it.
     """
 
     def __init__(
@@ -99,13 +104,15 @@ class Synchroniser:
         maximum_age_ns: Mapping[str, int] = _MAXIMUM_AGE_NS,
         capacity: int = 65_536,
         delay_s: FloatArray | None = None,
+        silence_ns: int = SILENCE_NS,
     ) -> None:
-        self.delivered = self.restarts = 0
+        self.delivered = self.partial = self.restarts = 0
         self.steps: list[StampStep] = []
         self._patience_ns, self._hold_patience_ns = patience_ns, hold_patience_ns
         self._capacity = capacity
         delays_ns = [] if delay_s is None else np.round(1e9 * delay_s).astype(int).tolist()
-        self._delays_ns = {sensor_stream(index): delay for index, delay in enumerate(delays_ns, start=1) if delay}
+        delayed = [*(sensor_stream(index + 1) for index in range(layout.sensor_count)), "scalar"]
+        self._delays_ns = {name: delay for name, delay in zip(delayed, delays_ns, strict=False) if delay}
         self._sensors = [JoinedStream(sensor_stream(1), tolerance_ns, True)]
         self._sensors += [
             InterpolatedStream(sensor_stream(index + 1), tolerance_ns, True) for index in range(1, layout.sensor_count)
@@ -119,8 +126,9 @@ class Synchroniser:
         self._partners = [*self._sensors[1:], *channels]
         self._streams: dict[str, Stream] = {stream.name: stream for stream in [*self._sensors, *channels]}
         self._epoch = 0
-        self._newest = self._horizon = self._hold_horizon = self._last_delivered = self._epoch_start = _BEFORE_ALL
-        self._previous = _BEFORE_ALL
+        self._newest = self._horizon = self._hold_horizon = self._last_delivered = self._epoch_start = BEFORE_ALL
+        self._previous = self._pending = BEFORE_ALL
+        self._silence = Silence(self._sensors, silence_ns)
         self._intervals: deque[int] = deque(maxlen=REMEMBERED)
         self._waits_for: Stream = self._sensors[0]
 
@@ -139,6 +147,11 @@ class Synchroniser:
         """How many of sensor 1's samples were used, and why not the others."""
         first, *others = self._sensors
         return Usage.of(self.delivered, first, others, self._patience_ns)
+
+    @property
+    def silent(self) -> list[str]:
+        """The sensors without which samples go on now."""
+        return [stream.name for stream in self._sensors if self._silence.is_dead(stream, self._horizon)]
 
     @property
     def drops_everything(self) -> bool:
@@ -198,6 +211,8 @@ class Synchroniser:
     def explain_losses(self) -> str:
         """Return one line for people: how many samples were made, and what was lost by which stream and why."""
         parts = [f"{self.delivered} of {self._sensors[0].losses.received} samples synchronised"]
+        if self.partial:
+            parts.append(f"{self.partial} more without a sensor that is silent")
         silent = [stream.name for stream in self._sensors if stream.losses.received == 0]
         if silent:
             parts.append(f"nothing arrived from {', '.join(silent)}")
@@ -289,6 +304,8 @@ class Synchroniser:
         if stream.name in CHANNEL_COLUMNS:
             stream.awaited = True
         elif key > self._newest:
+            if key - self._newest > self._silence.limit_ns:
+                self._silence.begin(key)
             self._advance(key)
         if not self._sensors[0].buffer:
             stream.forget(self._horizon)
@@ -304,52 +321,80 @@ class Synchroniser:
             self._hold_horizon = key - self._hold_patience_ns
 
     def _is_overdue(self, stream: Stream) -> bool:
-        pending = self._sensors[0].buffer
-        horizon = self._hold_horizon if isinstance(stream, HeldStream) else self._horizon
-        return bool(pending) and pending[0][0] <= horizon
+        return self._pending <= (self._hold_horizon if isinstance(stream, HeldStream) else self._horizon)
 
     def _complete(self) -> list[Sample]:
         """Return the samples that are decided, oldest first."""
         samples = []
-        pacemaker = self._sensors[0]
-        self._waits_for = pacemaker
-        while pacemaker.buffer and (partners := self._find_partners(pacemaker.buffer[0][0])) is not None:
-            key, values = pacemaker.buffer.popleft()
+        first = self._sensors[0]
+        self._waits_for = first
+        while (pace := self._pace()) is not None and (partners := self._find_partners(pace)) is not None:
+            key, values = pace.buffer.popleft() if pace is first else (self._pending, _NO_READING)
             self._intervals.append(key - self._previous)
             self._previous = key
+            first.losses.missing += pace is not first
             for stream, message in zip(self._partners, partners, strict=False):
                 stream.losses.missing += message is None
-            if None in partners[: len(self._sensors) - 1]:
-                pacemaker.losses.unmatched += 1
-                self._forget(key)
-            else:
+            is_whole = pace is first and None not in partners[: len(self._sensors) - 1]
+            if is_whole or self._goes_on(pace, key, partners):
                 samples.append(self._join(key, values, partners))
+                self.delivered += is_whole
+                self.partial += not is_whole
+            else:
+                first.losses.unmatched += pace is first
+                self._forget(key)
+            if pace is first:
+                self._silence.hear_first(key)
         return samples
+
+    def _pace(self) -> JoinedStream | None:
+        """Return the sensor whose oldest message makes the next sample, and keep its stamp; None: there is none."""
+        first = self._sensors[0]
+        if first.buffer and first.buffer[0][0] <= self._previous:
+            first.skip(self._previous)
+        missed_after = self._silence.first_missed_after
+        pace: JoinedStream | None = first if first.buffer else None
+        if first.buffer[0][0] > missed_after if first.buffer else self._horizon > missed_after:
+            pace = self._silence.stand_in(max(missed_after, self._previous), self._horizon) or pace
+        self._pending = missed_after if pace is None else pace.buffer[0][0]
+        return pace
+
+    def _goes_on(self, pace: Stream, key: int, partners: Sequence[Message | None]) -> bool:
+        """Return whether all sensors that a sample lacks are silent, and two or more are there."""
+        others = partners[: len(self._sensors) - 1]
+        lacking = [stream for stream, message in zip(self._sensors[1:], others, strict=False) if message is None]
+        count = (pace is self._sensors[0]) + len(others) - len(lacking)
+        return count > 1 and all(self._silence.is_silent(stream, key) for stream in lacking)
 
     def _forget(self, before: int) -> None:
         for stream in self._partners:
             stream.forget(before)
 
-    def _find_partners(self, key: int) -> list[Message | None] | None:
-        """Return the messages that join the sample at a stamp, up to a sensor without one; None: not yet decided."""
+    def _find_partners(self, pace: JoinedStream) -> list[Message | None] | None:
+        """Return what joins the oldest message of a sensor, up to one that has nothing to join; None: not yet decided.
+
+        A sensor that is silent is passed over.
+        """
         partners: list[Message | None] = []
+        pending, key = pace.buffer, pace.buffer[0][0]
         shortest = self._shortest_interval(key)
         for stream in self._partners:
             stream.reach(shortest // 2)
             is_decided, message = stream.find(key, self._is_overdue(stream))
+            if not is_decided and stream in self._sensors and self._silence.is_dead(stream, self._horizon):
+                is_decided, message = stream.find(key, True)
             if not is_decided:
                 self._waits_for = stream
                 return None
             if message is not None and message[0] > key and 2 * (message[0] - key) >= shortest:
-                pending = self._sensors[0].buffer
-                if len(pending) == 1 and not self._is_overdue(self._sensors[0]):
-                    self._waits_for = self._sensors[0]
+                if len(pending) == 1 and not self._is_overdue(pace):
+                    self._waits_for = pace
                     return None
                 if len(pending) > 1 and abs(pending[1][0] - message[0]) < message[0] - key:
                     message = None
             message = message or stream.between(key)
             partners.append(message)
-            if message is None and stream.name not in CHANNEL_COLUMNS:
+            if message is None and stream in self._sensors and not self._silence.is_silent(stream, key):
                 break
         return partners
 
@@ -360,9 +405,8 @@ class Synchroniser:
     def _join(self, key: int, values: Sequence[float], partners: list[Message | None]) -> Sample:
         joined = list(values)
         for stream, message in zip(self._partners, partners, strict=True):
-            joined += _NO_VALUE[stream.name] if message is None else message[1]
+            joined += _NO_VALUE.get(stream.name, _NO_READING) if message is None else message[1]
             if message is not None:
                 stream.take(message)
-        self.delivered += 1
         self._last_delivered = key
         return Sample(key % _EPOCH, key // _EPOCH, tuple(joined))

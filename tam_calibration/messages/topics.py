@@ -3,15 +3,18 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from rosbags.interfaces import Connection
 
 from tam_calibration.messages.cdr import RawMessages, read_float64s, read_stamped_doubles
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
 
 MAGNETIC_FIELD, FLOAT64 = "sensor_msgs/msg/MagneticField", "std_msgs/msg/Float64"
 IMU, TEMPERATURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature"
@@ -54,7 +57,7 @@ class StreamTopics:
 
     namespace: str
     layout: SampleLayout
-    connections: dict[str, Connection]
+    connections: dict[str, "Connection"]
 
     @property
     def scalar_is_held(self) -> bool:
@@ -69,7 +72,7 @@ class StreamTopics:
         return decoders | {name: decoder for name, decoder in channels.items() if name in decoders}
 
 
-def find_topics(connections: Sequence[Connection], sensor_count: int | None) -> StreamTopics:
+def find_topics(connections: Sequence["Connection"], sensor_count: int | None) -> StreamTopics:
     """Find the topics of an array by the end of their names.
 
     Parameters
@@ -100,7 +103,7 @@ def find_topics(connections: Sequence[Connection], sensor_count: int | None) -> 
     return StreamTopics(namespace, layout, chosen)
 
 
-def _namespace(connections: Sequence[Connection]) -> str:
+def _namespace(connections: Sequence["Connection"]) -> str:
     first = sensor_topic(1)
     names = {topic.removesuffix(first) for topic in _topics(connections) if f"/{topic}".endswith(f"/{first}")}
     if not names:
@@ -110,7 +113,7 @@ def _namespace(connections: Sequence[Connection]) -> str:
     return names.pop()
 
 
-def _require(by_topic: dict[str, Connection], topic: str, types: tuple[str, ...]) -> Connection:
+def _require(by_topic: dict[str, "Connection"], topic: str, types: tuple[str, ...]) -> "Connection":
     connection = by_topic.get(topic)
     if connection is None:
         raise InputError(f"topic {topic} is missing; the bag holds {', '.join(sorted(by_topic))}")
@@ -119,7 +122,7 @@ def _require(by_topic: dict[str, Connection], topic: str, types: tuple[str, ...]
     return connection
 
 
-def _topics(connections: Sequence[Connection]) -> list[str]:
+def _topics(connections: Sequence["Connection"]) -> list[str]:
     return sorted({connection.topic for connection in connections})
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from tam_calibration.core.interpolation import LARGEST_ERROR
 from tam_calibration.messages.stream import InterpolatedStream, Losses, Stream
 from tam_calibration.model.exceptions import Refused
-from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 
 _WARNED_BELOW = 0.9
@@ -34,7 +34,7 @@ class Usage:
     used : int
         Samples that all sensors joined.
     received : int
-        Messages of sensor 1, but for those that still wait.
+        Messages of sensor 1, but for those that still wait, and those of the sensor that stood in for it.
     reasons : tuple of str
         Why the others were not used, each with its count and what mends it, the most frequent first.
     readings : tuple of int
@@ -67,13 +67,13 @@ class Usage:
         own = _own_faults(first.losses)
         reasons = [(count, f"{count} {fault}: look at the driver of {first.name}") for count, fault in own]
         newest = max([first, *others], key=lambda stream: stream.timeline.newest_ns)
-        for stream in others:
+        for stream in (first, *others):
             reasons.append((stream.losses.missing, _why_missing(stream, newest, patience_ns)))
         told = sorted((reason for reason in reasons if reason[0]), key=lambda reason: -reason[0])
         waiting = len(first.buffer) + len(first.timeline.doubtful)
         return cls(
             used,
-            first.losses.received - waiting,
+            first.losses.received - waiting + first.losses.missing,
             tuple(text for _, text in told),
             tuple(stream.losses.received - stream.losses.unusable for stream in (first, *others)),
             (0, *(stream.interpolated for stream in others if isinstance(stream, InterpolatedStream))),
@@ -110,7 +110,7 @@ class Usage:
     def with_each_reading_once(self, samples: SampleSource) -> SampleSource:
         """Return samples for a fit, thinned where a sensor that is read less often would count more than once.
 
-        Samples with a scalar reading stay, without those beside them. A source larger than memory stays as it is.
+        Samples with a scalar reading stay, without those beside them.
 
         Parameters
         ----------
@@ -118,12 +118,13 @@ class Usage:
             As they were joined.
         """
         rate = min(self.readings, default=0) / max(self.received, 1)
-        if not any(self.interpolated) or rate > _ALIKE or not isinstance(samples, Recording):
+        if not any(self.interpolated) or rate > _ALIKE:
             return samples
         stride = round(1 / max(rate, 1 / samples.sample_count))
         kept = np.arange(samples.sample_count) % stride == 0
-        if samples.scalar_T is not None:
-            has_scalar = np.isfinite(samples.scalar_T)
+        scalars = [block.scalar_T for block in samples.blocks() if block.scalar_T is not None]
+        if scalars:
+            has_scalar = np.isfinite(np.concatenate(scalars))
             beside = np.convolve(has_scalar, np.ones(2 * stride - 1), "same") > 0
             kept = has_scalar | (kept & ~beside)
         return samples.take(kept)

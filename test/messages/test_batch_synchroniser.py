@@ -15,6 +15,7 @@ from tam_calibration.messages.synchroniser import Synchroniser
 MS = 1_000_000
 PERIOD = 10 * MS
 PATIENCE = 100 * MS
+SILENCE = 150 * MS
 ALL = SampleLayout(3, scalar=True, temperature=True, current=True, attitude=True)
 WIDTH = {"scalar": 1, "temperature": 1, "current": 1, "attitude": 4}
 
@@ -57,17 +58,18 @@ def in_batches(random, messages, tolerance_ns, smallest, largest, **options):
     return stamps, values, synchroniser
 
 
-def rough(random, loss, jitter_ns, lag_ns, unstamped, restarts, false=0.0):
-    """Make the messages of all streams with jitter, losses, repeats, steps, lags and false stamps, as they arrive."""
+def rough(random, loss, jitter_ns, lag_ns, unstamped, restarts, false=0.0, outages=0):
+    """Make all streams' messages, with jitter, losses, outages, repeats, steps, lags, false stamps, as they arrive."""
     arrivals = []
     rounds = [random.randint(30, 120) for _ in range(1 + restarts)]
     for name in (*(f"tam_{sensor}" for sensor in (1, 2, 3)), *ALL.channels):
         every = 1 if name.startswith("tam") else random.choice((1, 1, 3, 40))
         doubled = name in unstamped and random.random() < 0.5
         clock, latest, rank = 0, 0, random.random()
+        silent = [(first := random.randint(-20, 100), first + random.randint(10, 90)) for _ in range(outages)]
         for length in rounds:
             for index in range(0, length, every):
-                fate = random.random()
+                fate = 0.0 if any(first <= index < last for first, last in silent) else random.random()
                 stamps = [index * PERIOD + random.randint(0, jitter_ns)] * (fate > loss)
                 if fate > 1 - loss:
                     stamps.append(stamps[0] - random.choice((0, MS)))
@@ -90,16 +92,17 @@ def rough(random, loss, jitter_ns, lag_ns, unstamped, restarts, false=0.0):
     tolerance_ns=st.sampled_from([0, 1 * MS, 4 * MS, 15 * MS]),
     unstamped=st.sets(st.sampled_from(["scalar", "current"])),
     restarts=st.sampled_from([0, 0, 0, 2]),
-    delay_s=st.sampled_from([None, np.array([1e-3, 0.0, -7e-3])]),
+    delay_s=st.sampled_from([None, np.array([1e-3, 0.0, -7e-3]), np.array([0.0, 0.0, 0.0, 12e-3])]),
     false=st.sampled_from([0.0, 0.0, 0.01]),
+    outages=st.sampled_from([0, 0, 1, 2]),
 )
 def test_batches_give_what_single_messages_give(
-    seed, loss, jitter_ns, lag_ns, tolerance_ns, unstamped, restarts, delay_s, false
+    seed, loss, jitter_ns, lag_ns, tolerance_ns, unstamped, restarts, delay_s, false, outages
 ):
     """Same samples and losses however batches are cut while no stream lags beyond the patience; in one, always."""
     random = Random(seed)
-    messages = rough(random, loss, jitter_ns, lag_ns, unstamped, restarts, false)
-    options = {"scalar_is_held": "scalar" in unstamped, "delay_s": delay_s}
+    messages = rough(random, loss, jitter_ns, lag_ns, unstamped, restarts, false, outages)
+    options = {"scalar_is_held": "scalar" in unstamped, "delay_s": delay_s, "silence_ns": SILENCE}
     stamps, values, single = one_by_one(messages, tolerance_ns, **options)
     for largest in (len(messages), *((40, 400) if lag_ns < PATIENCE and not restarts else ())):
         smallest = largest if largest == len(messages) else 1
@@ -109,7 +112,8 @@ def test_batches_give_what_single_messages_give(
         assert batched.losses == single.losses
         assert batched.explain_losses() == single.explain_losses()
         assert batched.usage == single.usage
-        assert (batched.delivered, batched.restarts) == (single.delivered, single.restarts)
+        assert (batched.delivered, batched.partial) == (single.delivered, single.partial)
+        assert batched.restarts == single.restarts
         assert batched.steps == single.steps
 
 

@@ -55,3 +55,14 @@ def test_a_channel_without_values_is_left_out():
 def test_the_covariance_of_the_center_is_row_major():
     """Variances stand on the diagonal of nine numbers."""
     assert center_covariance(np.arange(1.0, 10.0)).tolist() == [1, 0, 0, 0, 4, 0, 0, 0, 9]
+
+
+def test_a_sample_that_lacks_sensors_is_told_from_one_that_is_none():
+    """All axes of a sensor are NaN, not one; another sensor is there; nothing is infinite."""
+    layout = SampleLayout(2, temperature=True)
+    rows = np.ones((6, len(layout.columns)))
+    rows[1, 1:4] = rows[2, 1:7] = rows[3, 2] = rows[4, 4:7] = rows[5, 1:4] = np.nan
+    rows[4, 7], rows[5, 4] = np.nan, np.inf
+    assert layout.are_partial(rows).tolist() == [False, True, False, False, True, False]
+    assert layout.are_samples(rows).tolist() == [True, False, False, False, False, False]
+    assert layout.are_partial(rows[:0]).tolist() == []

@@ -170,13 +170,13 @@ def test_a_step_of_the_clock_costs_no_sample(step_ns, patience_ns):
 
 
 @pytest.mark.parametrize("step_ns", [-300 * MS, 300 * MS])
-def test_a_step_costs_interpolated_sensors_three_samples(step_ns):
-    """Sensors that are read between those of the first need three readings before they tell of a sample again."""
+def test_a_step_costs_interpolated_sensors_four_samples(step_ns):
+    """Sensors that are read between those of the first need four readings before they tell of a sample again."""
     synchroniser = Synchroniser(SampleLayout(2), 0)
     stamps = [START + index * PERIOD + step_ns * (index >= 500) for index in range(1000)]
     shifted = [(name, stamp + late) for stamp in stamps for name, late in (("tam_1", 0), ("tam_2", 5 * MS))]
     samples = push_all(synchroniser, [message(*one) for one in shifted])
-    assert [sample.stamp_ns for sample in samples] == [*stamps[3:500], *stamps[503:]]
+    assert [sample.stamp_ns for sample in samples] == [*stamps[4:500], *stamps[504:]]
     assert synchroniser.steps == [StampStep("tam_1", step_ns)]
 
 
@@ -204,13 +204,16 @@ def test_a_slow_stream_is_not_doubted():
 
 @pytest.mark.parametrize("stopped", ["tam_1", "tam_3", "scalar"])
 def test_a_stream_that_stops_bounds_memory_and_is_reported(stopped):
-    """What waits for a stream that stopped is let go after the patience; a sensor that stopped is said."""
+    """What waits for a stream that stopped is let go after the patience; samples go on, and a sensor is said."""
     synchroniser = Synchroniser(CROSS, MS, patience_ns=100 * MS)
     messages = steady(CROSS, 100) + [one for one in steady(CROSS, 1000, start=100 * PERIOD) if one[0] != stopped]
+    reported = set()
     for one in messages:
         synchroniser.push(*one)
+        reported |= {synchroniser.drops_everything}
     assert max(len(stream.buffer) for stream in synchroniser._streams.values()) <= 12
-    assert synchroniser.drops_everything == (stopped != "scalar")
+    assert reported == ({False} if stopped == "scalar" else {False, True})
+    assert synchroniser.silent == [stopped] * (stopped != "scalar") and not synchroniser.drops_everything
 
 
 def test_buffers_have_a_capacity():
@@ -288,7 +291,7 @@ def test_a_sample_between_messages_waits_for_one_more():
         for index in range(10)
         for name, late in (("tam_1", 0), ("tam_2", PERIOD // 2))
     ]
-    assert counts == [0, 0] * 3 + [0, 1] * 7
+    assert counts == [0, 0] * 4 + [0, 1] * 6
 
 
 def test_stated_delays_are_taken_off_the_stamps():
@@ -298,6 +301,16 @@ def test_stated_delays_are_taken_off_the_stamps():
     late = [(name, stamp + late_ns[name], values) for name, stamp, values in true]
     delays = Synchroniser(SampleLayout(4), 0, delay_s=1e-9 * np.array(list(late_ns.values())))
     assert push_all(delays, late) == push_all(Synchroniser(SampleLayout(4), 0), true)
+
+
+def test_a_stated_delay_of_the_scalar_is_taken_off_its_stamps():
+    """Stamped three samples late at 10 Hz, its readings join the samples that they were taken with."""
+    layout = SampleLayout(2, scalar=True)
+    true = [one for one in steady(layout, 200) if one[0] != "scalar" or one[1] % (10 * PERIOD) == 0]
+    late = [(name, stamp + 30 * MS * (name == "scalar"), values) for name, stamp, values in true]
+    late.sort(key=lambda one: one[1])
+    delays = Synchroniser(layout, 0, expected=["scalar"], delay_s=np.array([0, 0, 30e-3]))
+    assert push_all(delays, late) == push_all(Synchroniser(layout, 0, expected=["scalar"]), true)
 
 
 def test_a_delay_reaches_no_further_back_than_the_start_of_a_clock():

@@ -1,0 +1,116 @@
+"""What a calibrator leaves to the one that takes its place, and what becomes of it."""
+
+import signal
+import sqlite3
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from tam_calibration.files import read_calibration
+from tam_calibration.files.sample_file import SampleFile
+
+sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
+
+
+def test_a_calibrator_that_is_killed_is_taken_up_where_it_was(bench, recording, tmp_path):
+    """After SIGKILL while samples flow, the next one has all that was saved, to the bit, goes on and calibrates."""
+    path, moment = tmp_path / "samples", 300 + int(np.random.default_rng().integers(200))
+    first = bench.start_nodes(collector={}, calibrator={"samples_file": path})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
+    bench.play(recording, publish, samples, last=200)
+    bench.health("calibrator", lambda _, figures: figures["saved"] == "200", "all are saved")
+    bench.play(recording, publish, samples, first=200, last=moment)
+    first.end_one("calibrator", signal.SIGKILL)
+
+    second = bench.start_nodes(calibrator={"samples_file": path})
+    bench.connect(collector={"samples": 2})
+    _, figures = bench.health("calibrator", lambda _, figures: True, "it is there")
+    kept = int(figures["samples"])
+    assert 200 <= kept <= moment
+    told = f"goes on with {kept} samples of {path}"
+    bench.spin_until(lambda: told in second.log("calibrator"), "it says that it goes on")
+    bench.play(recording, publish, samples, first=moment)
+    assert bench.call("calibrator/calibrate").success
+    stored = str(kept + recording.sample_count - moment)
+    bench.health("calibrator", lambda _, figures: figures["saved"] == stored, "the others are saved")
+    assert second.end_one("calibrator") == 0
+    rows = np.array([sample.row for sample in _content(path)])
+    sent = recording.readings_T.reshape(-1, 12)
+    assert_array_equal(rows[:, 1:13], np.concatenate([sent[:kept], sent[moment:]]))
+
+
+def test_a_reset_holds_on_disk(bench, recording, tmp_path):
+    """A calibrator that starts after collector/reset has nothing to go on with."""
+    path = tmp_path / "samples"
+    bench.start_nodes(collector={})
+    first = bench.start_nodes(calibrator={"samples_file": path})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
+    bench.play(recording, publish, samples, last=50)
+    bench.health("calibrator", lambda _, figures: figures["saved"] == "50", "all are saved")
+    assert bench.call("collector/reset").success
+    bench.health("calibrator", lambda _, figures: figures["saved"] == "0", "none is left")
+    assert first.end_one("calibrator") == 0
+    assert _content(path) == []
+
+
+def test_samples_of_another_array_stay_where_they_are(bench, tmp_path):
+    """They are set aside and named; without a samples_file they are kept in ROS's own folder, or nowhere."""
+    path = tmp_path / "samples"
+    path.write_text("no samples")
+    log = log_of_calibrator(bench, samples_file=path)
+    assert (tmp_path / "samples.1").read_text() == "no samples"
+    assert f"{path} held no samples of this array: it is now {path}.1" in log
+    log = log_of_calibrator(bench)
+    [own] = (bench.logs / "tam_calibration").glob("*.calibrator.samples")
+    assert f"keeps samples in {own}" in log
+    assert "samples are not kept for a restart" in log_of_calibrator(bench, samples_file="none")
+
+
+def log_of_calibrator(bench, **parameters):
+    """Start a calibrator, end it when it has said that it is ready, and return what it logged."""
+    children = bench.start_nodes(calibrator=parameters)
+    bench.spin_until(lambda: "waits for samples" in children.log("calibrator"), "it is ready")
+    assert children.end_one("calibrator") == 0
+    return children.log("calibrator")
+
+
+def test_a_disk_that_cannot_be_written_costs_no_calibration(bench, recording, tmp_path):
+    """The calibrator says at WARN that samples are not kept and why, and works as ever."""
+    (tmp_path / "file").touch()
+    bench.start_nodes(collector={}, calibrator={"samples_file": tmp_path / "file" / "samples"})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
+    bench.play(recording, publish, samples)
+    assert bench.call("calibrator/calibrate").success
+    status, _ = bench.health("calibrator", lambda _, figures: figures["samples"] == "600", "it is told")
+    assert status.level == b"\x01" and "name another samples_file, or none" in status.message
+
+
+@pytest.mark.parametrize("folder", ["", "missing"])
+def test_a_calibration_is_saved_without_being_asked(bench, recording, tmp_path, folder):
+    """With ``autosave`` the answer names the file, or why it could not be written; the calibration holds either way."""
+    path = tmp_path / folder / "calibration.yaml"
+    bench.start_nodes(collector={}, calibrator={"autosave": True, "calibration_file": path})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
+    bench.play(recording, publish, samples)
+    answer = bench.call("calibrator/calibrate")
+    assert answer.success
+    if folder:
+        assert f"not saved: {path} cannot be written" in answer.message
+    else:
+        assert f"saved to {path}" in answer.message and read_calibration(path).method == "maximum_likelihood"
+
+
+def _content(path):
+    """Return the samples of a file, whatever they are of."""
+    with sqlite3.connect(path) as file:
+        [about] = file.execute("SELECT text FROM about").fetchone()
+    return SampleFile(path, about).read()
