@@ -1,0 +1,157 @@
+"""What RViz and Foxglove show: the field, the coverage and the source as markers, where somebody listens."""
+
+import time
+
+import numpy as np
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from rclpy.duration import Duration
+from rclpy.qos import QoSProfile
+from rclpy.time import Time
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from tam_calibration.fit.coverage import Coverage
+from tam_calibration.localization.pose import ellipsoid
+from tam_calibration.localization.solutions import EulerSolutions
+from tam_calibration.model.units import FloatArray
+from tam_calibration.nodes.base import TamNode
+
+PERIOD_S = 0.1
+"""Time between the markers of a stream: ten a second are more than eyes follow, and cost little at any rate of it."""
+
+METRES_PER_TESLA = 1e4
+"""Length of the arrow of the field: half a metre, the baseline of the cross, in the 50 µT of the Earth."""
+
+MOMENT_LENGTH = 0.5
+"""Length of the arrow of a moment over the distance of its source: seen at any distance, whatever the moment."""
+
+LIFETIME_S = 2.0
+"""Time after which a source that is no longer located is shown no longer."""
+
+CELL_DIAMETER_M = 0.15
+"""Of the balls on the sphere of coverage, whose radius is a metre: some half of what neighbouring cells are apart."""
+
+_QUALITY = QoSProfile(depth=10)
+"""Reliable: what is shown is new ten times a second, and a viewer need not get all."""
+
+_FIELD = ColorRGBA(r=0.0, g=0.45, b=0.7, a=1.0)
+_SOURCE = ColorRGBA(r=0.84, g=0.37, b=0.0, a=0.4)
+_MOMENT = ColorRGBA(r=0.84, g=0.37, b=0.0, a=1.0)
+_COVERED = ColorRGBA(r=0.0, g=0.62, b=0.45, a=1.0)
+_MISSING = ColorRGBA(r=0.6, g=0.6, b=0.6, a=0.6)
+
+
+class Shown:
+    """A topic for viewers, on which there is a message at most every `PERIOD_S`, and where somebody listens.
+
+    Parameters
+    ----------
+    node : TamNode
+        That publishes it.
+    message_type : type
+        Of its messages.
+    topic : str
+        Its name.
+    frame_id : str
+        Frame of what is shown.
+    """
+
+    def __init__(self, node: TamNode, message_type: type, topic: str, frame_id: str) -> None:
+        self._publisher = node.offer(message_type, topic, _QUALITY)
+        self._frame_id = frame_id
+        self._last_s = -np.inf
+
+    def get_subscription_count(self) -> int:
+        """Return how many listen."""
+        count: int = self._publisher.get_subscription_count()
+        return count
+
+    def is_wanted(self) -> bool:
+        """Whether a message is wanted now; if so, the next one only after `PERIOD_S`."""
+        now = time.monotonic()
+        if now < self._last_s + PERIOD_S or not self.get_subscription_count():
+            return False
+        self._last_s = now
+        return True
+
+    def header(self, stamp_ns: int) -> Header:
+        """Return the header of a message with a stamp in nanoseconds."""
+        return Header(stamp=Time(nanoseconds=stamp_ns).to_msg(), frame_id=self._frame_id)
+
+    def publish(self, message: Marker | MarkerArray) -> None:
+        """Publish a message."""
+        self._publisher.publish(message)
+
+
+def field_marker(header: Header, field_T: FloatArray) -> Marker:
+    """Return the arrow of a field (3,), tesla, from the origin: ``METRES_PER_TESLA`` long."""
+    return _arrow(header, "center", np.zeros(3), METRES_PER_TESLA * field_T, _FIELD)
+
+
+def source_markers(header: Header, solutions: EulerSolutions, index: int) -> MarkerArray:
+    """Return the ellipsoid that holds a source with 95 %, and the arrow of its moment from there.
+
+    Parameters
+    ----------
+    header : Header
+        Stamp and frame of the source.
+    solutions : EulerSolutions
+        Sources of samples.
+    index : int
+        Which of them is shown; it has been located.
+    """
+    position, moment = solutions.position_m[index], solutions.moment_Am2[index]
+    semi_axes, (x, y, z, w) = ellipsoid(solutions.position_covariance_m2[index])
+    ball = _marker(header, "position", Marker.SPHERE, _SOURCE)
+    turn = Quaternion(x=float(x), y=float(y), z=float(z), w=float(w))
+    ball.pose = Pose(position=_point(position), orientation=turn)
+    ball.scale = _vector(2 * semi_axes)
+    markers = [ball]
+    if np.isfinite(moment).all() and moment.any():
+        length = MOMENT_LENGTH * float(np.linalg.norm(position))
+        tip = position + length / np.linalg.norm(moment) * moment
+        markers.append(_arrow(header, "moment", position, tip, _MOMENT))
+    for marker in markers:
+        marker.lifetime = Duration(seconds=LIFETIME_S).to_msg()
+    return MarkerArray(markers=markers)
+
+
+def coverage_markers(header: Header, coverage: Coverage) -> MarkerArray:
+    """Return the cells that hold samples, and those that hold none, as two lists of balls on a sphere of one metre."""
+    visited = coverage.counts > 0
+    parts = (("covered", _COVERED, visited), ("missing", _MISSING, ~visited))
+    balls = [_balls(header, name, coverage.directions[chosen], colour) for name, colour, chosen in parts]
+    return MarkerArray(markers=balls)
+
+
+def _balls(header: Header, name: str, places: FloatArray, colour: ColorRGBA) -> Marker:
+    """Return balls at places (n, 3), metres; where there are none what was shown before is taken away."""
+    marker = _marker(header, name, Marker.SPHERE_LIST, colour)
+    marker.action = Marker.ADD if len(places) else Marker.DELETE
+    marker.points = [_point(place) for place in places]
+    marker.scale = _vector(np.full(3, CELL_DIAMETER_M))
+    return marker
+
+
+def _arrow(header: Header, name: str, start: FloatArray, end: FloatArray, colour: ColorRGBA) -> Marker:
+    """Return an arrow between places (3,), metres, a twentieth of its length thick."""
+    marker = _marker(header, name, Marker.ARROW, colour)
+    marker.points = [_point(start), _point(end)]
+    thickness = float(np.linalg.norm(end - start)) / 20
+    marker.scale = Vector3(x=thickness, y=2 * thickness, z=4 * thickness)
+    return marker
+
+
+def _marker(header: Header, name: str, kind: int, colour: ColorRGBA) -> Marker:
+    """Return a marker that replaces the one of this name before it."""
+    return Marker(header=header, ns=name, id=0, type=kind, action=Marker.ADD, color=colour)
+
+
+def _point(place: FloatArray) -> Point:
+    x, y, z = place.tolist()
+    return Point(x=x, y=y, z=z)
+
+
+def _vector(values: FloatArray) -> Vector3:
+    x, y, z = values.tolist()
+    return Vector3(x=x, y=y, z=z)
