@@ -8,11 +8,14 @@ import time
 from itertools import count
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tam_calibration.files.configuration import configuration_folder
 
 NO_ROS = "rclpy is not installed: pip install 'tam_calibration[ros]'"
+
+DRIVER = str(Path(__file__).parent / "nodes" / "sensor_driver.py")
 
 
 @pytest.fixture
@@ -22,6 +25,7 @@ def ros_domain(monkeypatch, tmp_path_factory):
     logs = tmp_path_factory.mktemp("ros")
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_LOG_DIR", str(logs))
+    monkeypatch.setenv("ROS_HOME", str(logs))
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(configuration_folder() / "fastdds.xml"))
     domain, lock = _lock_domain()
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
@@ -112,8 +116,13 @@ class Bench:
         while not condition():
             for children in self.children:
                 children.check()
-            assert time.monotonic() < limit, f"not within {timeout_s} s: {what}"
+            assert time.monotonic() < limit, f"not within {timeout_s} s: {what}{self._said()}"
             self.executor.spin_once(timeout_sec=0.02)
+
+    def _said(self):
+        """Return what the nodes said last, where their health is heard."""
+        statuses = [status for message in self._health or () for status in message.status]
+        return "".join(f"; {name}: {said}" for name, said in {each.name: each.message for each in statuses}.items())
 
     def listen(self, message_type, topic, latched=False):
         """Return a list to which the messages of a topic are appended, once a publisher has been matched."""
@@ -218,6 +227,21 @@ def _message(time_s, field):
     message = MagneticField(magnetic_field=Vector3(x=field[0], y=field[1], z=field[2]))
     message.header.stamp = Time(nanoseconds=round(time_s * 1e9)).to_msg()
     return message
+
+
+def field_of_array(time_s):
+    """Return the field (N, 3) in the frame of an array that is turned at some 100°/s through all directions."""
+    from scipy.spatial.transform import Rotation
+
+    turned = Rotation.from_euler("zxy", np.outer(time_s, [90.0, 37.0, 23.0]), degrees=True)
+    return turned.inv().apply([12e-6, 18e-6, -45e-6])
+
+
+def write_driver(folder, name, stamps_s, readings_T, speed=1.0):
+    """Write what a driver publishes, faster than its stamps by a speed, and return its command."""
+    path = folder / f"{name.replace('/', '_')}.npz"
+    np.savez(path, stamps_s=stamps_s, readings_T=readings_T, speed=speed)
+    return [DRIVER, name, str(path)]
 
 
 @pytest.fixture

@@ -11,9 +11,13 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes import signals
 
 
-def announce_often() -> None:
-    """Have this process and those that it starts announce their nodes often at the start, unless told otherwise."""
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(configuration_folder() / "fastdds.xml"))
+def configure_fast_dds() -> None:
+    """Have this process and those that it starts use our profile of Fast DDS, unless told otherwise.
+
+    A profile of the user's, or a choice of transports, stays in force.
+    """
+    if "FASTDDS_BUILTIN_TRANSPORTS" not in os.environ:
+        os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(configuration_folder() / "fastdds.xml"))
 
 
 @contextmanager
@@ -26,8 +30,11 @@ def ros_session(exit_code: int = 0) -> Iterator[None]:
         When rclpy is not installed.
     """
     if find_spec("rclpy") is None:
-        raise InputError("this needs ROS 2: source a Jazzy installation, or run pip install 'tam_calibration[ros]'")
-    announce_often()
+        raise InputError(
+            "this needs ROS 2: source a Jazzy installation, "
+            "or run pip install 'tam_calibration[ros]' in a virtual environment"
+        )
+    configure_fast_dds()
 
     import rclpy
     from rclpy.signals import SignalHandlerOptions

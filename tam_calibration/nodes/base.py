@@ -2,42 +2,23 @@
 
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from copy import copy
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
-from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.subscription import Subscription
 
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.nodes.answering import AnsweringNode
 from tam_calibration.nodes.node_parameters import Rule, array_name, declare, unknown_parameters
 from tam_calibration.nodes.sole_name import take_name
-
-LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""For what a late joiner must still get."""
-
-STREAM = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Sensor data; deep enough to bridge ten seconds at 1000 Hz."""
-
-RELIABLE_STREAM = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABLE)
-"""Data between our own nodes, of which none may be lost."""
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
 _DIAGNOSTICS = "/diagnostics"
 _TOPICS_OF_ROS = ("/parameter_events", "/rosout", _DIAGNOSTICS)
-
-_OVERRIDABLE = QoSOverridingOptions(
-    [QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY]
-)
 
 
 @dataclass(frozen=True)
@@ -49,7 +30,7 @@ class Health:
     values: Mapping[str, object] = field(default_factory=dict)
 
 
-class TamNode(Node):
+class TamNode(AnsweringNode):
     """A node that checks its parameters, streams serialised messages, and tells its health.
 
     Parameters
@@ -68,8 +49,7 @@ class TamNode(Node):
     """
 
     def __init__(self, name: str, rules: Sequence[Rule]) -> None:
-        self._unwatched: list[Subscription] = []
-        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        super().__init__(name)
         self._choices = {rule.name: rule.choices for rule in rules if rule.choices}
         self.add_on_set_parameters_callback(self._check_choices)
         self._unknown_parameters = unknown_parameters(self, rules)
@@ -81,116 +61,9 @@ class TamNode(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, _DIAGNOSTICS, 10)
         self.create_steady_timer(1.0, self._publish_health)
 
-    @property
-    def subscriptions(self) -> Iterator[Subscription]:
-        """The subscriptions that an executor waits on: not those that are read in turns."""
-        yield from (each for each in super().subscriptions if each not in self._unwatched)
-
     def value(self, name: str) -> Any:
         """Return the present value of a parameter."""
         return self.get_parameter(name).value
-
-    def offer(self, message_type: Any, topic: str, quality: QoSProfile) -> Publisher:
-        """Return a publisher whose quality of service parameters may override (``qos_overrides.…``).
-
-        Parameters
-        ----------
-        message_type : type
-            Class of the messages.
-        topic : str
-            Name, relative or absolute.
-        quality : QoSProfile
-            Used where no parameter says otherwise.
-        """
-        return self.create_publisher(message_type, topic, copy(quality), qos_overriding_options=_OVERRIDABLE)
-
-    def listen(self, message_type: Any, topic: str, take: Callable[[bytes], None], quality: QoSProfile) -> Subscription:
-        """Have a function called with every serialised message of a topic; parameters may override the quality.
-
-        Parameters
-        ----------
-        message_type : type
-            Class of the messages.
-        topic : str
-            Name, relative or absolute.
-        take : callable
-            Called with each message.
-        quality : QoSProfile
-            Used where no parameter says otherwise.
-        """
-        return self.create_subscription(
-            message_type,
-            topic,
-            take,
-            copy(quality),
-            raw=True,
-            qos_overriding_options=_OVERRIDABLE,
-        )
-
-    def listen_to_all(
-        self, message_type: Any, topic: str, take: Callable[[list[bytes]], None], quality: QoSProfile
-    ) -> None:
-        """Have a function called with all serialised messages that wait, oldest first.
-
-        A node that falls behind gets more of them in a call, so that each costs less and it catches up.
-
-        Parameters
-        ----------
-        message_type : type
-            Class of the messages.
-        topic : str
-            Name, relative or absolute.
-        take : callable
-            Called with the list of the messages.
-        quality : QoSProfile
-            Used where no parameter says otherwise; its depth bounds how many wait.
-        """
-
-        def take_waiting(first: bytes) -> None:
-            take([first, *waiting(subscription)])
-
-        subscription = self.listen(message_type, topic, take_waiting, quality)
-
-    def listen_in_turns(
-        self,
-        topics: Sequence[tuple[Any, str, Callable[[list[bytes]], None]]],
-        period_s: float,
-        quality: QoSProfile,
-    ) -> None:
-        """Have functions called with all serialised messages that wait, topic after topic, once in a period.
-
-        A message that comes in between does not even wake the process.
-
-        Parameters
-        ----------
-        topics : sequence of type, str and callable
-            Type and name of each topic, and what is called.
-        period_s : float
-            Time from turn to turn, seconds.
-        quality : QoSProfile
-            Its depth must hold what comes in a period.
-        """
-        read = [(self.listen(message_type, topic, _leave, quality), take) for message_type, topic, take in topics]
-        self._unwatched += [subscription for subscription, _ in read]
-
-        def turn() -> None:
-            for subscription, take in read:
-                if messages := list(waiting(subscription)):
-                    take(messages)
-
-        self.create_steady_timer(period_s, turn)
-
-    def create_steady_timer(self, period_s: float, callback: Callable[[], None]) -> None:
-        """Have a function called periodically, whatever the time on /clock.
-
-        Parameters
-        ----------
-        period_s : float
-            Time from call to call, seconds.
-        callback : callable
-            Called without arguments.
-        """
-        self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def say_start(self, *remarks: str) -> None:
         """Log one line: the array, and what else there is to know at the start.
@@ -221,6 +94,25 @@ class TamNode(Node):
             self.get_logger().warning(f"{topic}: {problem}; more of them are counted in /diagnostics")
         self._unusable[topic] += 1
 
+    def on_change(self, takes: Mapping[str, Callable[[Any], None]]) -> None:
+        """Have functions called with new values of parameters; what they raise refuses the value, with the reason.
+
+        Parameters
+        ----------
+        takes : mapping of str to callable
+            By the name of the parameter; each raises `InputError` where a value cannot be used.
+        """
+
+        def take(parameters: list[Parameter]) -> SetParametersResult:
+            try:
+                for parameter in parameters:
+                    takes.get(parameter.name, _accept)(parameter.value)
+            except (InputError, OSError) as problem:
+                return SetParametersResult(successful=False, reason=" ".join(str(problem).split()))
+            return SetParametersResult(successful=True)
+
+        self.add_on_set_parameters_callback(take)
+
     @abstractmethod
     def health(self) -> Health:
         """Return the node's health; called once a second."""
@@ -237,7 +129,7 @@ class TamNode(Node):
     def _publish_health(self) -> None:
         if not self._diagnostics.get_subscription_count():
             return
-        health = self._with_twin(self._with_unusable(self.health()))
+        health = self._with_twin(self._with_types(self._with_unusable(self.health())))
         name = self.get_fully_qualified_name().lstrip("/")
         status = DiagnosticStatus(level=health.level, name=name, message=health.message, hardware_id=array_name(self))
         values = {**health.values, **self._peers()}
@@ -261,6 +153,32 @@ class TamNode(Node):
         self.get_logger().error(problem, once=True)
         return Health(ERROR, problem, health.values)
 
+    def _with_types(self, health: Health) -> Health:
+        """Say which inputs are published as another type than is read: nothing arrives of these."""
+        problems = []
+        for subscription in self.all_subscriptions:
+            kind: Any = subscription.msg_type
+            expected, topic = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}", subscription.topic_name
+            types = {endpoint.topic_type for endpoint in self.get_publishers_info_by_topic(topic)}
+            if others := sorted(types - {expected}):
+                told = f"{topic.lstrip('/')} is published as {' and '.join(others)}, not {expected}"
+                problems.append(f"{told}: {self.mend_of_type(topic, others[0])}")
+        if not problems:
+            return health
+        return Health(ERROR, "; ".join([*problems, health.message]), health.values)
+
+    def mend_of_type(self, topic: str, published: str) -> str:
+        """Return what mends an input that is published as another type.
+
+        Parameters
+        ----------
+        topic : str
+            Its whole name.
+        published : str
+            The type, such as ``sensor_msgs/msg/Imu``.
+        """
+        return "look for the node that publishes it, and remap its topic or give it the right type"
+
     def _with_unusable(self, health: Health) -> Health:
         """Add what was refused to the health; what was refused since the last time is a warning."""
         new, self._unusable_reported = self._unusable - self._unusable_reported, self._unusable.copy()
@@ -274,18 +192,9 @@ class TamNode(Node):
     def _peers(self) -> dict[str, object]:
         """Return the number of peers on each topic: what nobody listens to is not published."""
         outputs = {f"subscribers.{each.topic_name}": each.get_subscription_count() for each in self.publishers}
-        inputs = {f"publishers.{each.topic_name}": each.get_publisher_count() for each in super().subscriptions}
+        inputs = {f"publishers.{each.topic_name}": each.get_publisher_count() for each in self.all_subscriptions}
         return {key: count for key, count in (outputs | inputs).items() if not key.endswith(_TOPICS_OF_ROS)}
 
 
-def _leave(message: bytes) -> None:
-    """Stands for the callback of a subscription that no executor waits on."""
-
-
-def waiting(subscription: Subscription) -> Iterator[bytes]:
-    """Take the serialised messages that wait in a subscription, as many as there are room for in its queue."""
-    with subscription.handle:
-        for _ in range(subscription.qos_profile.depth):
-            if (taken := subscription.handle.take_message(subscription.msg_type, True)) is None:
-                return
-            yield taken[0]
+def _accept(value: Any) -> None:
+    """Stands for what takes the value of a parameter that needs nothing."""

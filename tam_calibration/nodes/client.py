@@ -11,9 +11,9 @@ from std_srvs.srv import Trigger
 
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
-from tam_calibration.nodes.base import RELIABLE_STREAM
 from tam_calibration.nodes.children import NODES, Children
 from tam_calibration.nodes.cloud import read_cloud
+from tam_calibration.nodes.listening import RELIABLE_STREAM
 from tam_calibration.nodes.monitor import TURN_S, Monitor
 
 _CALL_TURN_S = 1.0

@@ -6,34 +6,42 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import Imu, MagneticField, PointCloud2, Temperature
 from std_msgs.msg import Float64, Header
-from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
 
 from tam_calibration.files.recording_file import TOLERANCE_S
 from tam_calibration.fit.coverage import Coverage, LiveCoverage
 from tam_calibration.messages.cdr import read_float64, read_stamp_and_doubles
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.run import Run
+from tam_calibration.messages.silence import SILENCE_NS
 from tam_calibration.messages.stamp_figures import StampFigures
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.synchroniser import Sample, Synchroniser
 from tam_calibration.messages.timeline import StampStep
 from tam_calibration.messages.topics import CHANNEL_TOPICS, sensor_topic
+from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.nodes.base import ERROR, OK, RELIABLE_STREAM, STALE, STREAM, WARN, Health, TamNode
+from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import cloud_writer, make_cloud, to_stamp
+from tam_calibration.nodes.frames import FrameCheck
+from tam_calibration.nodes.listening import RELIABLE_STREAM, STREAM
+from tam_calibration.nodes.markers import Shown, coverage_markers
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
+from tam_calibration.nodes.scheduling import REAL_TIME, precede
 
 _SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
 _SCALAR_TYPES = {"sensor_msgs/MagneticField": MagneticField, "std_msgs/Float64": Float64}
 
 _TOLD_S = 30.0
 """Time for which a step of the stamps is a warning."""
+
+_COVERAGE_PERIOD_S = 1.0
+"""Time between markers of the coverage, as between the sentences on it in /diagnostics."""
 
 RULES = (
     ARRAY_FILE,
@@ -45,7 +53,13 @@ RULES = (
         "Difference of stamps up to which readings count as of one moment; beyond, they are interpolated [s].",
         bounds=(0.0, 10.0),
     ),
-    Rule("silence_s", 2.0, "Time without a message after which a sensor is reported [s].", bounds=(0.1, 3600.0)),
+    REAL_TIME,
+    Rule(
+        "silence_s",
+        SILENCE_NS / 1e9,
+        "Time without a message after which a sensor is reported, and samples go on without it [s].",
+        bounds=(0.1, 3600.0),
+    ),
 )
 
 
@@ -54,7 +68,10 @@ class Collector(TamNode):
 
     def __init__(self) -> None:
         super().__init__("collector", RULES)
-        sensor_count = array_of(self).sensor_count
+        self._array = array_of(self)
+        sensor_count = self._array.sensor_count
+        self._turns = turns_of(self._array.mounting)
+        self._frames = FrameCheck(self._array.mounting, self.get_logger().warning)
         self._layout = SampleLayout.whole(sensor_count)
         self._sensors = [sensor_stream(sensor + 1) for sensor in range(sensor_count)]
         self._frame_id: str = self.value("frame_id")
@@ -67,17 +84,20 @@ class Collector(TamNode):
         self._samples = self.offer(PointCloud2, "samples", RELIABLE_STREAM)
         self._writer = cloud_writer(self._layout.columns, self._frame_id)
         self._row = struct.Struct(f"<{len(self._layout.columns)}d")
+        self._markers = Shown(self, MarkerArray, "coverage_markers", self._frame_id)
+        self.create_steady_timer(_COVERAGE_PERIOD_S, self._show_coverage)
         self._subscribe()
-        self.create_service(Trigger, "~/reset", self._reset)
-        self.create_service(Trigger, "~/usage", self._tell_usage)
+        self._scheduling = precede() if self.value("real_time") else "normal"
+        self.serve("reset", self._reset)
+        self.serve("usage", self._tell_usage)
         self.say_start(f"waits for {self._sensor_topics()}")
 
     def health(self) -> Health:
         """Return what hinders, or what to do next for the coverage."""
-        listeners = {"listeners": self._samples.get_subscription_count()}
+        process = {"listeners": self._samples.get_subscription_count(), "scheduling": self._scheduling}
         if self._synchroniser is None:
             return Health(
-                STALE, f"no message yet on {self._sensor_topics()}: start the sensors' drivers or play a bag", listeners
+                STALE, f"no message yet on {self._sensor_topics()}: start the sensors' drivers or play a bag", process
             )
         silent = self._silent()
         if len(silent) == len(self._sensors):
@@ -88,7 +108,7 @@ class Collector(TamNode):
             level, message = max(level, WARN), f"{message}; {self._step}"
         lost = {"lost": self._lost, "steps": self._steps, "last_step": self._step}
         counted = _describe(coverage) | _count(self._synchroniser) | lost
-        return Health(level, message, counted | listeners | self._describe_stamps())
+        return Health(level, message, counted | process | self._describe_stamps())
 
     def _describe_stamps(self) -> dict[str, object]:
         """Return rate, jitter, delay and offset of the streams that have stamps."""
@@ -103,16 +123,45 @@ class Collector(TamNode):
         """Return level and sentence of what hinders most, or None."""
         lost = sum(losses.dropped for losses in synchroniser.losses.values())
         new_losses, self._lost = lost - self._lost, lost
-        if silent:
-            limit = self.value("silence_s")
-            return WARN, f"nothing from {', '.join(silent)} for more than {limit:g} s: check sensor, cable and driver"
-        if synchroniser.drops_everything:
-            return ERROR, f"no samples can be joined: {synchroniser.explain_losses()}; compare stamps and tolerance_s"
-        if other := self._other_scalar_type():
-            return WARN, f"{_SCALAR_TOPIC} carries {other}: start the collector with scalar_type:={other}"
+        problems = self._problems(synchroniser, silent)
+        if problems:
+            without = synchroniser.silent
+            if without and len(self._sensors) - len({*without, *silent}) > 1:
+                problems.append(f"samples go on without {' and '.join(without)}")
+            return ERROR, "; ".join(problems)
+        if self._frames.problems:
+            return WARN, "; ".join(self._frames.problems.values())
+        unstamped = [name for name, stamps in self._stamps.items() if stamps.are_zero]
+        if unstamped:
+            return WARN, _tell_unstamped(unstamped)
         if new_losses:
             return WARN, f"{new_losses} messages lost in the last second: {synchroniser.explain_losses()}"
         return None
+
+    def _problems(self, synchroniser: Synchroniser, silent: Sequence[str]) -> list[str]:
+        """Return why sensors cannot join the samples: they are silent, without stamps, or of another time."""
+        problems = []
+        if silent:
+            since = ", ".join(f"{name} since {self._time_of_day(self._heard_s[name])}" for name in silent)
+            problems.append(f"nothing from {since}: check sensor, cable and driver")
+        unstamped = [name for name in self._sensors if name not in silent and self._stamps[name].are_zero]
+        if unstamped:
+            problems.append(_tell_unstamped(unstamped))
+        apart = set(synchroniser.silent) - set(silent) - set(unstamped)
+        if synchroniser.drops_everything and len(silent) < len(self._sensors):
+            problems.append(
+                f"no samples can be joined: {synchroniser.explain_losses()}; compare stamps and tolerance_s"
+            )
+        elif apart:
+            names = " and ".join(sorted(apart))
+            problems.append(
+                f"{names} cannot be joined: {synchroniser.explain_losses()}; compare stamps and tolerance_s"
+            )
+        return problems
+
+    @staticmethod
+    def _time_of_day(monotonic_s: float) -> str:
+        return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(time.time() - time.monotonic() + monotonic_s))
 
     def _sensor_topics(self) -> str:
         return ", ".join(map(sensor_topic, range(1, self._layout.sensor_count + 1)))
@@ -121,37 +170,47 @@ class Collector(TamNode):
         limit = time.monotonic() - self.value("silence_s")
         return [name for name in self._sensors if self._heard_s[name] < limit]
 
-    def _other_scalar_type(self) -> str:
-        """Return the type on the scalar's topic where it is not the one that is subscribed, or nothing."""
-        endpoints = self.get_publishers_info_by_topic(self.resolve_topic_name(_SCALAR_TOPIC))
-        types = {endpoint.topic_type.replace("/msg/", "/") for endpoint in endpoints}
-        return "" if not types or self.value("scalar_type") in types else types.pop()
+    def mend_of_type(self, topic: str, published: str) -> str:
+        """Return what mends an input that is published as another type: of the scalar, a parameter.
+
+        Parameters
+        ----------
+        topic : str
+            Its whole name.
+        published : str
+            The type, such as ``sensor_msgs/msg/Imu``.
+        """
+        scalar_type = published.replace("/msg/", "/")
+        if topic == self.resolve_topic_name(_SCALAR_TOPIC) and scalar_type in _SCALAR_TYPES:
+            return f"start the collector with scalar_type:={scalar_type}"
+        return super().mend_of_type(topic, published)
 
     def _subscribe(self) -> None:
-        for sensor, name in enumerate(self._sensors, start=1):
-            self._take_from(MagneticField, sensor_topic(sensor), name, partial(self._take_sensor, name))
         scalar_type = _SCALAR_TYPES[self.value("scalar_type")]
         take_scalar = self._take_norm if scalar_type is MagneticField else partial(self._take_number, "scalar")
-        for message_type, channel, take in (
-            (scalar_type, "scalar", take_scalar),
-            (Imu, "attitude", self._take_attitude),
-            (Temperature, "temperature", self._take_temperature),
-            (Float64, "current", partial(self._take_number, "current")),
-        ):
-            self._take_from(message_type, CHANNEL_TOPICS[channel], channel, take)
+        sensors = [
+            (MagneticField, sensor_topic(sensor), name, partial(self._take_sensor, name))
+            for sensor, name in enumerate(self._sensors, start=1)
+        ]
+        channels = [
+            (scalar_type, CHANNEL_TOPICS["scalar"], "scalar", take_scalar),
+            (Imu, CHANNEL_TOPICS["attitude"], "attitude", self._take_attitude),
+            (Temperature, CHANNEL_TOPICS["temperature"], "temperature", self._take_temperature),
+            (Float64, CHANNEL_TOPICS["current"], "current", partial(self._take_number, "current")),
+        ]
+        topics = [
+            (kind, topic, partial(self._take, topic, stream, take)) for kind, topic, stream, take in sensors + channels
+        ]
+        self.listen_in_order(topics, STREAM)
 
-    def _take_from(self, message_type: Any, topic: str, stream: str, take: Callable[[bytes], None]) -> None:
-        """Subscribe a topic; messages come in the order in which they arrived on all topics."""
-
-        def take_or_refuse(message: bytes) -> None:
-            try:
-                take(message)
-            except InputError as problem:
-                self.refuse(topic, str(problem))
-                if self._synchroniser is not None:
-                    self._synchroniser.refuse(stream)
-
-        self.listen(message_type, topic, take_or_refuse, STREAM)
+    def _take(self, topic: str, stream: str, take: Callable[[bytes], None], message: bytes) -> None:
+        try:
+            take(message)
+            self._frames.check(stream, message)
+        except InputError as problem:
+            self.refuse(topic, str(problem))
+            if self._synchroniser is not None:
+                self._synchroniser.refuse(stream)
 
     def _take_sensor(self, stream: str, message: bytes) -> None:
         stamp_ns, vector = read_stamp_and_doubles(message, 3)
@@ -181,6 +240,8 @@ class Collector(TamNode):
             raise InputError("a value is infinite")
         if self._synchroniser is None:
             self._synchroniser = self._make_synchroniser()
+        if stream in self._turns:
+            values = self._turns[stream](*values)
         if stamp_ns is not None:
             self._stamps[stream].add(stamp_ns, time.time_ns())
         self._deliver(self._synchroniser.push(stream, stamp_ns, values))
@@ -203,7 +264,8 @@ class Collector(TamNode):
             tolerance_ns=round(self.value("tolerance_s") * 1e9),
             scalar_is_held=self.value("scalar_type") == "std_msgs/Float64",
             expected=("scalar",) if self.count_publishers(_SCALAR_TOPIC) else (),
-            delay_s=array_of(self).delay_s,
+            delay_s=self._array.stamp_delay_s,
+            silence_ns=round(self.value("silence_s") * 1e9),
         )
 
     def _deliver(self, samples: Sequence[Sample]) -> None:
@@ -211,18 +273,22 @@ class Collector(TamNode):
             if self._run.begins_again(sample.stamp_ns, sample.values[: 3 * len(self._sensors)]):
                 self._coverage.reset()
                 self.get_logger().warning("a recording is played once more: its first sample begins the run anew")
-            self._coverage.add(np.array(sample.values[:3]).reshape(1, 1, 3))
+            if not math.isnan(sum(sample.values[: 3 * len(self._sensors)])):
+                self._coverage.add(np.array(sample.values[:3]).reshape(1, 1, 3))
             if self._samples.get_subscription_count():
                 row = self._row.pack(sample.stamp_ns / 1_000_000_000, *sample.values)
                 self._samples.publish(self._writer.message(to_stamp(sample.stamp_ns), row))
 
-    def _tell_usage(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Answer how many of sensor 1's samples were used, and why not the others, as JSON."""
-        usage = self._synchroniser.usage if self._synchroniser else Usage(0, 0)
-        response.success, response.message = True, usage.to_json()
-        return response
+    def _show_coverage(self) -> None:
+        if self._markers.is_wanted():
+            header = self._markers.header(self.get_clock().now().nanoseconds)
+            self._markers.publish(coverage_markers(header, self._coverage.summary()))
 
-    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _tell_usage(self) -> str:
+        """Return how many of sensor 1's samples were used, and why not the others, as JSON."""
+        return (self._synchroniser.usage if self._synchroniser else Usage(0, 0)).to_json()
+
+    def _reset(self) -> str:
         """Forget coverage and losses; an empty cloud tells the calibrator to start over as well."""
         self._coverage.reset()
         self._run.start_over()
@@ -231,11 +297,12 @@ class Collector(TamNode):
         self._stamps.clear()
         header = Header(stamp=self.get_clock().now().to_msg(), frame_id=self._frame_id)
         self._samples.publish(make_cloud(header, self._layout.columns))
-        response.success, response.message = (
-            True,
-            "coverage, losses and stored samples are forgotten: start turning the array",
-        )
-        return response
+        return "coverage, losses and stored samples are forgotten: start turning the array"
+
+
+def _tell_unstamped(streams: Sequence[str]) -> str:
+    drivers = " and ".join(streams)
+    return f"the driver of {drivers} does not stamp its messages: all stamps are 0"
 
 
 def _describe(coverage: Coverage) -> dict[str, object]:
@@ -254,5 +321,10 @@ def _count(synchroniser: Synchroniser) -> dict[str, object]:
         for name, losses in synchroniser.losses.items()
         for what in ("received", "unmatched", "duplicate", "late", "implausible", "unusable", "missing")
     }
-    overall = {"samples": synchroniser.delivered, "restarts": synchroniser.restarts}
+    overall = {
+        "samples": synchroniser.delivered,
+        "partial": synchroniser.partial,
+        "silent": " ".join(synchroniser.silent),
+        "restarts": synchroniser.restarts,
+    }
     return overall | {"losses": synchroniser.explain_losses()} | by_stream

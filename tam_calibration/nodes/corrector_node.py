@@ -1,15 +1,19 @@
 """The corrector node: turns samples into the centre vector and the gradient tensor."""
 
+import math
 import time
 from collections import deque
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from sensor_msgs.msg import MagneticField, PointCloud2
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, String
+from visualization_msgs.msg import Marker
 
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.partial import missing_codes, sensors_of
 from tam_calibration.correction.streaming import Correction, why_left_in
 from tam_calibration.files import calibration_from_yaml, read_calibration
 from tam_calibration.messages.point_cloud import (
@@ -22,15 +26,19 @@ from tam_calibration.messages.point_cloud import (
 from tam_calibration.messages.run import Run
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, IntArray, to_nanotesla
-from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
+from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.calibration_figures import figures, introduce
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, Rows, cloud_writer, from_stamp, layout_of
-from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
+from tam_calibration.nodes.listening import LATCHED, RELIABLE_STREAM
+from tam_calibration.nodes.markers import Shown, field_marker
+from tam_calibration.nodes.node_parameters import ARRAY_FILE, CALIBRATION_FILE, FRAME_ID, array_of
+from tam_calibration.nodes.scheduling import REAL_TIME, precede
 
 RULES = (
     ARRAY_FILE,
     FRAME_ID,
-    Rule("calibration_file", "", "Calibration YAML that is loaded at the start; a newer one comes over `calibration`."),
+    REAL_TIME,
+    CALIBRATION_FILE,
 )
 
 _WINDOW_BATCHES = 500
@@ -54,6 +62,7 @@ class Corrector(TamNode):
         self._array = array_of(self)
         self._calibration: Calibration | None = None
         self._correction: Correction | None = None
+        self._missing, self._partial_count = 0, 0
         self._run = Run()
         self._left_in: tuple[str, ...] = ()
         self._problem_of_calibration = self._problem_of_samples = ""
@@ -62,10 +71,11 @@ class Corrector(TamNode):
         self._lengths: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_WINDOW_BATCHES)
         self._reader = CloudReader(partial(self.refuse, "samples"))
         self._offer_outputs(self.value("frame_id"))
-        if path := self.value("calibration_file"):
-            self._switch(read_calibration(Path(path)))
+        self._load(self.value("calibration_file"))
+        self.on_change({"calibration_file": self._load})
         self.create_subscription(String, "calibration", self._take_calibration, LATCHED)
         self.listen_to_all(PointCloud2, "samples", self._take_samples, RELIABLE_STREAM)
+        self._scheduling = precede() if self.value("real_time") else "normal"
         told = introduce(self._calibration, self.value("calibration_file"), self.now_s)
         self.say_start(told, "waits for samples" if self._calibration else "waits for calibration and samples")
 
@@ -78,8 +88,12 @@ class Corrector(TamNode):
             "corrected": self._corrected,
             "center_residual_T": f"{residual_T:.4g}",
             "center_floor_T": f"{self._calibration.floor.center_intensity_T:.4g}" if self._calibration else "nan",
+            "partial": self._partial_count,
+            "missing_sensors": " ".join(map(str, sensors_of(self._missing))),
+            "not_determined": " ".join(self._not_determined()),
             "effects": " ".join(self._correction.takes_off) if self._correction else "",
             "effects_left_in": " ".join(self._left_in),
+            "scheduling": self._scheduling,
         }
         return Health(level, message, values | figures(self._calibration, self._newest_s))
 
@@ -101,6 +115,8 @@ class Corrector(TamNode):
             return WARN, f"a new calibration was not taken, the old one stays: {self._problem_of_calibration}"
         if time.monotonic() - self._heard_s > _SILENCE_S:
             return STALE, "no samples arrive: see the collector"
+        if self._missing:
+            return self._judge_partial()
         if self._left_in:
             reasons = "; ".join(map(why_left_in, self._left_in))
             return WARN, f"an effect stays in, the standard errors hold its size: {reasons}"
@@ -111,6 +127,25 @@ class Corrector(TamNode):
         if residual_T > _DOUBTFUL_RATIO * max(floor_T, self._calibration.in_sample.center_intensity_T):
             return WARN, f"{compared}: calibrate again"
         return OK, compared
+
+    def _judge_partial(self) -> tuple[bytes, str]:
+        """Return level and sentence while sensors are missing: an error where not even the field is determined."""
+        names = " and ".join(map(str, sensors_of(self._missing)))
+        told = f"no reading of sensor {names}: outputs are those of the others"
+        unknown = self._not_determined()
+        if unknown:
+            told = f"{told}, which do not determine {' '.join(unknown)}"
+        return ERROR if "bx" in unknown else WARN, told
+
+    def _not_determined(self) -> tuple[str, ...]:
+        """Return the outputs that the newest sample does not determine."""
+        if not self._missing or self._correction is None:
+            return ()
+        return self._correction.partial.without(self._missing).not_determined
+
+    def _load(self, path: str) -> None:
+        if path:
+            self._switch(read_calibration(Path(path)))
 
     def _take_calibration(self, message: String) -> None:
         """Take a calibration that can be used; the next sample is the first that it corrects."""
@@ -123,9 +158,8 @@ class Corrector(TamNode):
     def _switch(self, calibration: Calibration) -> None:
         if not calibration.is_of(self._array):
             raise InputError("the calibration is of another array: choose the array_file that it was made with")
-        correction = Correction(calibration)
-        self._correction, self._run = correction if correction.takes_off else None, Run()
-        self._left_in = ()
+        self._correction, self._run = Correction(calibration), Run()
+        self._left_in, self._missing = (), 0
         self._calibration, self._problem_of_calibration = calibration, ""
         self._lengths.clear()
 
@@ -139,6 +173,7 @@ class Corrector(TamNode):
         )
         self._field_gradient = self.offer(PointCloud2, "field_gradient", RELIABLE_STREAM)
         self._field_gradient_writer = cloud_writer(FIELD_GRADIENT_COLUMNS, frame_id)
+        self._marker = Shown(self, Marker, "center_marker", frame_id)
 
     def _take_samples(self, messages: list[bytes]) -> None:
         for rows in self._reader.read(messages):
@@ -150,24 +185,41 @@ class Corrector(TamNode):
                 continue
             self._problem_of_samples, self._heard_s = "", time.monotonic()
             self._received += len(rows.values)
-            if self._calibration is not None and len(rows.values):
-                self._correct(self._calibration, layout, rows)
+            if self._calibration is not None and self._correction is not None and len(rows.values):
+                self._correct(self._calibration, self._correction, layout, rows)
 
-    def _correct(self, calibration: Calibration, layout: SampleLayout, rows: Rows) -> None:
+    def _correct(self, calibration: Calibration, correction: Correction, layout: SampleLayout, rows: Rows) -> None:
         last = 1 + 3 * layout.sensor_count
         readings = rows.values[:, 1:last].reshape(len(rows.values), -1, 3)
         outputs = calibration.apply(readings)
         errors = [calibration.output_standard_errors] * len(outputs)
-        if self._correction is not None:
-            usable = np.flatnonzero(np.isfinite(readings).all(axis=(1, 2)))
+        codes = None
+        if math.isnan(sum(outputs[:, 0].tolist())):  # a third of the time of isnan and any
+            codes = missing_codes(readings)
+            correction.partial.put(outputs, readings, codes)
+            errors = correction.partial.standard_errors(codes)
+            self._partial_count += int(np.count_nonzero(codes))
+        self._missing = 0 if codes is None else int(codes[-1])
+        if correction.takes_off:
             values = self._in_run_time(rows, last)
+            if codes is not None:
+                readings = correction.partial.filled(readings, codes)
+                values[:, 1:last] = readings.reshape(len(values), -1)
+            usable = np.flatnonzero(np.isfinite(readings).all(axis=(1, 2)))
             for run in np.split(usable, np.flatnonzero(np.diff(values[usable, 0]) <= 0) + 1):
-                self._take_off_effects(self._correction, layout, values, run, outputs, errors)
+                own = None if codes is None else codes[run]
+                self._take_off_effects(correction, layout, values, run, own, outputs, errors)
         if layout.scalar:
             self._lengths.append((outputs[:, :3], rows.values[:, last]))
         self._newest_s = float(rows.values[-1, 0])
         self._corrected += len(outputs)
-        self._publish(rows.stamps, outputs, errors)
+        centers = {}
+        if codes is not None:
+            for index in np.flatnonzero(codes).tolist():
+                covariance = correction.partial.without(int(codes[index])).covariance[:3, :3].copy()
+                np.fill_diagonal(covariance, errors[index][:3] ** 2)
+                centers[index] = covariance.tobytes()
+        self._publish(rows.stamps, outputs, errors, centers)
 
     def _in_run_time(self, rows: Rows, last: int) -> FloatArray:
         """Return the rows with the time of the run, so that effects with a memory keep it where stamps step back."""
@@ -184,6 +236,7 @@ class Corrector(TamNode):
         layout: SampleLayout,
         rows: FloatArray,
         run: IntArray,
+        codes: IntArray | None,
         outputs: FloatArray,
         errors: list[FloatArray],
     ) -> None:
@@ -192,7 +245,7 @@ class Corrector(TamNode):
             return
         values = rows[run]
         try:
-            batch = correction.correct(layout.recording(np.where(np.isfinite(values), values, np.nan)))
+            batch = correction.correct(layout.recording(np.where(np.isfinite(values), values, np.nan)), codes)
         except InputError as problem:
             self.refuse("samples", str(problem))
             outputs[run] = np.nan
@@ -202,13 +255,16 @@ class Corrector(TamNode):
         for index, own in zip(run, batch.standard_errors, strict=True):
             errors[index] = own
 
-    def _publish(self, stamps: list[bytes], outputs: FloatArray, errors: list[FloatArray]) -> None:
+    def _publish(
+        self, stamps: list[bytes], outputs: FloatArray, errors: list[FloatArray], centers: Mapping[int, bytes]
+    ) -> None:
+        """Publish results, the covariance of the centre field from the standard errors where it is not given."""
         tells_center = self._center.get_subscription_count() > 0
         tells_gradient = self._array.has_gradient and self._gradient.get_subscription_count() > 0
         tells_both = self._field_gradient.get_subscription_count() > 0
-        for stamp, output, error in zip(stamps, outputs, errors, strict=True):
+        for index, (stamp, output, error) in enumerate(zip(stamps, outputs, errors, strict=True)):
             if tells_center:
-                doubles = output[:3].tobytes() + center_covariance(error).tobytes()
+                doubles = output[:3].tobytes() + (centers.get(index) or center_covariance(error).tobytes())
                 self._center.publish(self._center_writer.message(stamp, doubles))
             if tells_gradient:
                 doubles = output[_GRADIENT_ROW_MAJOR].tobytes()
@@ -216,6 +272,8 @@ class Corrector(TamNode):
             if tells_both:
                 doubles = output.tobytes() + error.tobytes()
                 self._field_gradient.publish(self._field_gradient_writer.message(stamp, doubles))
+        if self._marker.is_wanted() and np.isfinite(outputs[-1, :3]).all():
+            self._marker.publish(field_marker(self._marker.header(from_stamp(stamps[-1])), outputs[-1, :3]))
 
 
 _GRADIENT_ROW_MAJOR = np.array(GRADIENT_ROW_MAJOR)

@@ -9,13 +9,16 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from geometry_msgs.msg import PointStamped
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header, String
+from visualization_msgs.msg import MarkerArray
 
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.partial import PartialCorrection
 from tam_calibration.files import calibration_from_yaml, read_calibration
 from tam_calibration.localization.euler import DIPOLE_INDEX
+from tam_calibration.localization.pose import pose_rows
 from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS
@@ -24,16 +27,18 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.attitude_join import AttitudeJoin, Joined
-from tam_calibration.nodes.base import ERROR, LATCHED, OK, RELIABLE_STREAM, STALE, WARN, Health, TamNode
+from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.calibration_figures import introduce
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, cloud_writer, from_stamp, layout_of, to_stamp
-from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
+from tam_calibration.nodes.listening import LATCHED, RELIABLE_STREAM
+from tam_calibration.nodes.markers import Shown, source_markers
+from tam_calibration.nodes.node_parameters import ARRAY_FILE, CALIBRATION_FILE, FRAME_ID, Rule, array_of
 
 _FITTED, _NONE = "fitted", "none"
 RULES = (
     ARRAY_FILE,
     FRAME_ID,
-    Rule("calibration_file", "", "Calibration YAML that is loaded at the start; a newer one comes over `calibration`."),
+    CALIBRATION_FILE,
     Rule(
         "index", DIPOLE_INDEX, "Structural index: 3 dipole, 2 line of dipoles, 1 line of current.", bounds=(0.1, 10.0)
     ),
@@ -88,6 +93,7 @@ class Localizer(TamNode):
         super().__init__("localizer", RULES)
         self._stated_array = self._array = array_of(self)
         self._calibration: Calibration | None = None
+        self._partial: PartialCorrection | None = None
         import_module("scipy.spatial.transform")  # else it would be loaded while the first samples wait
         self._given: str = self.value("regional")
         known = () if self._given in (_FITTED, _NONE) else (Regional(field_at(self._given), self._attitude_noise),)
@@ -99,10 +105,13 @@ class Localizer(TamNode):
         frame_id: str = self.value("fixed_frame") or self.value("frame_id")
         self._source = self.offer(PointStamped, "source", RELIABLE_STREAM)
         self._source_writer = MessageWriter.of(PointStamped(header=Header(frame_id=frame_id)), 3)
+        self._pose = self.offer(PoseWithCovarianceStamped, "source_pose", RELIABLE_STREAM)
+        self._pose_writer = MessageWriter.of(PoseWithCovarianceStamped(header=Header(frame_id=frame_id)), 43)
+        self._markers = Shown(self, MarkerArray, "source_markers", frame_id)
         self._estimate = self.offer(PointCloud2, "source_estimate", RELIABLE_STREAM)
         self._estimate_writer = cloud_writer(SOURCE_COLUMNS, frame_id)
-        if path := self.value("calibration_file"):
-            self._switch(read_calibration(Path(path)))
+        self._load(self.value("calibration_file"))
+        self.on_change({"calibration_file": self._load})
         self.create_subscription(String, "calibration", self._take_calibration, LATCHED)
         self._readers = {topic: CloudReader(partial(self.refuse, topic)) for topic in ("field_gradient", "samples")}
         # Attitudes first, so that no outputs wait for one that is there.
@@ -126,7 +135,8 @@ class Localizer(TamNode):
 
     @property
     def _is_heard(self) -> bool:
-        return bool(self._estimate.get_subscription_count() or self._source.get_subscription_count())
+        topics = (self._estimate, self._source, self._pose, self._markers)
+        return any(topic.get_subscription_count() for topic in topics)
 
     def health(self) -> Health:
         """Return how many samples were located, and why the others were not."""
@@ -152,6 +162,10 @@ class Localizer(TamNode):
         worst, count = refused.most_common(1)[0]
         return OK if located else WARN, f"{counted}; of {count}: {worst.reason}"
 
+    def _load(self, path: str) -> None:
+        if path:
+            self._switch(read_calibration(Path(path)))
+
     def _take_calibration(self, message: String) -> None:
         try:
             self._switch(calibration_from_yaml(message.data, self.resolve_topic_name("calibration")))
@@ -163,6 +177,7 @@ class Localizer(TamNode):
         if not calibration.is_of(self._stated_array):
             raise InputError("the calibration is of another array: choose the array_file that it was made with")
         self._array, self._calibration, self._problem_of_calibration = calibration.array, calibration, ""
+        self._partial = PartialCorrection(calibration)
         self._run.start_over()
         self._forget_regional()
 
@@ -237,6 +252,8 @@ class Localizer(TamNode):
 
     def _solutions(self, joined: Sequence[Joined]) -> EulerSolutions:
         outputs = np.array([one.outputs for one in joined])
+        if not np.isfinite(outputs[:, :9]).all(axis=1).any():
+            return EulerSolutions.refused(len(joined), Status.NOT_FINITE)
         unknown = np.full(4, np.nan)
         attitude = np.array([unknown if one.attitude is None else one.attitude for one in joined])
         try:
@@ -254,12 +271,19 @@ class Localizer(TamNode):
         return turned(solutions, attitude) if self.value("fixed_frame") else solutions
 
     def _covariance(self, standard_errors: FloatArray) -> FloatArray:
-        """Return the (9, 9) covariance of outputs: the calibration's, and what effects left in add to its diagonal."""
+        """Return the (9, 9) covariance of outputs: the calibration's, and what effects left in add to its diagonal.
+
+        Without some of the sensors it is that of the outputs of the others.
+        """
         variance = standard_errors**2
-        if self._calibration is None:
+        if self._calibration is None or self._partial is None:
             return np.diag(variance)
         own = self._calibration.output_covariance
         added = variance - np.diag(own)
+        if (added > _ROUNDING * variance).any() and (
+            partial := self._partial.covariance_with(standard_errors)
+        ) is not None:
+            return partial
         covariance: FloatArray = own + np.diag(np.where(added > _ROUNDING * variance, added, 0.0))
         return covariance
 
@@ -270,6 +294,14 @@ class Localizer(TamNode):
             for index in np.flatnonzero(solutions.is_located):
                 point = solutions.position_m[index].tobytes()
                 self._source.publish(self._source_writer.message(stamps[index], point))
+        if self._pose.get_subscription_count():
+            rows = pose_rows(solutions)
+            for index in np.flatnonzero(solutions.is_located):
+                self._pose.publish(self._pose_writer.message(stamps[index], rows[index].tobytes()))
+        if solutions.is_located.any() and self._markers.is_wanted():
+            newest = int(np.flatnonzero(solutions.is_located)[-1])
+            header = self._markers.header(joined[newest].stamp_ns)
+            self._markers.publish(source_markers(header, solutions, newest))
         if self._estimate.get_subscription_count():
             for stamp, row in zip(stamps, source_rows(solutions), strict=True):
                 self._estimate.publish(self._estimate_writer.message(stamp, row.tobytes()))

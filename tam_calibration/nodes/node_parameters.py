@@ -11,7 +11,9 @@ from rclpy.node import Node
 from tam_calibration.files import read_array
 from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.messages.point_cloud import FRAME_ID as DEFAULT_FRAME_ID
+from tam_calibration.messages.transforms import STATIC_TRANSFORMS
 from tam_calibration.model.array import Array
+from tam_calibration.nodes.static_transforms import StaticTransforms
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,9 @@ class Rule:
 
 
 ARRAY_FILE = Rule("array_file", "", "Path of the array YAML; empty for the cross with a baseline of 0.5 m.")
+CALIBRATION_FILE = Rule(
+    "calibration_file", "", "Calibration YAML; a newer one comes over `calibration`, or by this.", read_only=False
+)
 FRAME_ID = Rule("frame_id", DEFAULT_FRAME_ID, "Frame of all that is published: the array frame.")
 
 
@@ -108,14 +113,22 @@ def array_name(node: Node) -> str:
 
 
 def array_of(node: Node) -> Array:
-    """Return the array that a node's parameter ``array_file`` names.
+    """Return the array that a node's parameter ``array_file`` names, placed by tf where the file leaves that to tf.
 
     Raises
     ------
     InputError
-        When the file cannot be used.
+        When the file cannot be used, or tf does not tell what it leaves to it.
     """
-    return read_array(_array_path(node))
+    transforms = StaticTransforms(node, node.get_parameter(FRAME_ID.name).value)
+    try:
+        array = read_array(_array_path(node), transforms.look_up)
+    finally:
+        transforms.close()
+    if transforms.are_used:
+        places = (f"sensor {sensor} at {x:g} {y:g} {z:g} m" for sensor, (x, y, z) in enumerate(array.positions_m, 1))
+        node.get_logger().info(f"{STATIC_TRANSFORMS} tells where the sensors are: {', '.join(places)}")
+    return array
 
 
 def _array_path(node: Node) -> Path:

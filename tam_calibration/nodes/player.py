@@ -3,16 +3,18 @@
 import time
 from collections.abc import Iterator
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
-from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
 
 from tam_calibration.files.bag import raw_messages
 from tam_calibration.model.exceptions import InputError
+
+if TYPE_CHECKING:
+    from rosbags.rosbag2 import Reader
 
 _CLOCK_PERIOD_NS = 10_000_000
 _SENSOR_TYPE = "sensor_msgs/msg/MagneticField"
@@ -42,7 +44,7 @@ class Player(Node):
         When no message of it is of a type that is installed here.
     """
 
-    def __init__(self, reader: Reader, rate: float = 1.0, clock: bool = False) -> None:
+    def __init__(self, reader: "Reader", rate: float = 1.0, clock: bool = False) -> None:
         super().__init__("player")
         self._reader, self._rate = reader, rate
         self._clock_publisher = self.create_publisher(Clock, "/clock", 10) if clock else None

@@ -7,7 +7,7 @@ import sys
 from importlib import import_module
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.nodes import announce_often
+from tam_calibration.nodes import configure_fast_dds
 from tam_calibration.nodes.signals import Startup
 
 
@@ -49,7 +49,7 @@ def _run(*names: str) -> int:
     """
     startup = Startup()
     try:
-        announce_often()
+        configure_fast_dds()
         nodes = [getattr(import_module(f"tam_calibration.nodes.{name.lower()}_node"), name) for name in names]
         import_module("tam_calibration.nodes.spinning").spin_nodes(startup, nodes)
     except (InputError, OSError) as problem:

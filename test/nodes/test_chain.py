@@ -12,6 +12,7 @@ from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, GRADIEN
 from tam_calibration.model.array import Array
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
+visualization_msgs = pytest.importorskip("visualization_msgs.msg", reason="the ROS message packages are not installed")
 std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")
 
 RELATIVE = 1e-12
@@ -31,7 +32,7 @@ def stamps_of(messages):
 
 def publisher_of(bench, text):
     """Publish a string on the latched topic `calibration`, as another calibrator would."""
-    from tam_calibration.nodes.base import LATCHED
+    from tam_calibration.nodes.listening import LATCHED
 
     publisher = bench.node.create_publisher(std_msgs.String, "calibration", LATCHED)
     publisher.publish(std_msgs.String(data=text))
@@ -84,8 +85,11 @@ def test_outputs_equal_those_offline(bench, recording, calibration_file):
     center = bench.listen(sensor_msgs.MagneticField, "center")
     gradient = bench.listen(std_msgs.Float64MultiArray, "gradient")
     field_gradient = bench.listen(sensor_msgs.PointCloud2, "field_gradient")
+    arrows = bench.listen(visualization_msgs.Marker, "center_marker")
+    coverages = bench.listen(visualization_msgs.MarkerArray, "coverage_markers")
     publish = bench.publish_sensors()
-    bench.connect(collector={"samples": 2}, corrector={"center": 1, "gradient": 1, "field_gradient": 1})
+    outputs_heard = {"center": 1, "gradient": 1, "field_gradient": 1, "center_marker": 1}
+    bench.connect(collector={"samples": 2, "coverage_markers": 1}, corrector=outputs_heard)
     bench.play(recording, publish, samples, last=200)
     bench.spin_until(lambda: min(len(center), len(gradient), len(field_gradient)) == 200, "all are corrected")
 
@@ -100,9 +104,21 @@ def test_outputs_equal_those_offline(bench, recording, calibration_file):
     assert_allclose(np.sqrt(np.diag(np.reshape(center[0].magnetic_field_covariance, (3, 3)))), errors[0, :3])
     assert_allclose([message.data for message in gradient], outputs[:, GRADIENT_ROW_MAJOR], rtol=RELATIVE)
     assert center[0].header.frame_id == field_gradient[0].header.frame_id == "tam_array"
+    assert 0 < len(arrows) < 200 and {arrow.header.frame_id for arrow in arrows} == {"tam_array"}
+    tips = [[arrow.points[1].x, arrow.points[1].y, arrow.points[1].z] for arrow in arrows]
+    shown = [stamps_of(center).index(stamp) for stamp in stamps_of(arrows)]
+    assert_allclose(tips, 1e4 * outputs[shown, :3], rtol=RELATIVE)
     bench.health(
         "corrector", lambda status, _: "noise floor" in status.message, "the residual is compared with the floor"
     )
+    coverages.clear()
+    bench.spin_until(lambda: len(coverages) == 2, "the coverage is shown every second")
+    first, second = stamps_of([message.markers[0] for message in coverages])
+    assert 0.5e9 < second - first < 1.5e9
+    covered, missing = coverages[-1].markers
+    _, figures = bench.health("collector", lambda *_: True, "it tells the coverage")
+    assert len(covered.points) / (len(covered.points) + len(missing.points)) == float(figures["fraction"])
+    assert covered.header.frame_id == "tam_array"
 
 
 def test_new_calibration_switches_without_a_gap(bench, recording, calibration):
@@ -141,7 +157,7 @@ def test_calibration_of_another_array_is_not_taken(bench, calibration):
 
 
 def test_silent_sensor_is_named_until_it_restarts(bench, recording):
-    """A sensor that stops is named in /diagnostics, the service still answers, and samples go on when it restarts."""
+    """A sensor that stops is named at ERROR, the service still answers, and whole samples go on when it restarts."""
     bench.start_nodes(collector={"silence_s": 0.5}, calibrator={})
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     others, second = bench.publish_sensors((1, 3, 4)), bench.publish_sensors((2,), scalar=False)
@@ -153,14 +169,15 @@ def test_silent_sensor_is_named_until_it_restarts(bench, recording):
     status, figures = bench.health(
         "collector", lambda status, _: "tam_2" in status.message, "the silent sensor is named"
     )
-    assert status.level == b"\x01" and "tam_3" not in status.message
+    assert status.level == b"\x02" and "tam_3" not in status.message
     assert int(figures["tam_2.missing"]) > 0
     answer = bench.call("calibrator/calibrate")
     assert not answer.success and "samples" in answer.message
-    before = len(samples)
     active.append(second)
-    bench.spin_until(lambda: len(samples) > before + 20, "samples go on")
     bench.health("collector", lambda status, _: "nothing from" not in status.message, "nothing is silent")
+    before = len(samples)
+    bench.spin_until(lambda: len(samples) > before + 20, "samples go on")
+    assert np.isfinite(rows_of(samples[before:])[:, 1:13]).all()
 
 
 def test_stamps_backwards_start_over(bench, recording):
@@ -201,6 +218,7 @@ def test_other_scalar_type_is_told(bench, recording):
     bench.stream(recording, [bench.publish_sensors(scalar=False)])
     status, _ = bench.health("collector", lambda status, _: "std_msgs/Float64" in status.message, "the type is told")
     assert "scalar_type:=std_msgs/Float64" in status.message
+    assert "scalar/intensity is published as std_msgs/msg/Float64, not sensor_msgs/msg/MagneticField" in status.message
     bench.node.destroy_publisher(publisher)
 
 

@@ -128,8 +128,8 @@ def test_a_sample_that_is_none_is_counted(bench, drifting, calibration_file):
     from rclpy.time import Time
     from std_msgs.msg import Header
 
-    from tam_calibration.nodes.base import RELIABLE_STREAM
     from tam_calibration.nodes.cloud import make_cloud
+    from tam_calibration.nodes.listening import RELIABLE_STREAM
 
     bench.start_nodes(corrector={"calibration_file": calibration_file})
     outputs = bench.listen(sensor_msgs.PointCloud2, "field_gradient")

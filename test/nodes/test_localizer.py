@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from tam_calibration.correction.partial import PartialCorrection
 from tam_calibration.files import read_calibration, write_calibration
 from tam_calibration.fit import calibrate
+from tam_calibration.localization.pose import pose_rows
 from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
 from tam_calibration.localization.solutions import Status
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS, SampleLayout
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
+visualization_msgs = pytest.importorskip("visualization_msgs.msg", reason="the ROS message packages are not installed")
 geometry_msgs = pytest.importorskip("geometry_msgs.msg", reason="the ROS message packages are not installed")
 
 FIRST = 200
@@ -53,18 +56,21 @@ class Feed:
     """Publishes what collector and corrector would, and keeps what the localizer answers."""
 
     def __init__(self, bench, **parameters):
-        from tam_calibration.nodes.base import RELIABLE_STREAM
+        from tam_calibration.nodes.listening import RELIABLE_STREAM
 
         bench.start_nodes(localizer=parameters)
         self.bench = bench
         self.estimates = bench.listen(sensor_msgs.PointCloud2, "source_estimate")
         self.sources = bench.listen(geometry_msgs.PointStamped, "source")
+        self.poses = bench.listen(geometry_msgs.PoseWithCovarianceStamped, "source_pose")
+        self.markers = bench.listen(visualization_msgs.MarkerArray, "source_markers")
         topics = ("samples", "field_gradient") if parameters.get("regional") != "none" else ("field_gradient",)
         self.publishers = {
             topic: bench.node.create_publisher(sensor_msgs.PointCloud2, topic, RELIABLE_STREAM) for topic in topics
         }
         wanted = {f"publishers./{topic}": "1" for topic in topics}
-        wanted |= {"subscribers./source": "1", "subscribers./source_estimate": "1"}
+        topics = ("source", "source_estimate", "source_pose", "source_markers")
+        wanted |= {f"subscribers./{topic}": "1" for topic in topics}
         bench.health("localizer", lambda _, figures: wanted.items() <= figures.items(), "all are connected")
 
     def publish(self, topic, stamp_ns, columns, row):
@@ -89,6 +95,17 @@ class Feed:
         from tam_calibration.nodes.cloud import read_cloud
 
         return np.concatenate([read_cloud(cloud)[1] for cloud in self.estimates])
+
+
+def stamp_of(message):
+    """Return the stamp of a message, nanoseconds."""
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def numbers_of(pose):
+    """Return the 43 numbers of a pose with covariance."""
+    place, turn = pose.pose.position, pose.pose.orientation
+    return [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, *pose.covariance]
 
 
 def rows_of(solutions):
@@ -122,7 +139,17 @@ def test_each_sample_is_located_as_offline(bench, passing, outputs, calibration_
     feed.bench.spin_until(lambda: len(feed.sources) == offline.is_located.sum(), "only located ones are published")
     points = [[message.point.x, message.point.y, message.point.z] for message in feed.sources]
     assert_array_equal(points, rows[rows[:, STATUS] == 0, :3])
-    assert {message.header.frame_id for message in feed.sources} == {"level"}
+    feed.bench.spin_until(lambda: len(feed.poses) == len(points), "each has a pose")
+    located = np.flatnonzero(offline.is_located)
+    assert_allclose([numbers_of(message.pose) for message in feed.poses], pose_rows(offline)[located], rtol=1e-9)
+    assert [stamp_of(message) for message in feed.poses] == [stamps(passing)[FIRST + index] for index in located]
+    of_stamp = dict(zip([stamp_of(message) for message in feed.sources], points, strict=True))
+    assert feed.markers and len(feed.markers) <= len(points)
+    for ball, arrow in (message.markers for message in feed.markers):
+        place = ball.pose.position
+        assert [place.x, place.y, place.z] == of_stamp[stamp_of(ball)] and stamp_of(arrow) == stamp_of(ball)
+        assert arrow.header.frame_id == ball.header.frame_id == "level"
+    assert {message.header.frame_id for message in feed.sources + feed.poses} == {"level"}
     answered = [cloud.header.stamp.sec * 10**9 + cloud.header.stamp.nanosec for cloud in feed.estimates]
     assert answered == stamps(passing)
     _, figures = bench.health("localizer", lambda status, _: "located" in status.message, "it is counted")
@@ -142,6 +169,24 @@ def test_source_alone_needs_no_attitude(bench, passing, outputs, calibration_fil
     offline = locate_samples(source[:, :9], calibration.array, calibration.output_covariance, index=2.0)
     assert_allclose(rows, rows_of(offline), rtol=1e-12)
     assert rows[10, STATUS] == Status.NOT_FINITE
+
+
+def test_samples_that_lack_sensors_have_the_covariance_of_the_others(bench, passing, outputs, calibration_file):
+    """Three sensors determine all; of two opposite ones a part of the tensor is NaN: not located, and it is said."""
+    feed = Feed(bench, regional="none", calibration_file=calibration_file)
+    calibration = read_calibration(calibration_file)
+    partial = PartialCorrection(calibration)
+    source = outputs[:40].copy()
+    source[:, :9] *= 1e-2
+    source[:, 9:] = partial.without(8).standard_errors
+    source[20:, 9:] = partial.without(10).standard_errors
+    source[20:, 6:9] = np.nan
+    rows = feed.play(passing.take(slice(0, 40)), source)
+    offline = locate_samples(source[:20, :9], calibration.array, partial.without(8).covariance)
+    assert_allclose(rows[:20], rows_of(offline), rtol=1e-9)
+    assert (rows[20:, STATUS] == Status.NOT_FINITE).all()
+    _, figures = bench.health("localizer", lambda _, figures: figures["received"] == "40", "all are counted")
+    assert int(figures["refused.not_finite"]) == 20
 
 
 def test_missing_attitude_is_answered_and_told(bench, passing, outputs):

@@ -16,6 +16,7 @@ import yaml
 from tam_calibration.files import write_calibration
 from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.fit import calibrate
+from tam_calibration.nodes import configure_fast_dds
 from tam_calibration.nodes.children import START, Children
 
 NODES = ("collector", "calibrator", "corrector", "localizer")
@@ -139,7 +140,7 @@ def test_start_is_one_line(bench, tmp_path, cross, recording):
     sensors = ", ".join(f"tam_{sensor}/magnetic_field" for sensor in (1, 2, 3, 4))
     told = {
         "collector": f"array cross; waits for {sensors}",
-        "calibrator": f"array cross; no calibration: {missing} is not there yet; waits for samples",
+        "calibrator": f"array cross; no calibration: {missing} is not there yet; keeps samples in {bench.logs}",
         "corrector": f"array cross; calibration {path}, 1.0 h old: e_T ",
         "localizer": "array cross; no calibration; waits for field_gradient",
     }
@@ -169,3 +170,12 @@ def test_a_node_by_itself_has_the_settings_of_all(ros_domain, monkeypatch):
 def _port_of_a_participant(domain, number):
     """Return the port on which a participant of a domain would hear of others (RTPS 2.5, 9.6.2.3)."""
     return 7400 + 250 * domain + 10 + 2 * number
+
+
+@pytest.mark.parametrize("variable", ["FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS"])
+def test_what_a_user_says_of_fast_dds_stays_in_force(variable, monkeypatch):
+    """A profile or a choice of transports of the user's is neither replaced nor overruled by ours."""
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
+    monkeypatch.setenv(variable, "UDPv4")
+    configure_fast_dds()
+    assert os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE", "UDPv4") == "UDPv4"

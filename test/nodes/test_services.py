@@ -1,5 +1,8 @@
 """The services of the nodes: what they do, and the reason that they give when they cannot."""
 
+import re
+from dataclasses import replace
+
 import pytest
 from numpy.testing import assert_allclose
 
@@ -58,3 +61,97 @@ def test_services_answer_with_the_reason_when_there_is_nothing(bench):
     assert not answer.success and "no samples" in answer.message
     answer = bench.call("calibrator/save")
     assert not answer.success and "no calibration" in answer.message
+
+
+def test_every_call_of_a_storm_is_answered(bench, recording):
+    """Of 200 calls at once one calibrates, all others are told at once what the calibrator is busy with."""
+    bench.start_nodes(collector={}, calibrator={})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
+    bench.play(recording, publish, samples)
+    answers = storm(bench, "calibrator/calibrate")
+    done = [answer for answer in answers if answer.success]
+    busy = [answer for answer in answers if answer.message == "busy with calibrate: call again when that is answered"]
+    assert len(done) >= 1 and len(done) + len(busy) == len(answers) == 200
+    assert {answer.success for answer in storm(bench, "collector/usage")} == {True}
+    assert {answer.success for answer in storm(bench, "calibrator/save")} == {False}
+
+
+def storm(bench, service):
+    """Call a service 200 times at once and return the answers."""
+    from rclpy.qos import QoSProfile
+    from std_srvs.srv import Trigger
+
+    client = bench.node.create_client(Trigger, service, qos_profile=QoSProfile(depth=1000))
+    bench.spin_until(client.service_is_ready, f"{service} is there")
+    known = client.call_async(Trigger.Request())
+    bench.spin_until(known.done, f"{service} knows the client")
+    futures = [client.call_async(Trigger.Request()) for _ in range(200)]
+    bench.spin_until(lambda: all(future.done() for future in futures), "every call is answered")
+    bench.node.destroy_client(client)
+    return [future.result() for future in futures]
+
+
+def test_who_asks_during_a_diagnosis_is_told_how_far_it_is(bench, recording, tmp_path):
+    """Calibrate waits for nothing: it is refused with the progress; save works meanwhile."""
+    from std_srvs.srv import Trigger
+
+    path, readings = tmp_path / "calibration.yaml", recording.readings_T.copy()
+    readings[300:, 1] += [20e-9, -10e-9, 15e-9]  # so that there is something to look for
+    bench.start_nodes(collector={}, calibrator={"calibration_file": path})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
+    bench.play(replace(recording, readings_T=readings), publish, samples)
+    assert bench.call("calibrator/calibrate").success
+    client = bench.node.create_client(Trigger, "calibrator/diagnose")
+    bench.spin_until(client.service_is_ready, "calibrator/diagnose is there")
+    future = client.call_async(Trigger.Request())
+    bench.health("calibrator", lambda _, figures: "% done" in figures["busy_with"], "it works")
+    told = bench.call("calibrator/calibrate").message
+    assert re.fullmatch(r"busy with diagnose, \d+% done: call again when that is answered", told)
+    assert bench.call("calibrator/save").success and path.exists()
+    bench.spin_until(future.done, "the diagnosis is answered")
+    assert future.result().success
+
+
+def test_what_a_mission_needs_is_set_at_run_time(bench, recording, tmp_path):
+    """Method and files take effect at the next call; a value that cannot be used is refused with the reason."""
+    nodes = bench.start_nodes(collector={}, calibrator={}, corrector={})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 3})
+    bench.play(recording, publish, samples)
+    path = tmp_path / "calibration.yaml"
+    for name, value, reason in (
+        ("method", "guess", "guess is not one of: maximum_likelihood"),
+        ("calibration_file", str(tmp_path), f"{tmp_path} is a folder: name a file"),
+        ("gap_file", str(tmp_path / "no" / "gap.json"), f"cannot be written: there is no folder {tmp_path}/no"),
+    ):
+        assert reason in set_parameter(bench, "calibrator", name, value)
+    assert set_parameter(bench, "calibrator", "method", "two_step_linear") == ""
+    assert set_parameter(bench, "calibrator", "calibration_file", str(path)) == ""
+    assert "; two_step_linear on 600 samples" in bench.call("calibrator/calibrate").message
+    assert bench.call("calibrator/save").success
+    assert f"{tmp_path}/none.yaml cannot be read" in set_parameter(
+        bench, "corrector", "calibration_file", str(tmp_path / "none.yaml")
+    )
+    assert nodes.end_one("calibrator") == 0
+    assert set_parameter(bench, "corrector", "calibration_file", str(path)) == ""
+    bench.health("corrector", lambda _, figures: figures.get("calibration") == "two_step_linear", "it is loaded")
+
+
+def set_parameter(bench, node, name, value):
+    """Set a parameter of a node and return the reason of its refusal; empty when it is set."""
+    from rcl_interfaces.srv import SetParameters
+    from rclpy.parameter import Parameter
+
+    client = bench.node.create_client(SetParameters, f"{node}/set_parameters")
+    bench.spin_until(client.service_is_ready, f"{node} is there")
+    request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+    future = client.call_async(request)
+    bench.spin_until(future.done, f"{node} answers")
+    [result] = future.result().results
+    assert result.successful != bool(result.reason)
+    return result.reason

@@ -1,0 +1,97 @@
+"""How a node answers its services: every call, whatever it is busy with."""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from functools import partial
+from traceback import format_exc
+from typing import Any
+
+from rclpy.context import Context
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.service import Service
+from std_srvs.srv import Trigger
+
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.nodes.listening import ListeningNode
+from tam_calibration.nodes.work import Work
+
+_SERVICE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+"""Of a storm of calls the ten of ROS's default lose all others."""
+
+_TURN_S = 0.05
+"""Time from one look for calls to the next, seconds."""
+
+_ANSWERS_A_TURN = 4
+"""Sent at once: a caller has room for ten that wait, as ROS's default is, and loses the others when it is slow."""
+
+
+class AnsweringNode(ListeningNode):
+    """A node whose `Trigger` services are answered in turns, so that none waits for an executor or is lost."""
+
+    def __init__(self, name: str, context: Context | None = None) -> None:
+        self._served: dict[Service, tuple[str, Callable[[], str], Work | None]] = {}
+        self._answers: deque[tuple[Service, Any, Trigger.Response]] = deque()
+        super().__init__(name, context)
+        self.create_steady_timer(_TURN_S, self._turn)
+
+    @property
+    def services(self) -> Iterator[Service]:
+        """The services that the executor answers: not those that are answered in turns."""
+        yield from (each for each in super().services if each not in self._served)
+
+    def serve(self, name: str, action: Callable[[], str], work: Work | None = None) -> None:
+        """Offer a service of the type `Trigger`.
+
+        Parameters
+        ----------
+        name : str
+            Name of the service below that of the node.
+        action : callable
+            Returns the message of the answer; what it raises is the answer that it could not be done.
+        work : Work, optional
+            Does the action where that takes long: who calls while it is busy is told so at once.
+        """
+        service = self.create_service(Trigger, f"~/{name}", _unused, qos_profile=_SERVICE)
+        self._served[service] = name, action, work
+
+    def _turn(self) -> None:
+        for service, (name, action, work) in self._served.items():
+            while (header := _next_call(service)) is not None:
+                send = partial(self._send, service, header)
+                if work is None:
+                    send(self._response(action))
+                elif busy_with := work.busy_with:
+                    busy = f"busy with {busy_with}: call again when that is answered"
+                    send(Trigger.Response(success=False, message=busy))
+                else:
+                    work.begin(name, partial(self._response, action), send)
+        for _ in range(min(_ANSWERS_A_TURN, len(self._answers))):
+            service, header, response = self._answers.popleft()
+            service.send_response(response, header)
+
+    def _send(self, service: Service, header: Any, response: Trigger.Response) -> None:
+        self._answers.append((service, header, response))
+
+    def _response(self, action: Callable[[], str]) -> Trigger.Response:
+        response = Trigger.Response()
+        try:
+            response.message, response.success = action(), True
+        except (InputError, Refused, OSError) as problem:
+            response.message, response.success = " ".join(str(problem).split()), False
+            self.get_logger().warning(response.message)
+        except Exception as defect:  # a defect of a fit must not cost the mission its samples
+            response.message, response.success = f"a defect of this software: {defect!r}", False
+            self.get_logger().error(f"{response.message}\n{format_exc()}")
+        return response
+
+
+def _unused(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    """Stands for the callback of a service that no executor answers."""
+    return response
+
+
+def _next_call(service: Service) -> Any:
+    """Take a call that waits, and return what its response needs to find the caller; None where there is none."""
+    with service.handle:
+        _, header = service.handle.service_take_request(Trigger.Request)
+    return header

@@ -1,0 +1,46 @@
+"""Inputs that carry something else than they should are named: other types of messages, and stamps that are none."""
+
+import pytest
+
+sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
+
+INPUTS = {
+    "collector": ("tam_2/magnetic_field", "sensor_msgs/msg/MagneticField"),
+    "corrector": ("calibration", "std_msgs/msg/String"),
+    "calibrator": ("samples", "sensor_msgs/msg/PointCloud2"),
+    "localizer": ("field_gradient", "sensor_msgs/msg/PointCloud2"),
+}
+"""An input of each node, and its type."""
+
+
+def test_what_cannot_be_read_is_named(bench, recording):
+    """Another type, by every node, with both types and until the publisher goes; a driver whose stamps are all 0."""
+    bench.start_nodes(collector={"silence_s": 0.3}, corrector={}, calibrator={}, localizer={})
+    publishers = [bench.node.create_publisher(sensor_msgs.Imu, topic, 10) for topic, _ in INPUTS.values()]
+    told = {
+        name: f"{topic} is published as sensor_msgs/msg/Imu, not {kind}: look for the node that publishes it"
+        for name, (topic, kind) in INPUTS.items()
+    }
+    wait_for_all(bench, lambda status: told[status.name] in status.message and status.level == b"\x02")
+    for publisher in publishers:
+        bench.node.destroy_publisher(publisher)
+    wait_for_all(bench, lambda status: "is published as" not in status.message)
+
+    others = bench.publish_sensors((2, 3, 4))
+    unstamped = bench.node.create_publisher(sensor_msgs.MagneticField, "tam_1/magnetic_field", 100)
+    bench.stream(recording, [others, lambda *_: unstamped.publish(sensor_msgs.MagneticField())])
+    named = "the driver of tam_1 does not stamp its messages: all stamps are 0; samples go on without tam_1"
+    status, figures = bench.health("collector", lambda status, _: named in status.message, "the driver is named")
+    assert status.level == b"\x02" and int(figures["partial"]) > 0
+
+
+def wait_for_all(bench, condition):
+    """Wait until the status of every node has fulfilled a condition."""
+    waiting = set(INPUTS)
+
+    def is_met(status, _):
+        if status.name in waiting and condition(status):
+            waiting.discard(status.name)
+        return not waiting
+
+    bench.health("", is_met, "all nodes say so")
