@@ -33,9 +33,9 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes import ros_session
-from tam_calibration.nodes.base import RELIABLE_STREAM
 from tam_calibration.nodes.children import Children
 from tam_calibration.nodes.cloud import make_cloud, read_cloud
+from tam_calibration.nodes.listening import RELIABLE_STREAM
 from tam_calibration.nodes.localizer_node import source_rows
 from tam_calibration.sources.dipole import Dipole
 

@@ -24,9 +24,9 @@ from streaming_bench import SENSOR_TOPICS
 
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.nodes import ros_session
-from tam_calibration.nodes.base import STREAM, waiting
 from tam_calibration.nodes.children import Children
 from tam_calibration.nodes.cloud import MessageWriter, to_stamp
+from tam_calibration.nodes.listening import STREAM, waiting
 
 RESULTS = Path(__file__).parent / "results" / "receivers.csv"
 WARM_S = 2.0

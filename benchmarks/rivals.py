@@ -1,6 +1,6 @@
 """The fits beside the ellipsoid fits of other packages: the same data, accuracy beside time.
 
-Run ``python benchmarks/rivals.py``; ``pip install 'tam_calibration[bench]'`` brings the others, and what is not
+Run ``python benchmarks/rivals.py``; ``.venv/bin/pip install -e '.[bench]'`` brings the others, and what is not
 installed is left out and named. Three cases with fixed seeds: a cheap single sensor (hard iron of 20 µT, scale factors
 off by a tenth, axes by 2°, 20 nT of noise), the four sensors of Wu 2025 Table 1, one by one, and these in a field that
 drifts by 8.26 nT. Every fit gets the readings of one sensor, the intensities of the scalar magnetometer (0.1 nT) and
@@ -63,7 +63,7 @@ def main(runs: int) -> None:
     """Run the benchmark."""
     fits = OURS | {rival: fit for rival, (_, fit) in RIVALS.items() if is_installed(rival)}
     for module in sorted({module for rival, (module, _) in RIVALS.items() if not is_installed(rival)}):
-        click.echo(f"{module} is not installed and left out: pip install 'tam_calibration[bench]'", err=True)
+        click.echo(f"{module} is not installed and left out: .venv/bin/pip install -e '.[bench]'", err=True)
     rows: list[Row] = []
     for case, scenario in cases().items():
         scores: dict[str, list[dict[str, float]]] = {}

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from subprocess import Popen
 from tempfile import TemporaryDirectory
 
 import click
@@ -31,6 +32,7 @@ from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
 from tam_calibration.nodes import ros_session
 from tam_calibration.nodes.children import START, Children
+from tam_calibration.nodes.scheduling import precede
 from tam_calibration.simulation import simulate
 
 RELAY = Path(__file__).parent / "streaming_relay.py"
@@ -38,6 +40,7 @@ RESULTS = Path(__file__).parent / "results" / "streaming.csv"
 GATHER_S = 0.1
 WINDOW_S = 8.0
 NONE_LOST = (0.0, 0.5)
+BUSY = 4
 HEARD = {"field_gradient": PointCloud2, "source_estimate": PointCloud2}
 WANTED = {
     "collector": {"samples": "3"},
@@ -71,7 +74,7 @@ class Nodes:
         localizer = {"calibration_file": file, "regional": f"'{PLACE}'", "batch_s": gather_s}
         return {
             "stream": self.command("stream", corrector__calibration_file=file),
-            "calibrator": self.command("calibrator"),
+            "calibrator": self.command("calibrator", samples_file="none"),
             "localizer": self.command("localizer", **localizer),
         }
 
@@ -93,11 +96,30 @@ def running(
         bench.close()
 
 
-def lossless(nodes: Nodes, seconds: float) -> Iterator[Figure]:
+@contextmanager
+def beside_busy_processes(count: int) -> Iterator[None]:
+    """Have processes that take all the time they get run beside, as on a robot's machine.
+
+    The bench itself, drivers and listener, comes before them where its user may, so that what it waits is not counted.
+    """
+    processes = [Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        if count:
+            precede()
+        yield
+    finally:
+        for thread in Path("/proc/self/task").iterdir():
+            os.sched_setscheduler(int(thread.name), os.SCHED_OTHER, os.sched_param(0))
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def lossless(nodes: Nodes, seconds: float, busy: int) -> Iterator[Figure]:
     """Yield what is lost at 1000 Hz, node by node."""
     rate, count = 1000.0, round(1000 * seconds)
-    case = f"4 × 1000 Hz, scalar, localizer, {seconds:g} s"
-    with running(nodes.all(GATHER_S), HEARD, WANTED) as (bench, children):
+    case = f"4 × 1000 Hz, scalar, localizer, {seconds:g} s{beside(busy)}"
+    with running(nodes.all(GATHER_S), HEARD, WANTED) as (bench, children), beside_busy_processes(busy):
         spent = run(bench, samples(nodes.calibration, count, rate), rate, children.pids)
         arrived = {
             "sensor messages at the collector": sum(
@@ -118,11 +140,13 @@ def lossless(nodes: Nodes, seconds: float) -> Iterator[Figure]:
         yield from latencies(bench, case, ANYTHING)
 
 
-def light(nodes: Nodes, repeats: int, gather_s: float, most_percent: tuple[float, float]) -> Iterator[Figure]:
+def light(
+    nodes: Nodes, repeats: int, gather_s: float, most_percent: tuple[float, float], busy: int
+) -> Iterator[Figure]:
     """Yield processor time and latency at 100 Hz."""
     rate, count = 100.0, round(100 * WINDOW_S)
-    case = f"4 × 100 Hz, scalar, localizer, batch_s {gather_s:g}"
-    with running(nodes.all(gather_s), HEARD, WANTED) as (bench, children):
+    case = f"4 × 100 Hz, scalar, localizer, batch_s {gather_s:g}{beside(busy)}"
+    with running(nodes.all(gather_s), HEARD, WANTED) as (bench, children), beside_busy_processes(busy):
         pieces = in_pieces(samples(nodes.calibration, repeats * count, rate), repeats)
         spent = [run(bench, piece, rate, children.pids) for piece in pieces]
         percent = {name: [100 * rate * each[name] for each in spent] for name in spent[0]}
@@ -165,6 +189,23 @@ def against_relay(nodes: Nodes, repeats: int, rate: float, is_alone: bool) -> It
     yield figure(case, what, "processor time for a sample over the bare relay's", ratios, (0.0, 0.5))
 
 
+def keeping(nodes: Nodes, repeats: int) -> Iterator[Figure]:
+    """Yield what it costs a calibrator to keep its samples on disk, side by side with one that does not, at 100 Hz."""
+    rate, count = 100.0, round(100 * WINDOW_S)
+    other = ["-r", "__ns:=/other", "-r", "samples:=/samples"]
+    commands = {
+        "collector": nodes.command("collector"),
+        "keeps": nodes.command("calibrator", samples_file=nodes.folder / "samples"),
+        "keeps none": [*nodes.command("calibrator", samples_file="none"), *other],
+    }
+    with running(commands, {}, {"collector": {"samples": "2"}}) as (bench, children):
+        pieces = in_pieces(samples(nodes.calibration, repeats * count, rate), repeats)
+        spent = [run(bench, piece, rate, children.pids) for piece in pieces]
+    case = f"4 × {rate:g} Hz and scalar"
+    percents = [100 * rate * (each["keeps"] - each["keeps none"]) for each in spent]
+    yield figure(case, "calibrator", "keeping samples on disk, % of a core", percents, (-1.0, 2.0))
+
+
 def latencies(bench: Bench, case: str, asked: tuple[float, float]) -> Iterator[Figure]:
     """Yield the time from the last of a sample's messages to what comes of it."""
     for topic in ("field_gradient", "source_estimate"):
@@ -172,6 +213,11 @@ def latencies(bench: Bench, case: str, asked: tuple[float, float]) -> Iterator[F
         wanted = asked if topic == "field_gradient" else ANYTHING
         yield Figure(case, topic, "latency p50, ms", float(np.median(latency_ms)))
         yield Figure(case, topic, "latency p99, ms", float(np.percentile(latency_ms, 99)), asked=wanted)
+
+
+def beside(busy: int) -> str:
+    """Return what a case's name says of the load beside it."""
+    return f", beside {busy} busy processes" if busy else ""
 
 
 def figure(case: str, method: str, name: str, values: Sequence[float], asked: tuple[float, float] = ANYTHING) -> Figure:
@@ -208,9 +254,11 @@ def main(seconds: float, repeats: int) -> None:
         for rate in (100.0, 1000.0):
             for is_alone in (True, False):
                 figures += against_relay(nodes, repeats, rate, is_alone)
-        figures += light(nodes, repeats, GATHER_S, (0.0, 15.0))
-        figures += light(nodes, repeats, 0.0, ANYTHING)
-        figures += lossless(nodes, seconds)
+        figures += keeping(nodes, repeats)
+        figures += light(nodes, repeats, 0.0, ANYTHING, 0)
+        for busy, most_percent in ((0, (0.0, 15.0)), (BUSY, ANYTHING)):
+            figures += light(nodes, repeats, GATHER_S, most_percent, busy)
+            figures += lossless(nodes, seconds, busy)
     load = os.getloadavg()[1] / (os.cpu_count() or 1)
     figures.append(Figure("the machine", "", "load over five minutes, processes per core", load))
     show(figures, console)

@@ -48,3 +48,11 @@ def test_rosdoc2_finds_the_pages():
     (builder,) = content["builders"]
     folder = ROOT / builder["sphinx"]["user_doc_dir"]
     assert (folder / "conf.py").is_file() and (folder / "index.rst").is_file()
+
+
+def test_no_command_installs_into_the_python_of_the_system():
+    """Where pip is called it is that of an environment: outside of one, Ubuntu's and Debian's Python refuses it."""
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "Makefile", *DOCS.glob("*.md"), *DOCS.glob("*.rst")]
+    lines = [line for page in [*pages, *(ROOT / "benchmarks").glob("*.py")] for line in page.read_text().splitlines()]
+    calls = [line for line in lines if re.search(r"\bpip3? install\b", line)]
+    assert calls and [line for line in calls if not re.search(r"(/bin/|\$\(BIN\)/)pip install", line)] == []

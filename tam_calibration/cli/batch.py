@@ -10,10 +10,12 @@ from rich.console import Console
 from rich.table import Table
 
 from tam_calibration.cli.terminal import PATH, showing_progress, stdout, tolerance_option
+from tam_calibration.files.recording_file import is_bag
 from tam_calibration.fleet.missions import all_drifts
 from tam_calibration.fleet.rows import COUNTS_HEADER, DRIFT_HEADER, count_rows, drift_row, largest, open_points
 from tam_calibration.fleet.task_result import Result
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.extras import require
 
 
 def _print_batch(console: Console, results: Sequence[Result]) -> None:
@@ -65,6 +67,7 @@ def command(
     recording lies in names its platform. Exits 0 when all is done and no gap is open, 1 when something was refused,
     failed or stays unexplained, 2 on bad input.
     """
+    require("report", "the summary of a batch")
     from tam_calibration.fleet.batch import find_recordings, run_batch
     from tam_calibration.fleet.execution import run_here, run_on_cluster
     from tam_calibration.fleet.task import read_options
@@ -74,6 +77,8 @@ def command(
     options = read_options(array_path, calibration_path, tolerance_s)
     paths = find_recordings(recordings, without=out)
     if scheduler is None:
+        if any(is_bag(path) for path in paths):
+            require("bags", "reading bags")
         run = partial(run_here, jobs=jobs or len(os.sched_getaffinity(0)))
     else:
         run = partial(run_on_cluster, scheduler=scheduler)

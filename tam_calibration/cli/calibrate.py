@@ -22,6 +22,7 @@ from tam_calibration.files import (
     read_array,
     read_samples,
 )
+from tam_calibration.files.bag_transforms import transforms_in
 from tam_calibration.files.recording_file import read_source
 from tam_calibration.files.text_files import to_json
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
@@ -181,7 +182,7 @@ def command(
     with write_together(outputs, [recording, array, *([source] if source else [])]) as beside:
         fit = _fit_of(method, ambient_gradient, effects)
         with showing_progress() as progress:
-            found = read_array(array)
+            found = read_array(array, transforms_in(recording))
             delays = _delays(recording, found, place, tolerance_s, progress) if estimate_delays else None
             if delays is not None:
                 found = replace(found, delay_s=delays.delay_s)
@@ -193,7 +194,7 @@ def command(
         if "json" in beside:
             beside["json"].write_text(to_json(_to_mapping(calibration, delays)), encoding="utf-8")
         if "report" in beside:
-            from tam_calibration.report import write_calibration_report
+            from tam_calibration.report.calibration_report import write_calibration_report
 
             write_calibration_report(beside["report"], calibration, data)
     if to_stdout:
@@ -218,7 +219,11 @@ def _delays(path: Path, array: Array, place: str | None, tolerance_s: float, pro
     """Return the delays of the sensors after sensor 1, whatever the array file states of them."""
     from tam_calibration.gap.delays import estimate_delays
 
-    recording = read_samples(path, array.sensor_count, tolerance_s, reading(progress)).recording
+    array = replace(array, delay_s=None)
+    samples = read_samples(path, array.sensor_count, tolerance_s, reading(progress), array)
+    recording = samples.recording
+    if samples.usage is not None:
+        recording = samples.usage.with_each_reading_once(recording).whole()
     progress.add_task("estimating delays", total=None)
     return estimate_delays(recording if place is None else _with_intensity(recording, place), array)
 
@@ -256,7 +261,7 @@ def _calibrate(
 
     A large recording is kept in files and read anew for each pass; every n-th of its samples is shown.
     """
-    samples, usage = read_source(path, array.sensor_count, tolerance_s, reading(progress), array.delay_s)
+    samples, usage = read_source(path, array.sensor_count, tolerance_s, reading(progress), array)
     warnings = () if usage is None else usage.warnings()
     if place is not None:
         samples = _with_intensity(samples.whole(), place)
@@ -276,7 +281,7 @@ def _complete(calibration: Calibration, path: Path, tolerance_s: float, progress
 
     stated = read_known_source(path)
     array = calibration.array
-    given = stated.recording, array.sensor_count, tolerance_s, reading(progress), array.delay_s
+    given = stated.recording, array.sensor_count, tolerance_s, reading(progress), array
     seen = read_samples(*given)
     warnings = () if seen.usage is None else seen.usage.warnings()
     completed = complete(calibration, seen.recording, stated.source, stated.frequency_hz)

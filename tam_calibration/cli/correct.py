@@ -1,21 +1,25 @@
 """`tam correct`: from raw readings to the centre vector and the gradient tensor."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
 
 from tam_calibration.cli.terminal import PATH, reading, showing_progress, tolerance_option, working
 from tam_calibration.correction.calibration import Calibration, Corrected
+from tam_calibration.correction.partial import sensors_of
 from tam_calibration.files import read_array, read_calibration, write_corrected_pieces
+from tam_calibration.files.bag_transforms import transforms_in
 from tam_calibration.files.recording_file import correct_file
 from tam_calibration.files.text_files import to_json
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import FloatArray, IntArray, to_nanotesla
+from tam_calibration.model.units import IntArray, to_nanotesla
 
 
 @click.command()
@@ -36,7 +40,7 @@ def command(
     """Correct RECORDING, a CSV file or a bag; a bag keeps its other topics when a bag is written."""
     calibration = read_calibration(calibration_path)
     if array_path is not None:
-        _check_array(calibration, array_path)
+        _check_array(calibration, array_path, recording)
     inputs = [path for path in (recording, calibration_path, array_path) if path is not None]
     if output.resolve() in (path.resolve() for path in inputs):
         raise InputError(f"{output} would be overwritten: choose another name for the output")
@@ -51,31 +55,44 @@ def command(
 
 @dataclass
 class _Intensity:
-    """Number, sum and sum of squares of the intensities, tesla, the sums of differences from the first."""
+    """Number, sum and sum of squares of the intensities, tesla, the sums of differences from the first.
+
+    ``without`` counts the samples that lack sensors, by what they lack; ``known`` those whose field is determined.
+    """
 
     samples: int = 0
+    known: int = 0
+    without: Counter[int] = field(default_factory=Counter)
     first_T: float = 0.0
     sum_T: float = 0.0
     squares_T2: float = 0.0
 
-    def add(self, outputs: FloatArray) -> None:
-        """Add the intensities of the (n, 9) outputs of a correction."""
-        intensity = np.linalg.norm(outputs[:, :3], axis=1)
-        self.first_T = self.first_T if self.samples else float(intensity[0])
+    def add(self, corrected: Corrected) -> None:
+        """Add the intensities of a correction."""
+        if corrected.missing is not None:
+            self.without.update(corrected.missing[corrected.missing > 0].tolist())
+        self.samples += len(corrected.outputs)
+        intensity = np.linalg.norm(corrected.outputs[:, :3], axis=1)
+        intensity = intensity[np.isfinite(intensity)]
+        if not len(intensity):
+            return
+        self.first_T = self.first_T if self.known else float(intensity[0])
         difference = intensity - self.first_T
-        self.samples += len(difference)
+        self.known += len(difference)
         self.sum_T += float(difference.sum())
         self.squares_T2 += float((difference**2).sum())
 
     @property
     def mean_T(self) -> float:
         """Mean, tesla."""
-        return self.first_T + self.sum_T / self.samples
+        return self.first_T + self.sum_T / self.known if self.known else math.nan
 
     @property
     def standard_deviation_T(self) -> float:
         """Standard deviation, tesla."""
-        return math.sqrt(max(0.0, self.squares_T2 / self.samples - (self.sum_T / self.samples) ** 2))
+        if not self.known:
+            return math.nan
+        return math.sqrt(max(0.0, self.squares_T2 / self.known - (self.sum_T / self.known) ** 2))
 
 
 def _counted(
@@ -83,21 +100,22 @@ def _counted(
 ) -> Iterator[tuple[Corrected, IntArray | None]]:
     """Yield the corrected pieces, their intensities added up."""
     for corrected, stamps_ns in pieces:
-        intensity.add(corrected.outputs)
+        intensity.add(corrected)
         yield corrected, stamps_ns
 
 
-def _check_array(calibration: Calibration, array_path: Path) -> None:
-    if not calibration.is_of(read_array(array_path)):
+def _check_array(calibration: Calibration, array_path: Path, recording: Path) -> None:
+    if not calibration.is_of(read_array(array_path, transforms_in(recording))):
         raise InputError(f"the calibration is of another array than {array_path}: use the calibration of this array")
 
 
-def _summarise(intensity: _Intensity, calibration: Calibration, output: Path) -> dict[str, object]:
+def _summarise(intensity: _Intensity, calibration: Calibration, output: Path) -> dict[str, Any]:
     errors = to_nanotesla(calibration.output_standard_errors)
     units = ["nT" if name.startswith("b") else "nT_per_m" for name in OUTPUT_NAMES]
     return {
         "output": str(output),
         "samples": intensity.samples,
+        "without_sensors": {_named(code): count for code, count in sorted(intensity.without.items())},
         "intensity_mean_nT": to_nanotesla(intensity.mean_T),
         "intensity_standard_deviation_nT": to_nanotesla(intensity.standard_deviation_T),
         "standard_errors": {
@@ -106,8 +124,13 @@ def _summarise(intensity: _Intensity, calibration: Calibration, output: Path) ->
     }
 
 
-def _sentence(summary: dict[str, object]) -> str:
+def _named(code: int) -> str:
+    return " and ".join(map(str, sensors_of(code)))
+
+
+def _sentence(summary: dict[str, Any]) -> str:
+    without = "".join(f"{count} of them without sensor {name}, " for name, count in summary["without_sensors"].items())
     return (
-        f"{summary['output']}: {summary['samples']} samples corrected, "
+        f"{summary['output']}: {summary['samples']} samples corrected, {without}"
         f"|B| {summary['intensity_mean_nT']:.1f} ± {summary['intensity_standard_deviation_nT']:.1f} nT"
     )

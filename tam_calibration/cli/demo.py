@@ -16,6 +16,7 @@ from rich.table import Table
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.model.array import TENSOR_OUTPUTS
 from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.extras import require
 from tam_calibration.model.residuals import noise_floor
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
@@ -149,6 +150,8 @@ def command(output_dir: Path) -> None:
     """
     from rich.console import Console
 
+    require("bags", "the demonstration")
+    require("report", "the demonstration")
     console = Console()
     begin = time.monotonic()
     output_dir.mkdir(parents=True, exist_ok=True)
@@ -229,7 +232,7 @@ def _conclude(
         With the figures.
     """
     from tam_calibration.files import provenance, read_calibration
-    from tam_calibration.report import write_calibration_report
+    from tam_calibration.report.calibration_report import write_calibration_report
 
     calibration = read_calibration(output_dir / "calibration.yaml")
     page = output_dir / "calibration.html"

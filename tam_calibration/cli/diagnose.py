@@ -12,6 +12,7 @@ from rich.table import Table
 from tam_calibration.cli.terminal import PATH, reading, showing_progress, stdout, tolerance_option, write_together
 from tam_calibration.effects.library import effect_named
 from tam_calibration.files import provenance, read_array, read_calibration, read_samples
+from tam_calibration.files.bag_transforms import transforms_in
 from tam_calibration.files.results_json import gap_to_mapping
 from tam_calibration.files.text_files import to_json
 from tam_calibration.gap import diagnose
@@ -138,7 +139,7 @@ def command(
     outputs = {"json": None if to_stdout else json_path, "report": report}
     inputs = [path for path in (recording, array, calibration_path) if path is not None]
     with write_together(outputs, inputs) as beside:
-        gap, usage = _diagnose(recording, _read_array(array, place), without, calibration_path, tolerance_s)
+        gap, usage = _diagnose(recording, _read_array(array, recording, place), without, calibration_path, tolerance_s)
         source = provenance(recording)
         content = to_json(gap_to_mapping(gap, source))
         if "json" in beside:
@@ -162,18 +163,20 @@ def _diagnose(
         effect_named(name)
     calibration = None if calibration_path is None else read_calibration(calibration_path)
     with showing_progress() as progress:
-        samples = read_samples(path, array.sensor_count, tolerance_s, reading(progress), array.delay_s)
+        samples = read_samples(path, array.sensor_count, tolerance_s, reading(progress), array)
         recording, usage = samples.recording, samples.usage
         remarks = () if usage is None else usage.remarks()
         if calibration is not None:
             recording = calibration.without_effects(recording)
+        if usage is not None:
+            recording = usage.with_each_reading_once(recording).whole()
         gap = diagnose(recording, array, without=without, progress=_diagnosing(progress))
     return replace(gap, remarks=(*remarks, *gap.remarks)), usage
 
 
-def _read_array(path: Path, place: str | None) -> Array:
+def _read_array(path: Path, recording: Path, place: str | None) -> Array:
     """Return the array, in the field of a place where one is given."""
-    array = read_array(path)
+    array = read_array(path, transforms_in(recording))
     if place is None:
         return array
     if array.field != EARTH_FIELD:

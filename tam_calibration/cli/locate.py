@@ -121,7 +121,7 @@ def _vector(words: str) -> FloatArray:
 def _read(path: Path, calibration: Calibration, tolerance_s: float) -> Recording:
     with showing_progress() as progress:
         array = calibration.array
-        return read_samples(path, array.sensor_count, tolerance_s, reading(progress), array.delay_s).recording
+        return read_samples(path, array.sensor_count, tolerance_s, reading(progress), array).recording
 
 
 def _print(survey: Survey, as_json: bool, report: Path | None) -> None:

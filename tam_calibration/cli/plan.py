@@ -250,7 +250,7 @@ def _start(
         return start_from_calibration(calibration)
     if recording_path is None:
         return _start_from_nothing(array, intensity_nT)
-    source = recording_path, array.sensor_count, tolerance_s, reading(progress), array.delay_s
+    source = recording_path, array.sensor_count, tolerance_s, reading(progress), array
     recording = read_samples(*source).recording
     if intensity_nT is not None and recording.scalar_T is None:
         recording = replace(recording, scalar_T=np.full(recording.sample_count, from_nanotesla(intensity_nT)))

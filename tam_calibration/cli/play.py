@@ -9,6 +9,7 @@ import click
 from tam_calibration.cli.terminal import PATH, Number
 from tam_calibration.files.recording_file import is_bag
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.extras import require
 from tam_calibration.nodes import ros_session
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ def command(bag: Path, rate: float, loop: bool, clock: bool) -> None:
     """Play every topic of BAG, a rosbag2 folder or .mcap file, once somebody listens to the sensors."""
     if not is_bag(bag):
         raise InputError(f"{bag} is no bag: only bags can be played, a rosbag2 folder or an .mcap file")
+    require("bags", "playing bags")
     from tam_calibration.files.bag import open_bag
 
     with ros_session(), open_bag(bag) as reader:

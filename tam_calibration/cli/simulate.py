@@ -85,7 +85,7 @@ def _simulate(
     with Console(stderr=True).status("simulating") as status:
         made = simulate(plan if seed is None else replace(plan, seed=seed))
         status.update(f"writing {made.recording.sample_count} samples")
-        write_recording(output, made.recording, storage)
+        write_recording(output, plan.array.mounting.inverse.turned(made.recording), storage)
         write_array(paths["array"], plan.array)
         write_truth(paths["truth"], made)
     intensity = norm(made.center_field_T, axis=1)
@@ -105,11 +105,13 @@ def _twin(calibration_path: Path, run_path: Path, output: Path, seed: int, stora
     if {path.resolve() for path in paths.values()} & {calibration_path.resolve(), run_path.resolve()}:
         raise InputError(f"{output} or what goes with it would overwrite an input: choose another name for the output")
     with Console(stderr=True).status("simulating") as status:
-        made = twin(calibration, read_recording(run_path, calibration.errors.sensor_count), seed)
+        array = calibration.array
+        run = read_recording(run_path, array.sensor_count, array=replace(array, delay_s=None))
+        made = twin(calibration, run, seed)
         status.update(f"writing {made.sample_count} samples")
-        write_recording(output, made, storage)
-        write_array(paths["array"], calibration.array)
-    field = agreed_field(made.readings_T, calibration.errors, calibration.array)
+        write_recording(output, array.mounting.inverse.turned(made), storage)
+        write_array(paths["array"], array)
+    field = agreed_field(made.readings_T, calibration.errors, array)
     rate_hz = float(1 / np.median(np.diff(made.time_s))) if made.sample_count > 1 else float("nan")
     summary = _summary(made, norm(field, axis=1), rate_hz, seed)
     return summary | {name: str(path) for name, path in paths.items()} | {"truth": str(calibration_path)}

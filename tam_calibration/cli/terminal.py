@@ -15,6 +15,7 @@ from tam_calibration.files import write_whole
 from tam_calibration.files.recording_file import TOLERANCE_S
 from tam_calibration.messages.samples import Progress as ProgressCallback
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.extras import require
 
 _PIPE_WIDTH = 120
 
@@ -71,8 +72,9 @@ def stdout() -> Console:
 def showing_progress() -> Iterator[Progress]:
     """Show tasks on stderr while they run, where that is a terminal."""
     console = Console(stderr=True)
+    console.quiet = not console.is_terminal  # Rich 13.7 ends a display that is disabled with an empty line
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    with Progress(*columns, console=console, transient=True, disable=console.quiet) as progress:
         yield progress
 
 
@@ -102,16 +104,18 @@ def write_together(outputs: Mapping[str, Path | None], inputs: list[Path]) -> It
     Parameters
     ----------
     outputs : mapping
-        Path of each output, None where it is not wanted.
+        Path of each output, None where it is not wanted; ``report`` is an HTML page.
     inputs : list of Path
         What was read.
 
     Raises
     ------
     InputError
-        When an output cannot be written, or is an input or another output.
+        When an output cannot be written, is an input or another output, or what makes pages is not installed.
     """
     wanted = {name: path for name, path in outputs.items() if path is not None}
+    if "report" in wanted:
+        require("report", "--report")
     taken = {path.resolve() for path in inputs}
     for path in wanted.values():
         if path.resolve() in taken:

@@ -111,16 +111,16 @@ def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder):
     assert "the recording has no attitude: record it" in refused.stderr
 
 
-def write_apart(path, delays_s=(0.0, 0.0, 0.0, 0.0)):
-    """Write a bag whose sensors are read 1 ms after each other and stamped late, and its array file."""
+def write_apart(path, delays_s=(0.0, 0.0, 0.0, 0.0), periods_ms=(10, 10, 10, 10)):
+    """Write a bag whose sensors are read some milliseconds after each other and stamped late, and its array file."""
     from tam_calibration.files.bag_writing import TYPESTORE, serialise, write_bag
     from tam_calibration.messages.topics import MAGNETIC_FIELD, sensor_topic
 
     made = simulate(replace(read_scenario("tumble_100_hz"), sample_count=20_000, rate_hz=1000.0))
     with write_bag(path, "sqlite3") as writer:
-        for sensor, delay_s in enumerate(delays_s):
+        for sensor, (delay_s, period_ms) in enumerate(zip(delays_s, periods_ms, strict=True)):
             connection = writer.add_connection(f"/{sensor_topic(sensor + 1)}", MAGNETIC_FIELD, typestore=TYPESTORE)
-            own = slice(sensor, None, 10)
+            own = slice(sensor, None, period_ms)
             stamps_ns = np.round((1e3 + made.recording.time_s[own] + delay_s) * 1e9).astype(int)
             messages = serialise(MAGNETIC_FIELD, made.recording.readings_T[own, sensor], stamps_ns)
             for stamp_ns, message in zip(stamps_ns, messages, strict=True):
@@ -133,12 +133,20 @@ def test_sensors_that_stamp_apart_are_interpolated(folder):
     write_apart(folder / "apart")
     run("apart", "--array", "array.yaml", "-o", "c.yaml")
     calibration = read_calibration("c.yaml")
-    assert calibration.samples == 1997
+    assert calibration.samples == 1996
     assert calibration.in_sample.tensor_rmse_T_per_m < 1.05 * calibration.floor.tensor_rmse_T_per_m
     run("apart", "--array", "array.yaml", "-o", "c.yaml", "--tolerance-s", "0.004")
     nearest = read_calibration("c.yaml")
     assert nearest.samples == 2000
     assert nearest.in_sample.tensor_rmse_T_per_m > 10 * calibration.floor.tensor_rmse_T_per_m
+
+
+@pytest.mark.parametrize("periods_ms", [(10, 10, 10, 10), (10, 20, 20, 20)])
+def test_sensors_that_are_interpolated_show_no_gap(folder, periods_ms):
+    """What is left of them is as white as the noise of readings, also where each of a slower sensor counts once."""
+    write_apart(folder / "apart", periods_ms=periods_ms)
+    answer = CliRunner().invoke(main, ["diagnose", "apart", "--array", "array.yaml"])
+    assert answer.stdout.startswith("No gap"), answer.output
 
 
 def test_delays_are_estimated_told_and_kept(folder):

@@ -36,7 +36,7 @@ def test_nodes_start_together_and_end_together(bench, recording, tmp_path):
     """What they say is printed line by line, and Ctrl-C ends them with exit code 0."""
     children = start_all(bench, "--calibration", str(tmp_path / "c.yaml"))
     bench.stream(recording, [bench.publish_sensors((1, 2, 3))])
-    bench.spin_until(lambda: "collector WARN: nothing from tam_4" in children.log("tam"), "the silent sensor is told")
+    bench.spin_until(lambda: "collector ERROR: nothing from tam_4" in children.log("tam"), "the silent sensor is told")
     assert children.end_one("tam", signal.SIGINT) == 0
     assert not processes_of(bench.logs)
 

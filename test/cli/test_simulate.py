@@ -9,7 +9,8 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import read_array, read_recording
+from tam_calibration.files import read_array, read_calibration, read_recording
+from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.simulation import simulate
 
@@ -78,6 +79,24 @@ def test_a_scenario_of_ones_own(run):
     recording = read_recording(Path("mine.csv"))
     assert_array_equal([recording.sample_count, recording.sensor_count], [30, 1])
     assert recording.scalar_T is None
+
+
+def test_turned_sensors_are_simulated_and_turned_back(run):
+    """What the drivers of a turned array would record is calibrated and imitated as that of one that is not turned."""
+    text = (configuration_folder() / "scenarios" / "wu_table_1.yaml").read_text()
+    rotations = "rotations_deg: [[0, 0, 0], [0, 0, 90], [180, 0, 30], [10, -20, 130]]"
+    Path("turned.yaml").write_text(text.replace("{baseline_m: 0.5", f"{{{rotations}, baseline_m: 0.5"))
+    matrices = []
+    for name in ("wu_table_1", "turned.yaml"):
+        assert run(name, "-o", "run.csv").exit_code == 0
+        words = ["calibrate", "run.csv", "--array", "run.array.yaml", "-o", "calibration.yaml"]
+        assert CliRunner().invoke(main, words).exit_code == 0
+        matrices.append(read_calibration(Path("calibration.yaml")).errors.matrix)
+    assert_allclose(matrices[1], matrices[0], atol=1e-9)
+    drivers, array = read_recording(Path("run.csv")), read_array(Path("run.array.yaml"))
+    assert run("--from-calibration", "calibration.yaml", "--recording", "run.csv", "-o", "twin.csv").exit_code == 0
+    assert_allclose(read_recording(Path("twin.csv")).readings_T, drivers.readings_T, atol=2e-8)
+    assert not np.allclose(array.mounting.turned(drivers).readings_T, drivers.readings_T, atol=1e-6)
 
 
 @pytest.mark.parametrize(
