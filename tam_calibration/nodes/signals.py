@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -42,27 +43,32 @@ def postponed() -> Iterator[None]:
             signal.raise_signal(came[0])
 
 
-class Startup:
-    """The time in which a process loads its libraries: the signals end it at once, with exit code 0.
+class Ending:
+    """What the signals do to a process of nodes: they end it with exit code 0.
 
-    There is nothing to put in order yet, and an exception could get lost in the libraries. When it is ``over``, the
-    handlers of rclpy end the context; they call the one that was there before, which then does nothing. rclpy has none
-    for SIGHUP, which becomes SIGTERM.
+    While it loads its libraries, at once: there is nothing to put in order yet, and an exception could get lost in the
+    libraries. While it makes its nodes, by SystemExit. While these spin, by a word that is looked for between their
+    callbacks: a context that ends in the middle of one, as with rclpy's own handlers, fails it in many ways, and while
+    the executor of events takes on a node it even aborts the process.
     """
 
     def __init__(self) -> None:
-        self._is_over = False
+        self.is_told = False
+        self._exit: Callable[[int], object] | None = os._exit
         _handle(self._end)
 
-    def over(self) -> None:
-        """Leave the signals to rclpy."""
-        self._is_over = True
+    def loaded(self) -> None:
+        """Have a signal raise SystemExit from now on."""
+        self._exit = sys.exit
+
+    def made(self) -> None:
+        """Have a signal only be told by ``is_told`` from now on."""
+        self._exit = None
 
     def _end(self, number: int, frame: FrameType | None) -> None:
-        if not self._is_over:
-            os._exit(0)
-        if number == signal.SIGHUP:
-            signal.raise_signal(signal.SIGTERM)
+        self.is_told = True
+        if self._exit is not None:
+            self._exit(0)
 
 
 def raise_exit(exit_code: int) -> None:

@@ -7,22 +7,26 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.utilities import ok, try_shutdown
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes import signals
-from tam_calibration.nodes.signals import Startup
+from tam_calibration.nodes.signals import Ending
+
+_TURN_S = 0.1
+"""Longest time without a look for the word to end, seconds: an executor that waits in C++ hears no signal."""
 
 _BAD_ARGUMENTS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
 
 
-def spin_nodes(startup: Startup, make_nodes: Sequence[Callable[[], Node]]) -> None:
-    """Spin nodes in one executor until SIGINT, SIGTERM or the end of their context.
+def spin_nodes(ending: Ending, make_nodes: Sequence[Callable[[], Node]]) -> None:
+    """Spin nodes in one executor until SIGINT, SIGTERM or SIGHUP.
 
     Parameters
     ----------
-    startup : Startup
-        Of the process; over once ROS is initialised.
+    ending : Ending
+        Of the process.
     make_nodes : sequence of callable
         Each makes a node; called once ROS is initialised.
 
@@ -31,34 +35,32 @@ def spin_nodes(startup: Startup, make_nodes: Sequence[Callable[[], Node]]) -> No
     InputError
         When an argument or parameter is not usable.
     """
+    ending.loaded()
     try:
-        rclpy.init()
-        startup.over()
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except _BAD_ARGUMENTS as problem:
         raise InputError(f"the arguments of ROS cannot be used: {str(problem).partition(', at /')[0]}") from problem
     try:
-        _spin(make_nodes, _cheapest_executor())
+        _spin(ending, make_nodes)
     except ParameterException as problem:
         raise InputError(str(problem)) from problem
-    except Exception:  # after the end of the context anything fails, in many ways, because of that
-        if ok():
-            raise
     finally:
         signals.ignore()
         try_shutdown()
 
 
-def _spin(make_nodes: Sequence[Callable[[], Node]], executor: Executor) -> None:
-    nodes: list[Node] = []
+def _spin(ending: Ending, make_nodes: Sequence[Callable[[], Node]]) -> None:
+    executor, nodes = _cheapest_executor(), list[Node]()
     try:
         for make_node in make_nodes:
             nodes.append(make_node())
             executor.add_node(nodes[-1])
-        # The events executor's own spin() does not return on signals.
-        while ok():
-            executor.spin_once(timeout_sec=1.0)
+        ending.made()
+        while not ending.is_told:
+            executor.spin_once(timeout_sec=_TURN_S)
     finally:
         signals.ignore()
+        executor.shutdown()
         for node in nodes:
             node.destroy_node()
 

@@ -8,7 +8,7 @@ from importlib import import_module
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes import configure_fast_dds
-from tam_calibration.nodes.signals import Startup
+from tam_calibration.nodes.signals import Ending
 
 
 def calibrator() -> int:
@@ -47,11 +47,11 @@ def _run(*names: str) -> int:
     int
         The exit code: 0 when the nodes were told to end, 2 when a parameter or file is not usable (said on stderr).
     """
-    startup = Startup()
+    ending = Ending()
     try:
         configure_fast_dds()
         nodes = [getattr(import_module(f"tam_calibration.nodes.{name.lower()}_node"), name) for name in names]
-        import_module("tam_calibration.nodes.spinning").spin_nodes(startup, nodes)
+        import_module("tam_calibration.nodes.spinning").spin_nodes(ending, nodes)
     except (InputError, OSError) as problem:
         print(f"tam: {problem}", file=sys.stderr)
         return 2

@@ -2,7 +2,6 @@
 
 import time
 
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
@@ -53,8 +52,6 @@ class StaticTransforms:
         """
         limit = time.monotonic() + _PATIENCE_S
         while (pose := self._tree.pose(frame, self._array_frame)) is None:
-            if not self._node.context.ok():
-                raise ExternalShutdownException
             if time.monotonic() > limit:
                 raise InputError(
                     f"{STATIC_TRANSFORMS} leads from {self._array_frame} to no {frame}: publish that transform, or "

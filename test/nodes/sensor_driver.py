@@ -5,20 +5,18 @@ publishes faster than the stamps. It begins at the time of day that arrives on t
 listens, leaves out what was to come before it was started, and ends with SIGINT.
 """
 
-import contextlib
+import signal
 import sys
 import time
 
 import numpy as np
 import rclpy
-from rclpy.executors import ExternalShutdownException
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.time import Time
 from sensor_msgs.msg import MagneticField
 from std_msgs.msg import Float64
 
-from tam_calibration.nodes.signals import Startup
+from tam_calibration.nodes import ros_session
 
 
 def main():
@@ -26,16 +24,13 @@ def main():
     topic, path = sys.argv[1:]
     with np.load(path) as file:
         stamps_s, readings, speed = file["stamps_s"].tolist(), file["readings_T"].tolist(), float(file["speed"])
-    startup = Startup()
-    rclpy.init()
-    startup.over()
     node = rclpy.create_node(f"driver_{topic.replace('/', '_')}")
     publisher = node.create_publisher(MagneticField, topic, 10_000)
     begin = []
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     node.create_subscription(Float64, "begin", lambda message: begin.append(message.data), latched)
     while not (begin and publisher.get_subscription_count()):
-        rclpy.spin_once(node)
+        rclpy.spin_once(node, timeout_sec=0.1)
     message = MagneticField()
     present_s = time.time() - begin[0]
     for stamp_s, (x, y, z) in zip(stamps_s, readings, strict=True):
@@ -45,8 +40,8 @@ def main():
         message.header.stamp = Time(nanoseconds=round((begin[0] + stamp_s) * 1e9)).to_msg()
         message.magnetic_field.x, message.magnetic_field.y, message.magnetic_field.z = x, y, z
         publisher.publish(message)
-    rclpy.spin(node)
+    signal.pause()
 
 
-with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException, rclpy_implementation.RCLError):
+with ros_session():
     main()

@@ -111,6 +111,7 @@ def is_missing(bench, sensors):
 
 # Drivers of 100 Hz that a busy machine starves are late by more than the patience: only that is tried again.
 
+
 def test_outputs_go_on_without_a_sensor_until_it_returns(bench, array):
     """Also where it sets the pace. ERROR all the while; errors are as stated; what is not determined is NaN."""
     array.kill(3)
