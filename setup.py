@@ -46,7 +46,6 @@ setup(
             "hypothesis",
             "mypy",
             "pytest",
-            "pytest-rerunfailures",
             "pytest-xdist",
             "ruff",
             "types-PyYAML",

@@ -15,8 +15,11 @@ from tam_calibration.model.array import OUTPUT_NAMES
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")
 
-SPAN_S = 60.0
+SPAN_S = 300.0
+"""Longer than the test takes where all cores are busy."""
 PERIOD_S = 0.01
+SILENCE_S = 1.0
+"""Longer than a busy machine holds up a driver."""
 NOISE_T = 1e-9
 ERROR, WARN, OK = b"\x02", b"\x01", b"\x00"
 
@@ -84,13 +87,13 @@ def array(bench, recording, cross, true_errors, tmp_path):
     path = tmp_path / "calibration.yaml"
     write_calibration(path, calibrate(recording, cross))
     calibrated = {"calibration_file": str(path)}
-    bench.start_nodes(collector={"silence_s": 0.3}, corrector=calibrated, calibrator={})
+    bench.start_nodes(collector={"silence_s": SILENCE_S}, corrector=calibrated, calibrator={})
     return Array(bench, tmp_path, true_errors)
 
 
 def is_about_one(pulls):
-    """Whether the root mean square of each output's errors over its standard errors is one."""
-    assert np.sqrt(np.mean(pulls**2, axis=0)) == pytest.approx(1.0, abs=0.2)
+    """Whether the root mean square of each output's errors over its standard errors is one, within 5 sigma of it."""
+    assert np.sqrt(np.mean(pulls**2, axis=0)) == pytest.approx(1.0, abs=5 / np.sqrt(2 * len(pulls)))
     assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.1)
 
 
@@ -109,25 +112,22 @@ def is_missing(bench, sensors):
     return figures
 
 
-# Drivers of 100 Hz that a busy machine starves are late by more than the patience: only that is tried again.
-
-
 def test_outputs_go_on_without_a_sensor_until_it_returns(bench, array):
     """Also where it sets the pace. ERROR all the while; errors are as stated; what is not determined is NaN."""
     array.kill(3)
     assert is_missing(bench, [3])["not_determined"] == ""
-    is_about_one(array.pulls(array.wait_for(100)))
+    is_about_one(array.pulls(array.wait_for(200)))
     array.start(3)
     bench.health("corrector", lambda status, _: status.level == OK, "all sensors are back")
     bench.health("collector", lambda status, _: status.level == OK, "nothing is silent")
-    is_about_one(array.pulls(array.wait_for(100)))
+    is_about_one(array.pulls(array.wait_for(200)))
     array.kill(1)
     assert is_missing(bench, [1])["not_determined"] == ""
-    is_about_one(array.pulls(array.wait_for(100)))
+    is_about_one(array.pulls(array.wait_for(200)))
     array.kill(3)
     assert is_missing(bench, [1, 3])["not_determined"] == "gxx gxz gzz"
     centers = len(array.centers)
-    pulls = array.pulls(array.wait_for(100))
+    pulls = array.pulls(array.wait_for(200))
     unknown = np.isin(OUTPUT_NAMES, ["gxx", "gxz", "gzz"])
     assert np.isnan(pulls[:, unknown]).all()
     is_about_one(pulls[:, ~unknown])
