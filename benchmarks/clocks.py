@@ -28,12 +28,14 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
 SPAN_S = 60.0
+"""Of a run: enough turns for a calibration, and six thousand samples at 100 Hz."""
 LAYOUT = SampleLayout(4, scalar=True)
 SCENARIO = read_scenario("wu_table_1")
 FIELD_T = SCENARIO.site_field_T
 GRADIENT = slice(3, len(OUTPUT_NAMES))
 
 EVERY_10_MS = (0.01,) * 4
+"""Periods of four sensors at 100 Hz, the rate of most drivers of tri-axial magnetometers."""
 CASES = {
     "one clock": (EVERY_10_MS, (0, 0, 0, 0), 0.0, 90.0),
     "offsets of 2.5, 5, 7.5 ms": (EVERY_10_MS, (0, 2.5e-3, 5e-3, 7.5e-3), 0.0, 90.0),

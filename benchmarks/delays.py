@@ -19,9 +19,11 @@ from tam_calibration.gap.delays import estimate_delays
 from tam_calibration.model.units import FloatArray
 
 LONGEST_S = 20e-3
+"""Greatest delay: two readings of a driver at 100 Hz, as a serial line and a busy machine make it."""
 FIRST_SEED = 5000
 
 ALIKE, OFFSETS = (0.0,) * 4, (0, 2.5e-3, 5e-3, 7.5e-3)
+"""How much later each sensor is read than sensor 1, seconds: all at once, or one after another in a period."""
 CASES = {
     "one clock, 30°/s": Drivers(EVERY_10_MS, ALIKE, 0.0, 30.0),
     "one clock, 90°/s": Drivers(EVERY_10_MS, ALIKE, 0.0, 90.0),
@@ -33,6 +35,7 @@ CASES = {
     "50 Hz, 90°/s": Drivers((0.02,) * 4, OFFSETS, 0.0, 90.0),
     "25 Hz, 180°/s": Drivers((0.04,) * 4, OFFSETS, 0.0, 180.0),
 }
+"""Motion from slow to fast, runs that are short, and rates down to where interpolation costs more than noise."""
 
 
 def measure(drivers: Drivers, seed: int) -> tuple[FloatArray, FloatArray]:

@@ -40,9 +40,12 @@ from tam_calibration.nodes.localizer_node import source_rows
 from tam_calibration.sources.dipole import Dipole
 
 RATE_HZ = 100.0
+"""Of the samples, as in every figure of the stream."""
 PLACE = "47.37,8.54,2026-06-01"
 NOISE_T = 1e-9
+"""Standard deviation of an axis: that of the array that is shipped."""
 START_S, END_S = 20.0, 5.0
+"""Longest wait for the start of the nodes, and for the last answers."""
 LAYOUT = SampleLayout(4, attitude=True)
 CROSS = configuration_folder() / "cross.yaml"
 RESULTS = Path(__file__).parent / "results" / "localizer.csv"

@@ -30,6 +30,7 @@ from tam_calibration.nodes.listening import STREAM, waiting
 
 RESULTS = Path(__file__).parent / "results" / "receivers.csv"
 WARM_S = 2.0
+"""Time before the measurement, in which publisher and subscriber find each other."""
 WAYS = {
     "default executor, objects": (False, 0.0),
     "events executor, objects": (False, 0.0),

@@ -45,6 +45,7 @@ Result = TypeVar("Result")
 SAMPLES = 1000
 FIRST_SEED = 20_000
 DRIFT_T = 8.26e-9
+"""Of a calm day, as in docs/methods.md."""
 GROUPS = {"bias": slice(6, 9), "scale": slice(0, 3), "axes": slice(3, 6)}
 TOGETHER = "maximum_likelihood, all at once"
 TIMES, RESAMPLES = ("time, ms", "time/ours"), 500
@@ -54,6 +55,7 @@ CHEAP = SensorErrors(
     np.array([[20e-6, -12e-6, 8e-6]]),
     np.zeros((1, 3)),
 )
+"""Ten percent of scale, two degrees and tens of µT: what a compass chip has."""
 FIGURES = ("bias, nT", *(f"{group}/bound" for group in GROUPS), "|B|, nT", "e_T, nT/m", *TIMES)
 
 

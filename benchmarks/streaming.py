@@ -38,9 +38,13 @@ from tam_calibration.simulation import simulate
 RELAY = Path(__file__).parent / "streaming_relay.py"
 RESULTS = Path(__file__).parent / "results" / "streaming.csv"
 GATHER_S = 0.1
+"""Gathering of samples by the localizer: ten at 100 Hz, for an answer ten times a second."""
 WINDOW_S = 8.0
+"""Length of a measurement: 800 samples at 100 Hz, so that a percentile of 99 rests on eight."""
 NONE_LOST = (0.0, 0.5)
+"""Bounds of a count that must be nought."""
 BUSY = 4
+"""Processes that compute all the time, on the two cores of the machine that the figures are of."""
 HEARD = {"field_gradient": PointCloud2, "source_estimate": PointCloud2}
 WANTED = {
     "collector": {"samples": "3"},

@@ -20,6 +20,7 @@ ARGUMENTS = {
 }
 
 _RESPAWN_DELAY_S = 2.0
+"""Longer than a node that ended takes to leave the graph, short against the silence that a mission bears."""
 
 
 def generate_launch_description() -> LaunchDescription:

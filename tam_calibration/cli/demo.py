@@ -127,8 +127,11 @@ def require_success(run: "Simulation", live: FloatArray) -> None:
 _SCENARIO = "tumble_100_hz"
 CHECK_SAMPLES = 1000
 _CHECK_BEGINS_S = 1000.0
+"""Stamp of the first sample of the second recording: after the last of the first one."""
 PLAY_RATE = 2.0
+"""How much faster than its stamps a bag is played: the whole chain stays under a minute."""
 _TIMEOUT_S = 30.0
+"""Longest wait for a node: ten times what a start takes on two cores."""
 
 _STOPPED = 130
 """Exit code after Ctrl-C, as shells have it: the demonstration has not shown anything."""

@@ -172,6 +172,7 @@ def _sensors(standard_errors: FloatArray) -> list[dict[str, Any]]:
 
 
 _ASSUMED_INCLINATION_DEG, _ASSUMED_INTENSITY_NT = 60.0, 50_000.0
+"""Of the field where no place is named: those of middle latitudes."""
 
 
 @click.command()

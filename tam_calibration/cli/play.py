@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from tam_calibration.nodes.player import Player
 
 WAIT_S = 10.0
+"""Longest wait for a subscriber: nodes that start beside the player are there within some seconds."""
 
 
 @click.command()

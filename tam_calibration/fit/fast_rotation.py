@@ -20,7 +20,9 @@ from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.units import FloatArray
 
 _NOISE_MARGIN = 10.0
+"""Times the noise that a direction must be turned through to count: less would let noise determine a parameter."""
 _ROUNDING = 1e-9
+"""Least turn that counts without noise, of the field: what least squares lose to rounding."""
 
 
 def fast_rotation(recording: SampleSource, array: Array) -> Calibration:
