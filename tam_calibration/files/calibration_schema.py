@@ -17,7 +17,7 @@ from tam_calibration.effects.library import check_numbers
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.effects_schema import EffectFile
 from tam_calibration.files.schema import Bounds, check
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
@@ -176,7 +176,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     """
     schema = content.get("schema")
     if schema != SCHEMA:
-        stated = "has no schema" if schema is None else f"has the schema {schema!r}"
+        stated = "has no schema" if schema is None else f"has the schema {quoted(schema)}"
         raise InputError(f"this is no calibration that this version reads: it {stated}, not {SCHEMA!r}")
     stored = check(content, _Calibration)
     errors = _errors(stored)

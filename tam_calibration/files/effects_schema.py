@@ -18,7 +18,7 @@ import numpy as np
 
 from tam_calibration.files.schema import Bounds
 from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import from_degrees, from_nanotesla
 
@@ -126,11 +126,11 @@ def _number(name: str, value: _Quantity) -> float:
     except ValueError:
         plain = np.nan
     if not np.isfinite(plain):
-        raise InputError(f"{name}: {value!r} is no number with a unit such as '12 nT/K'")
+        raise InputError(f"{name}: {quoted(value)} is no number with a unit such as '12 nT/K'")
     first, _, rest = (unit.strip() or "1").partition("/")
     unknown = (_powers(first) - {"nT", "uT", "µT", "deg"} | _powers(rest)) - _PLAIN_UNITS
     if unknown:
-        raise InputError(f"{name}: the unit {unit!r} is not known: write T, nT, uT, rad, deg, s, Hz, K, A and m")
+        raise InputError(f"{name}: the unit {quoted(unit)} is not known: write T, nT, uT, rad, deg, s, Hz, K, A and m")
     if first == "nT":
         return from_nanotesla(plain)
     if first in ("uT", "µT"):
