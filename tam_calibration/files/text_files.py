@@ -15,10 +15,6 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
 
 
-MOST_CHARACTERS = 1 << 26
-"""Of a text file, which is read whole: an observatory's year of minutes has 37 million."""
-
-
 @contextmanager
 def in_file(path: Path | str) -> Iterator[None]:
     """Put the name of a file before the message of an `InputError`."""
@@ -34,17 +30,14 @@ def read_text(path: Path) -> str:
     Raises
     ------
     InputError
-        When there is no such file, it cannot be read, is empty, is not text or has no end in sight.
+        When there is no such file, it cannot be read, is empty or is not text.
     """
     try:
-        with path.open(encoding="utf-8-sig") as file:
-            text = file.read(MOST_CHARACTERS + 1)
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as problem:
         raise InputError(f"{path} cannot be read: {problem.strerror}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path} is not a text file") from None
-    if len(text) > MOST_CHARACTERS:
-        raise InputError(f"{path} has more than {MOST_CHARACTERS} characters: this is none of our text files")
     if not text.strip():
         raise InputError(f"{path} is empty")
     return text

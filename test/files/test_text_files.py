@@ -1,7 +1,6 @@
 """Numbers for files read back as they were."""
 
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from tam_calibration.files import write_whole
-from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write, read_text
+from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import from_degrees, from_nanotesla
 
@@ -77,9 +76,3 @@ def test_an_error_of_the_system_while_writing_names_the_target(tmp_path):
         raise OSError(28, "full")
     with pytest.raises(FileNotFoundError), write_whole(tmp_path / "a.txt"):
         (tmp_path / "other").read_text()
-
-
-def test_a_text_without_end_is_refused():
-    """No more of it is read than our largest file has."""
-    with pytest.raises(InputError, match=r"^/dev/zero has more than \d+ characters"):
-        read_text(Path("/dev/zero"))

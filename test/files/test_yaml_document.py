@@ -111,10 +111,10 @@ def test_a_fault_is_one_short_sentence(text, sentence):
 
 
 def test_what_keeps_to_the_bounds_is_read():
-    """As deep as may be, and the largest covariance that is thought of."""
+    """As deep as may be, and the covariance of the largest array, of 64 sensors, of which a twelfth is read here."""
     assert parse_mapping("a: " + "[" * (MOST_LEVELS - 1) + "]" * (MOST_LEVELS - 1))
-    rows = parse_mapping("a:\n" + ("- [" + "-1.2345678901234567e-9, " * 720 + "]\n") * 72)["a"]
-    assert 10 * sum(map(len, rows)) < MOST_NODES and len(rows) * 720 * 10 * 25 < MOST_CHARACTERS
+    rows = parse_mapping("a:\n" + ("- [" + "-1.2345678901234567e-9, " * 768 + "]\n") * 64)["a"]
+    assert 12 * sum(map(len, rows)) < MOST_NODES and 12 * sum(map(len, rows)) * 25 < MOST_CHARACTERS
 
 
 @pytest.mark.parametrize("opening", ["[", "{a: ", "- ", "? ", "&a [", "!!bool [", "[*a,"])
