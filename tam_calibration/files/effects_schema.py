@@ -27,6 +27,9 @@ _SPECIAL = {"scalar": SCALAR, "all": ALL}
 _PLAIN_UNITS = frozenset({"1", "T", "rad", "s", "Hz", "K", "°C", "A", "m"})
 _WRITTEN = {"T": ("nT", nanotesla_to_write), "rad": ("deg", degrees_to_write)}
 
+_LARGEST = 1e30
+"""Size of a number of an effect in SI: the inverse of a fT²; of larger ones the squares of squares are no numbers."""
+
 _Quantity = Annotated[float, Bounds()] | str
 
 
@@ -114,7 +117,11 @@ def _quantity(value: float, unit: str | None) -> _Quantity:
 
 
 def _in_si(values: Mapping[str, _Quantity]) -> dict[str, float]:
-    return {name: _number(name, value) for name, value in values.items()}
+    numbers = {name: _number(name, value) for name, value in values.items()}
+    for name, number in numbers.items():
+        if abs(number) > _LARGEST:
+            raise InputError(f"{name}: {quoted(values[name])} is more than {_LARGEST:g} in SI: check the unit")
+    return numbers
 
 
 def _number(name: str, value: _Quantity) -> float:

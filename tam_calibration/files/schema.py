@@ -25,15 +25,20 @@ class Bounds:
         The number is not less, and not greater.
     unit : str
         Of the number, where a wrong one is what mostly breaks the bounds.
+    may_be_nan : bool
+        Whether it need not be known.
     """
 
     above: float = -math.inf
     least: float = -math.inf
     most: float = math.inf
     unit: str = ""
+    may_be_nan: bool = False
 
     def broken_by(self, number: float) -> str:
         """Return what a number should be and is not; empty where it keeps to all."""
+        if self.may_be_nan and math.isnan(number):
+            return ""
         if not abs(number) < math.inf:
             return "a finite number"
         if number <= self.above:

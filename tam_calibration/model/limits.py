@@ -15,9 +15,9 @@ LARGEST = {
     "current": 1e6,
     "attitude": 10.0,
 }
-"""Size of a value of each channel, SI. Nanoseconds in 64 bits end at 9.2e9 s, in the year 2262. A field in picotesla that
-is taken for tesla is 5e7, and told as such by the check of units. No sensor is as hot as 10 000 °C, and no current near
-it a million amperes. A quaternion has length 1, and drivers that do not divide by it are near that."""
+"""Size of a value of each channel, SI. Nanoseconds in 64 bits end at 9.2e9 s, in the year 2262. A field in picotesla
+that is taken for tesla is 5e7, and told as such by the check of units. No sensor is as hot as 10 000 °C, and no current
+near it a million amperes. A quaternion has length 1, and drivers that do not divide by it are near that."""
 
 SHORTEST_ATTITUDE = 1e-3
 """Of at least one of the four numbers of a quaternion: of smaller ones the direction is rounding."""
@@ -64,13 +64,13 @@ class Limits:
 
 
 LENGTH = Limits(0.0, 1e3, "m")
-"""From the centre of an array to a sensor: vehicles carry arrays, and millimetres that are taken for metres make more."""
+"""From the centre of an array to a sensor: vehicles carry arrays, and millimetres taken for metres make more."""
 
 BASELINE = Limits(1e-4, 1e3, "m")
 """Between opposite sensors: those on one chip are a millimetre apart."""
 
 NOISE = Limits(1e-25, 1e-3, "T")
-"""Standard deviation of a reading: rounding in 64 bits makes 1e-21 T of the Earth's field, and 1 mT is twenty times it."""
+"""Standard deviation of a reading: rounding to 64 bits makes 1e-21 T of the Earth's field; 1 mT is twenty times it."""
 
 DELAY = Limits(0.0, 60.0, "s")
 """Of a stamp: topics are joined within such a time."""

@@ -143,9 +143,8 @@ class Recording:
                 kind, mend = f"{'' if is_channel else 'NaN or '}infinite values", "remove them"
                 if np.isfinite(first):
                     kind, mend = f"values beyond {largest:g}", f"{first:g} is of another unit, or damage"
-                raise InputError(
-                    f"{count} of {self.sample_count} samples hold {kind}, first {where} in sample {index[0] + 1}: {mend}"
-                )
+                samples = f"{count} of {self.sample_count} samples"
+                raise InputError(f"{samples} hold {kind}, first {where} in sample {index[0] + 1}: {mend}")
 
     def _check_attitude(self) -> None:
         if self.attitude is None:
