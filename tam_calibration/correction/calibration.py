@@ -130,6 +130,8 @@ class Corrected:
         determine is NaN.
     covariances : dict of int to (9, 9) array
         Of the outputs of samples that lack sensors, by what they lack.
+    scalar_T : (N,) array, optional
+        What the scalar magnetometer read, less what effects add to it, tesla; None where there is none.
 
     Examples
     --------
@@ -146,6 +148,7 @@ class Corrected:
     standard_errors: FloatArray
     missing: IntArray | None = None
     covariances: Mapping[int, FloatArray] = field(default_factory=dict)
+    scalar_T: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)

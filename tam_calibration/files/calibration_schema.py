@@ -19,7 +19,7 @@ from tam_calibration.files.effects_schema import EffectFile
 from tam_calibration.files.schema import Bounds, check
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.residuals import Residuals
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, orientation_from_axes
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
 SCHEMA = "tam_calibration/calibration/1"
@@ -27,6 +27,9 @@ SCHEMA = "tam_calibration/calibration/1"
 Finite = Annotated[float, Bounds()]
 Vector = tuple[Finite, Finite, Finite]
 Tensor = tuple[Vector, Vector, Vector]
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+Orientation = tuple[Axis, Axis, Axis]
+NOT_TURNED: Orientation = ("x", "y", "z")
 _StandardErrors = tuple[float, float, float]
 
 
@@ -41,6 +44,7 @@ class _CalibratedSensor:
     bias_standard_error_nT: _StandardErrors
     misalignment_deg: Vector
     misalignment_standard_error_deg: _StandardErrors
+    orientation: Orientation = NOT_TURNED
     matrix: Tensor
 
 
@@ -222,6 +226,7 @@ def _errors(stored: _Calibration) -> SensorErrors:
         from_degrees(np.array([block.non_orthogonality_deg for block in sensors])),
         from_nanotesla(np.array([block.bias_nT for block in sensors])),
         from_degrees(np.array([block.misalignment_deg for block in sensors])),
+        np.array([orientation_from_axes(block.orientation) for block in sensors]),
     )
     wrong = ~np.isclose(errors.matrix, [block.matrix for block in sensors], rtol=0, atol=1e-9).all(axis=(1, 2))
     if wrong.any():
