@@ -122,9 +122,7 @@ def _agreeing(pieces: Pieces, agreement: ScalarAgreement, calibration: Calibrati
     """Yield the pieces; at the end, before they are put in their place, refuse them where they are wrong."""
     yield from pieces
     if agreement.is_wrong:
-        raise Refused(
-            f"nothing is written, {agreement.sentence(calibration)}; --accept {RESIDUAL} writes it all the same"
-        )
+        raise Refused(f"nothing is written, {agreement.sentence(calibration)}; where that is so, accept {RESIDUAL}")
 
 
 def _check_array(calibration: Calibration, array_path: Path, recording: Path) -> None:

@@ -199,6 +199,8 @@ class Calibration:
         Of each effect, where they are known.
     known_source : KnownSource, optional
         What completed the calibration, where a source was recorded.
+    accepted : tuple of str
+        Names of the limits that it is beyond, as somebody accepted: see ``correction.limits``.
 
     Examples
     --------
@@ -233,6 +235,7 @@ class Calibration:
     effects: tuple[FittedEffect, ...] = ()
     effect_sizes: tuple[EffectSize, ...] = ()
     known_source: KnownSource | None = None
+    accepted: tuple[str, ...] = ()
 
     @property
     def statements(self) -> tuple[str, ...]:

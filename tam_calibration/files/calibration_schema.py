@@ -13,6 +13,7 @@ from tam_calibration.correction.calibration import (
     KnownSource,
     Provenance,
 )
+from tam_calibration.correction.limits import beyond_limits
 from tam_calibration.effects.library import check_numbers
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.effects_schema import EffectFile
@@ -158,6 +159,7 @@ class _Calibration:
     frame: str
     statements: list[str]
     warnings: list[str]
+    accepted: list[str] = dataclasses.field(default_factory=list)
     sensors: list[_CalibratedSensor]
     array: _Array
     field: _Field
@@ -176,7 +178,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     Raises
     ------
     InputError
-        When they are of another version, incomplete, or contradict each other.
+        When they are of another version, incomplete, contradict each other, or are beyond a limit that is not accepted.
     """
     schema = content.get("schema")
     if schema != SCHEMA:
@@ -191,7 +193,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     for fitted in effects:
         check_numbers(fitted, errors, array)
     residuals = stored.residuals
-    return Calibration(
+    calibration = Calibration(
         method=stored.method,
         array=array.with_stated_noise(),
         noise_is_estimated=stored.array.noise_is_estimated,
@@ -214,7 +216,12 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         effects=effects,
         effect_sizes=tuple(effect.to_size() for effect in stored.effects),
         known_source=None if stored.known_source is None else stored.known_source.to_known_source(),
+        accepted=tuple(stored.accepted),
     )
+    for name, sentence in beyond_limits(calibration).items():
+        if name not in stored.accepted:
+            raise InputError(f"{sentence}; where that is so, calibrate again and accept {name}")
+    return calibration
 
 
 def _errors(stored: _Calibration) -> SensorErrors:

@@ -121,6 +121,7 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
         "frame": calibration.frame,
         "statements": list(calibration.statements[1:]),
         "warnings": list(calibration.warnings),
+        **({"accepted": list(calibration.accepted)} if calibration.accepted else {}),
         "sensors": _sensors(calibration),
         "array": array_to_mapping(calibration.array) | {"noise_is_estimated": calibration.noise_is_estimated},
         "field": {

@@ -135,7 +135,8 @@ class SensorErrors:
     @classmethod
     def from_vector(cls, vector: FloatArray, orientation: FloatArray = ORIENTATIONS[0]) -> "SensorErrors":
         """Make the errors from K rows of twelve parameters, the inverse of ``to_vector``, and orientations."""
-        return cls(*np.split(np.asarray(vector, dtype=float).reshape(-1, 12), 4, axis=1), orientation)
+        scale, angles, bias_T, misalignment = np.split(np.asarray(vector, dtype=float).reshape(-1, 12), 4, axis=1)
+        return cls(scale, angles, bias_T, misalignment, orientation)
 
     def to_vector(self) -> FloatArray:
         """Return the (K, 12) parameters in the order of ``PARAMETER_NAMES``."""
