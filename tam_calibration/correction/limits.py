@@ -20,11 +20,11 @@ _SCALE_FACTORS = (0.5, 2.0)
 _LARGEST_NON_ORTHOGONALITY = np.radians(15.0)
 """Of two axes, radians: ten times that of the worst chips; axes that are glued by hand are within it."""
 
-_LARGEST_BIAS_T = 200e-6
-"""Four times the field of the Earth, tesla: a magnet beside the sensor, which then does not keep to one calibration."""
+_LARGEST_BIAS_T = 2e-3
+"""Tesla: beyond the range of sensors that read the field of the Earth; beside the magnets of a phone it is 0.6 mT."""
 
-_LARGEST_RESIDUAL = 0.02
-"""Part of the intensity, 1 µT, that the fit may leave: as much as autopilots bear with a compass."""
+_LARGEST_RESIDUAL = 0.05
+"""Part of the intensity, some 2.5 µT, that the fit may leave: twice what a phone's chip leaves beside its currents."""
 
 
 def beyond_limits(calibration: Calibration) -> dict[str, str]:
@@ -88,7 +88,7 @@ def _bias(bias_T: FloatArray) -> str:
         return ""
     return (
         f"the bias of sensor {sensor} {axis} is {to_nanotesla(value):.4g} nT, more than "
-        f"{to_nanotesla(_LARGEST_BIAS_T):.0f} nT: a magnet is beside the sensor, or its readings have an offset"
+        f"{to_nanotesla(_LARGEST_BIAS_T):.0f} nT: no sensor of the field of the Earth reads so far"
     )
 
 

@@ -39,8 +39,8 @@ CASES = {
     "non-orthogonality": [
         (changed, "non_orthogonality", np.radians(-14.9), np.radians(-15.1), "axes of sensor 2 are 15.1° from"),
     ],
-    "bias": [(changed, "bias_T", -199e-6, -201e-6, "bias of sensor 2 y is -2.01e\\+05 nT, more than 200000 nT")],
-    "residual": [(with_residual, None, 0.0199, 0.0201, "leaves 1005 nT of sensor 2, more than 2% of the field")],
+    "bias": [(changed, "bias_T", -1.99e-3, -2.01e-3, "bias of sensor 2 y is -2.01e\\+06 nT, more than 2000000 nT")],
+    "residual": [(with_residual, None, 0.0499, 0.0501, "leaves 2505 nT of sensor 2, more than 5% of the field")],
 }
 
 
