@@ -1,6 +1,6 @@
 """`tam calibrate`: from a recording to a calibration."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ from rich.table import Table
 
 from tam_calibration.cli.terminal import PATH, reading, showing_progress, stdout, tolerance_option, write_together
 from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration, KnownSource
+from tam_calibration.correction.limits import LIMITS
 from tam_calibration.files import (
     FORMULA,
     calibration_to_mapping,
@@ -159,6 +160,12 @@ _Fit = Callable[[SampleSource, Array], Calibration]
     is_flag=True,
     help="Estimate first how much later than sensor 1's the other sensors' readings are stamped, and take that off.",
 )
+@click.option(
+    "--accept",
+    type=click.Choice(LIMITS),
+    multiple=True,
+    help="Take a calibration that would be refused by this name; it stays a warning.",
+)
 @tolerance_option
 @click.option("--json", "json_path", type=PATH, help="Write the result as JSON; - is stdout, instead of the tables.")
 @click.option("--report", type=PATH, help="Write an HTML page with residuals, coverage and parameters.")
@@ -172,6 +179,7 @@ def command(
     effects: str | None,
     source: Path | None,
     estimate_delays: bool,
+    accept: tuple[str, ...],
     tolerance_s: float,
     json_path: Path | None,
     report: Path | None,
@@ -180,7 +188,7 @@ def command(
     to_stdout = json_path == Path("-")
     outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
     with write_together(outputs, [recording, array, *([source] if source else [])]) as beside:
-        fit = _fit_of(method, ambient_gradient, effects)
+        fit = _fit_of(method, ambient_gradient, effects, accept)
         with showing_progress() as progress:
             found = read_array(array, transforms_in(recording))
             delays = _delays(recording, found, place, tolerance_s, progress) if estimate_delays else None
@@ -238,10 +246,10 @@ def _delays_in_words(delays: "Delays") -> str:
     return f"Stamped after sensor 1: {words}. For the array file, live too: delay_s: [{stated}]."
 
 
-def _fit_of(method: str, ambient_gradient: bool, effects: str | None) -> _Fit:
+def _fit_of(method: str, ambient_gradient: bool, effects: str | None, accept: Collection[str]) -> _Fit:
     """Return the fit that the options ask for: of the errors alone, or together with effects."""
     if effects is None:
-        return partial(calibrate, method=method, ambient_gradient=ambient_gradient)
+        return partial(calibrate, method=method, ambient_gradient=ambient_gradient, accept=accept)
     if method != DEFAULT_METHOD:
         raise InputError(f"{method} cannot fit effects: {DEFAULT_METHOD} can")
     if ambient_gradient:
@@ -251,7 +259,7 @@ def _fit_of(method: str, ambient_gradient: bool, effects: str | None) -> _Fit:
         raise InputError("--effects names none: give names such as temperature_drift, or auto")
     from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
 
-    return lambda samples, array: calibrate_with_effects(samples.whole(), array, names)
+    return lambda samples, array: calibrate_with_effects(samples.whole(), array, names, accept=accept)
 
 
 def _calibrate(

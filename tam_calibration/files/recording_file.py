@@ -1,6 +1,7 @@
 """Recordings and corrected data in whichever format, bags or CSV, and where a result came from."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -433,11 +434,12 @@ def correct_file(
         else:
             outputs = calibration.apply(samples.recording.readings_T)
             corrected = Corrected(samples.recording.time_s, outputs, calibration.output_standard_errors)
+        whole = calibration.without_effects(samples.recording) if calibration.effects else samples.recording
         try:
             samples.recording.check_units(calibration.array.field)
             right_units += 1
         except InputError as problem:
             wrong_units.append(problem)
-        yield corrected, samples.stamps_ns
+        yield replace(corrected, scalar_T=whole.scalar_T), samples.stamps_ns
     if len(wrong_units) > right_units:
         raise wrong_units[0]

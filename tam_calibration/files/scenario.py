@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from tam_calibration.files.calibration_yaml import orientation_to_mapping
 from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.files.effects_schema import effect_to_mapping
 from tam_calibration.files.scenario_schema import scenario_of
@@ -100,6 +101,8 @@ def _sensors_to_mapping(errors: SensorErrors) -> list[dict[str, Any]]:
         "matrix": errors.matrix,
     }
     return [
-        {"sensor": index + 1, **{name: values[index].tolist() for name, values in columns.items()}}
+        {"sensor": index + 1}
+        | {name: values[index].tolist() for name, values in columns.items()}
+        | orientation_to_mapping(errors, index)
         for index in range(errors.sensor_count)
     ]

@@ -1,12 +1,13 @@
 """One call from a recording to a calibration that was checked before, after, and on samples it has not seen."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.limits import within_limits
 from tam_calibration.fit.artificial_vector import artificial_vector
 from tam_calibration.fit.consistency import find_warnings, require_one_calibration, require_one_sphere
 from tam_calibration.fit.fast_rotation import fast_rotation
@@ -44,7 +45,12 @@ _BLOCKS_PER_FOLD = 10
 
 
 def calibrate(
-    recording: SampleSource, array: Array, method: str = DEFAULT_METHOD, *, ambient_gradient: bool = False
+    recording: SampleSource,
+    array: Array,
+    method: str = DEFAULT_METHOD,
+    *,
+    ambient_gradient: bool = False,
+    accept: Collection[str] = (),
 ) -> Calibration:
     """Fit the errors of an array's sensors and judge the fit.
 
@@ -60,6 +66,8 @@ def calibrate(
         "two_step_linear" or "simplified_linear".
     ambient_gradient : bool
         Whether the field had a gradient, which the recorded attitude tells from the errors of the sensors.
+    accept : collection of str
+        Names of the limits of ``correction.limits`` that the calibration may be beyond.
 
     Returns
     -------
@@ -72,7 +80,7 @@ def calibrate(
     InputError
         When the recording cannot be used, does not belong to the array or leaves parameters open.
     Refused
-        When the recording is not one calibration.
+        When the recording is not one calibration, or the calibration is beyond a limit that is not accepted.
 
     Examples
     --------
@@ -94,8 +102,8 @@ def calibrate(
     require_determined(recording, array, is_uniform=not ambient_gradient)
     calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
-    warnings = find_warnings(uniform, calibration)
-    return replace(calibration, warnings=warnings, held_out=_held_out(recording, array, fit))
+    calibration = within_limits(replace(calibration, warnings=find_warnings(uniform, calibration)), accept)
+    return replace(calibration, held_out=_held_out(recording, array, fit))
 
 
 def accepted(recording: SampleSource, array: Array, fit: Fit) -> Calibration:

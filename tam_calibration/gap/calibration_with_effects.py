@@ -29,7 +29,12 @@ _AUTO = "auto"
 
 
 def calibrate_with_effects(
-    recording: Recording, array: Array, effects: Collection[str], *, progress: Progress | None = None
+    recording: Recording,
+    array: Array,
+    effects: Collection[str],
+    *,
+    progress: Progress | None = None,
+    accept: Collection[str] = (),
 ) -> Calibration:
     """Fit the errors of an array's sensors together with effects, by maximum likelihood.
 
@@ -43,6 +48,8 @@ def calibrate_with_effects(
         Names of effects, or ``_AUTO`` alone for those that a diagnosis finds.
     progress : callable, optional
         Called with the name of the stage and the part that is done, 0 to 1.
+    accept : collection of str
+        Names of the limits of ``correction.limits`` that the calibration may be beyond.
 
     Returns
     -------
@@ -76,8 +83,8 @@ def calibrate_with_effects(
     else:
         model, warnings = _with_named(Model.nominal(recording, array), effects)
     if model.parts or model.findings:
-        return _kept(model, array, warnings)
-    calibration = calibrate(recording, array)
+        return _kept(model, array, warnings, accept)
+    calibration = calibrate(recording, array, accept=accept)
     return replace(calibration, warnings=(*calibration.warnings, *warnings))
 
 
@@ -107,10 +114,10 @@ def _with_named(model: Model, names: Collection[str]) -> tuple[Model, tuple[str,
     return model, tuple(warnings)
 
 
-def _kept(model: Model, array: Array, warnings: tuple[str, ...]) -> Calibration:
+def _kept(model: Model, array: Array, warnings: tuple[str, ...], accept: Collection[str]) -> Calibration:
     """Return the calibration of the readings without the effects, with the effects and the uncertainty of both."""
     recording, findings = model.recording, tuple(finding.fitted for finding in model.findings)
-    calibration = calibrate(_without(model), array)
+    calibration = calibrate(_without(model), array, accept=accept)
     at_end = replace(
         model, array=calibration.array, errors=calibration.errors, intensity_T=calibration.intensity_T, world=None
     )

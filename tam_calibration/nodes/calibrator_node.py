@@ -11,6 +11,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.limits import LIMITS
 from tam_calibration.files import calibration_to_yaml, read_calibration, write_calibration
 from tam_calibration.files.results_json import write_gap
 from tam_calibration.files.text_files import check_writable
@@ -40,6 +41,7 @@ RULES = (
     ),
     Rule("gap_file", "", "Gap JSON: written by ~/diagnose where a file is named.", read_only=False),
     Rule("gap_report_file", "", "HTML page: written by ~/diagnose where a file is named.", read_only=False),
+    Rule("accept", "", "Names of limits that a calibration may be beyond, with blanks between.", read_only=False),
     Rule("autosave", False, "Whether ~/calibrate writes calibration_file too.", read_only=False),
     *KEPT,
 )
@@ -75,7 +77,9 @@ class Calibrator(TamNode):
         self.serve("save", partial(self._logged, self._save))
         self._collector = self.create_client(Trigger, "collector/usage")
         self.create_steady_timer(SAVE_S, self._kept.save)
-        self.on_change(dict.fromkeys(("calibration_file", "gap_file", "gap_report_file"), check_writable))
+        _check_accept(self.value("accept"))
+        written = dict.fromkeys(("calibration_file", "gap_file", "gap_report_file"), check_writable)
+        self.on_change({**written, "accept": _check_accept})
         told = introduce(self._calibration, self.value("calibration_file"), self.now_s)
         self.say_start(told, self._kept.remark, "waits for samples")
 
@@ -155,7 +159,7 @@ class Calibrator(TamNode):
         warnings = usage.warnings() if usage else ()
         samples = self._store.recording()
         fitted = usage.with_each_reading_once(samples) if usage else samples
-        calibration = calibrate(fitted, self._array, self.value("method"))
+        calibration = calibrate(fitted, self._array, self.value("method"), accept=self.value("accept").split())
         if usage:
             warnings += usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
         calibration = replace(calibration, warnings=(*warnings, *calibration.warnings))
@@ -221,6 +225,18 @@ class Calibrator(TamNode):
     def _hand_on(self, calibration: Calibration) -> None:
         self._calibration = calibration
         self._publisher.publish(String(data=calibration_to_yaml(calibration)))
+
+
+def _check_accept(names: str) -> None:
+    """Check the names of what is accepted.
+
+    Raises
+    ------
+    InputError
+        When one is no name of a limit.
+    """
+    if unknown := set(names.split()) - set(LIMITS):
+        raise InputError(f"accept names {' '.join(sorted(unknown))}, which is none of {' '.join(LIMITS)}")
 
 
 def _in_words(usage: Usage | None) -> str:
