@@ -73,6 +73,7 @@ class Ending:
     def __init__(self, exit_code: int | None = None) -> None:
         self.told: int | None = None
         self._exit_code = exit_code
+        self._before = {number: signal.getsignal(number) for number in ENDING}
         self._exit: Callable[[int], object] | None = os._exit
         _handle(self._end)
 
@@ -83,6 +84,12 @@ class Ending:
     def made(self) -> None:
         """Have a signal only be told by ``told`` from now on."""
         self._exit = None
+
+    def release(self) -> None:
+        """Have the signals do what they did before, where they still end this process."""
+        for number, handler in self._before.items():
+            if signal.getsignal(number) == self._end:
+                signal.signal(number, handler)
 
     def _end(self, number: int, frame: FrameType | None) -> None:
         self.told = _CODE_OF_SHELLS + number if self._exit_code is None else self._exit_code
