@@ -105,6 +105,6 @@ def _end(ctx: click.Context, sentence: str, code: int) -> None:
 def main() -> None:
     """Calibrate arrays of tri-axial magnetometers, offline and over ROS 2.
 
-    Exits 0 when done, 1 when the answer is no (refused, with the reason), 2 on bad input, 130 after Ctrl-C and 143 after
-    SIGTERM. Except after 0, and after 1 where there is an answer to write, nothing is left behind.
+    Exits 0 when done, 1 when the answer is no (refused, with the reason), 2 on bad input, 130 after Ctrl-C, 143 after
+    SIGTERM.
     """

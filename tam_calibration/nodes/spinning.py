@@ -10,8 +10,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
-from tam_calibration.model.exceptions import InputError
 from tam_calibration.model import signals
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.signals import Ending
 
 _TURN_S = 0.1
