@@ -187,7 +187,7 @@ def command(
     """Estimate the errors of an array's sensors from RECORDING: a CSV file or a bag."""
     to_stdout = json_path == Path("-")
     outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
-    with write_together(outputs, [recording, array, *([source] if source else [])]) as beside:
+    with write_together(outputs, [recording, array, *_files_of(source)]) as beside:
         fit = _fit_of(method, ambient_gradient, effects, accept)
         with showing_progress() as progress:
             found = read_array(array, transforms_in(recording))
@@ -280,6 +280,15 @@ def _calibrate(
     calibration = replace(calibration, source=provenance(path), warnings=(*warnings, *calibration.warnings))
     shown = samples if isinstance(samples, Recording) else samples.thinned(SKETCH)
     return calibration, as_if_uniform(shown, calibration.errors, array, calibration.ambient_gradient).whole(), usage
+
+
+def _files_of(source: Path | None) -> list[Path]:
+    """Return the files that a known source is read from."""
+    if source is None:
+        return []
+    from tam_calibration.files.known_source import read_known_source
+
+    return [source, read_known_source(source).recording]
 
 
 def _complete(calibration: Calibration, path: Path, tolerance_s: float, progress: Progress) -> Calibration:

@@ -16,6 +16,7 @@ from tam_calibration.correction.calibration import Calibration, Corrected
 from tam_calibration.correction.partial import sensors_of
 from tam_calibration.files import read_array, read_calibration, write_corrected_pieces
 from tam_calibration.files.bag_transforms import transforms_in
+from tam_calibration.files.overwriting import require_separate
 from tam_calibration.files.recording_file import correct_file
 from tam_calibration.files.text_files import to_json
 from tam_calibration.model.array import OUTPUT_NAMES
@@ -48,12 +49,10 @@ def command(
     as_json: bool,
 ) -> None:
     """Correct RECORDING, a CSV file or a bag; a bag keeps its other topics when a bag is written."""
+    require_separate([output], [path for path in (recording, calibration_path, array_path) if path is not None])
     calibration = read_calibration(calibration_path)
     if array_path is not None:
         _check_array(calibration, array_path, recording)
-    inputs = [path for path in (recording, calibration_path, array_path) if path is not None]
-    if output.resolve() in (path.resolve() for path in inputs):
-        raise InputError(f"{output} would be overwritten: choose another name for the output")
     intensity, agreement = _Intensity(), ScalarAgreement()
     with showing_progress() as progress:
         corrected = correct_file(recording, calibration, tolerance_s, reading(progress))

@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.limits import LIMITS
 from tam_calibration.files import calibration_to_yaml, read_calibration, write_calibration
+from tam_calibration.files.overwriting import require_separate
 from tam_calibration.files.results_json import write_gap
 from tam_calibration.files.text_files import check_writable
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
@@ -46,6 +47,9 @@ RULES = (
     *KEPT,
 )
 
+_WRITTEN = ("calibration_file", "gap_file", "gap_report_file")
+"""Parameters that name a file to write."""
+
 _TURN_S = 0.05
 """Time from one look for samples to the next, seconds."""
 
@@ -78,8 +82,7 @@ class Calibrator(TamNode):
         self._collector = self.create_client(Trigger, "collector/usage")
         self.create_steady_timer(SAVE_S, self._kept.save)
         _check_accept(self.value("accept"))
-        written = dict.fromkeys(("calibration_file", "gap_file", "gap_report_file"), check_writable)
-        self.on_change({**written, "accept": _check_accept})
+        self.on_change({**dict.fromkeys(_WRITTEN, check_writable), "accept": _check_accept})
         told = introduce(self._calibration, self.value("calibration_file"), self.now_s)
         self.say_start(told, self._kept.remark, "waits for samples")
 
@@ -170,6 +173,7 @@ class Calibrator(TamNode):
     def _diagnose(self) -> str:
         if self.value("gap_report_file"):
             require("report", "gap_report_file")
+        self._require_separate()
         usage = self._usage()
         remarks = usage.remarks() if usage else ()
         samples = self._store.recording()
@@ -210,8 +214,15 @@ class Calibrator(TamNode):
         path: str = self.value("calibration_file")
         if not path:
             raise Refused(f"no file is named: set the parameter calibration_file of {self.get_name()}")
+        self._require_separate()
         write_calibration(Path(path), self._calibration)
         return f"saved to {path}"
+
+    def _require_separate(self) -> None:
+        """Check that what the node writes costs neither its array file, nor a bag, nor one another."""
+        array_file = self.value("array_file")
+        written = [Path(path) for name in _WRITTEN if (path := self.value(name))]
+        require_separate(written, [Path(array_file)] if array_file else [])
 
     def _autosave(self) -> list[str]:
         """Save where that is asked for; a file that cannot be written costs no calibration."""
