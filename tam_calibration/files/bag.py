@@ -27,6 +27,7 @@ from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.limits import LARGEST
 from tam_calibration.model.units import FloatArray, IntArray
 
 PATIENCE_NS = 5_000_000_000
@@ -296,7 +297,8 @@ def _kept(
 
 def _usable(synchroniser: BatchSynchroniser, stream: str, messages: StreamMessages) -> StreamMessages:
     """Return the messages of a stream that have a time and values, as the collector takes them; the others count."""
-    is_missing = np.isinf(messages.values) if stream in CHANNEL_COLUMNS else ~np.isfinite(messages.values)
+    is_beyond = np.abs(messages.values) > LARGEST.get(stream, LARGEST["readings"])
+    is_missing = is_beyond if stream in CHANNEL_COLUMNS else is_beyond | np.isnan(messages.values)
     usable = ~is_missing.any(axis=1)
     if messages.stamps_ns is not None:
         usable &= messages.stamps_ns != NO_TIME

@@ -17,33 +17,45 @@ from tam_calibration.correction.limits import beyond_limits
 from tam_calibration.effects.library import check_numbers
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.effects_schema import EffectFile
+from tam_calibration.files.quantities import (
+    NOT_TURNED,
+    Finite,
+    Nanotesla,
+    NanoteslaOrNone,
+    NanoteslaTensor,
+    NanoteslaVector,
+    Orientation,
+    ScaleFactor,
+    ScaleFactors,
+    Seconds,
+    Shears,
+    Tensor,
+    Turns,
+    Vector,
+)
 from tam_calibration.files.schema import Bounds, check
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.sensor_errors import SensorErrors, orientation_from_axes
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
 SCHEMA = "tam_calibration/calibration/1"
 
-Finite = Annotated[float, Bounds()]
-Vector = tuple[Finite, Finite, Finite]
-Tensor = tuple[Vector, Vector, Vector]
-Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
-Orientation = tuple[Axis, Axis, Axis]
-NOT_TURNED: Orientation = ("x", "y", "z")
 _StandardErrors = tuple[float, float, float]
+_Covariance = Annotated[float, Bounds(least=-1e12, most=1e12)]
+"""SI: a parameter that is known to a million of its units is not known."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _CalibratedSensor:
     sensor: int
-    scale_factor: Vector
+    scale_factor: ScaleFactors
     scale_factor_standard_error: _StandardErrors
-    non_orthogonality_deg: Vector
+    non_orthogonality_deg: Shears
     non_orthogonality_standard_error_deg: _StandardErrors
-    bias_nT: Vector
+    bias_nT: NanoteslaVector
     bias_standard_error_nT: _StandardErrors
-    misalignment_deg: Vector
+    misalignment_deg: Turns
     misalignment_standard_error_deg: _StandardErrors
     orientation: Orientation = NOT_TURNED
     matrix: Tensor
@@ -56,11 +68,11 @@ class _Array(ArrayFile):
 
 @dataclass(frozen=True, kw_only=True)
 class _Field:
-    intensity_nT: Finite
+    intensity_nT: Nanotesla
     has_scalar_reference: bool
     coverage_of_sphere: Finite
-    gradient_nT_per_m: Tensor | None = None
-    gradient_standard_error_nT_per_m: Tensor | None = None
+    gradient_nT_per_m: NanoteslaTensor | None = None
+    gradient_standard_error_nT_per_m: NanoteslaTensor | None = None
 
     def to_gradient(self) -> AmbientGradientEstimate | None:
         """Return the gradient of the field in SI, where one was fitted."""
@@ -72,10 +84,10 @@ class _Field:
 
 @dataclass(frozen=True, kw_only=True)
 class _Residuals:
-    sensor_intensity_nT: list[float]
-    center_intensity_nT: float
-    tensor_nT_per_m: tuple[float, float, float, float, float]
-    tensor_rmse_nT_per_m: float
+    sensor_intensity_nT: list[NanoteslaOrNone]
+    center_intensity_nT: NanoteslaOrNone
+    tensor_nT_per_m: tuple[NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone]
+    tensor_rmse_nT_per_m: NanoteslaOrNone
 
     def to_residuals(self) -> Residuals:
         """Return the residuals in SI."""
@@ -97,7 +109,7 @@ class _AllResiduals:
 @dataclass(frozen=True, kw_only=True)
 class _Recording:
     samples: int
-    time_span_s: tuple[Finite, Finite]
+    time_span_s: tuple[Seconds, Seconds]
     name: str | None
     size_bytes: int | None
     sha256: str | None
@@ -111,8 +123,10 @@ class _Recording:
 
 @dataclass(frozen=True, kw_only=True)
 class _OfOutputs:
-    field_nT: tuple[float, float, float]
-    gradient_nT_per_m: tuple[float, float, float, float, float, float]
+    field_nT: tuple[NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone]
+    gradient_nT_per_m: tuple[
+        NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone
+    ]
 
     def to_tesla(self) -> FloatArray:
         """Return the (9,) numbers in SI."""
@@ -131,9 +145,9 @@ class _Effect(EffectFile):
 
 @dataclass(frozen=True, kw_only=True)
 class _KnownSource:
-    baseline_scale: Finite
+    baseline_scale: ScaleFactor
     baseline_scale_standard_error: Finite
-    rotation_deg: Vector
+    rotation_deg: Turns
     rotation_standard_error_deg: Vector
     axis_offsets_standard_error_m: list[Tensor]
     reduced_chi_square: Finite
@@ -169,7 +183,7 @@ class _Calibration:
     known_source: _KnownSource | None = None
     recording: _Recording
     covariance_order: str
-    covariance_SI: list[list[Finite]] | None
+    covariance_SI: list[list[_Covariance]] | None
 
 
 def calibration_of(content: dict[str, Any]) -> Calibration:
@@ -182,7 +196,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     """
     schema = content.get("schema")
     if schema != SCHEMA:
-        stated = "has no schema" if schema is None else f"has the schema {schema!r}"
+        stated = "has no schema" if schema is None else f"has the schema {quoted(schema)}"
         raise InputError(f"this is no calibration that this version reads: it {stated}, not {SCHEMA!r}")
     stored = check(content, _Calibration)
     errors = _errors(stored)

@@ -9,8 +9,9 @@ from tam_calibration import __version__
 from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration, KnownSource
 from tam_calibration.effects.library import units_of
 from tam_calibration.files.array_yaml import array_to_mapping
-from tam_calibration.files.calibration_schema import NOT_TURNED, SCHEMA, calibration_of
+from tam_calibration.files.calibration_schema import SCHEMA, calibration_of
 from tam_calibration.files.effects_schema import effect_to_mapping
+from tam_calibration.files.quantities import NOT_TURNED
 from tam_calibration.files.text_files import degrees_to_write, in_file, nanotesla_to_write, read_text, write_whole
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
 from tam_calibration.model.residuals import Residuals

@@ -63,12 +63,12 @@ def test_every_limit_has_a_case():
 
 
 def test_a_file_is_read_within_the_limits_that_were_accepted(calibration, tmp_path):
-    """What nobody accepted is refused when it is read: a scale factor of 1e-12 makes 8e15 nT of a field."""
+    """What nobody accepted is refused when it is read: a scale factor of 1e-3 makes 5e7 nT of a field."""
     path = tmp_path / "calibration.yaml"
-    too_far = changed(calibration, "scale_factor", 1e-12)
+    too_far = changed(calibration, "scale_factor", 1e-3)
     write_calibration(path, too_far)
     with pytest.raises(
-        InputError, match=r"scale factor of sensor 2 y is 1e-12.*calibrate again and accept scale-factor"
+        InputError, match=r"scale factor of sensor 2 y is 0\.001.*calibrate again and accept scale-factor"
     ):
         read_calibration(path)
     write_calibration(path, within_limits(too_far, ["scale-factor"]))
