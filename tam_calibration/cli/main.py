@@ -16,6 +16,7 @@ SUBCOMMANDS = {
     "diagnose": "Say where a recording and its simulation part, and which effect causes it.",
     "plan": "Propose the attitudes to record next, and what the standard errors will then be.",
     "correct": "Turn raw readings into the centre vector and the gradient tensor.",
+    "recover": "Write the whole messages of an unfinished or damaged bag to a new one.",
     "locate": "Locate the source in a recording, steady or alternating.",
     "batch": "Calibrate, diagnose and correct many recordings, on all cores or on a Dask cluster.",
     "nodes": "Start the nodes together: collector, calibrator, corrector, localizer.",
