@@ -1,6 +1,6 @@
 """One call from a recording to a calibration that was checked before, after, and on samples it has not seen."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
 
@@ -17,6 +17,7 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.simplified_linear import simplified_linear
 from tam_calibration.fit.two_step_linear import two_step_linear
+from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SKETCH, SampleSource
@@ -44,7 +45,12 @@ _BLOCKS_PER_FOLD = 10
 
 
 def calibrate(
-    recording: SampleSource, array: Array, method: str = DEFAULT_METHOD, *, ambient_gradient: bool = False
+    recording: SampleSource,
+    array: Array,
+    method: str = DEFAULT_METHOD,
+    *,
+    ambient_gradient: bool = False,
+    accept: Collection[str] = (),
 ) -> Calibration:
     """Fit the errors of an array's sensors and judge the fit.
 
@@ -60,6 +66,8 @@ def calibrate(
         "two_step_linear" or "simplified_linear".
     ambient_gradient : bool
         Whether the field had a gradient, which the recorded attitude tells from the errors of the sensors.
+    accept : collection of str
+        Names of findings on the channels that shall refuse nothing: ``tam_calibration.integrity.ACCEPTABLE``.
 
     Returns
     -------
@@ -72,7 +80,7 @@ def calibrate(
     InputError
         When the recording cannot be used, does not belong to the array or leaves parameters open.
     Refused
-        When the recording is not one calibration.
+        When the recording is not one calibration, or its channels are not those of sound sensors.
 
     Examples
     --------
@@ -90,11 +98,13 @@ def calibrate(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
             "use the array file of this recording"
         )
+    faults = require_sound(recording, array, accept)
     recording.thinned(SKETCH).check_plausible(array.field)
     require_determined(recording, array, is_uniform=not ambient_gradient)
+    require_enough(recording.sample_count, accept)
     calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
-    warnings = find_warnings(uniform, calibration)
+    warnings = (*(fault.sentence for fault in faults), *find_warnings(uniform, calibration))
     return replace(calibration, warnings=warnings, held_out=_held_out(recording, array, fit))
 
 

@@ -40,6 +40,7 @@ RULES = (
     ),
     Rule("gap_file", "", "Gap JSON: written by ~/diagnose where a file is named.", read_only=False),
     Rule("gap_report_file", "", "HTML page: written by ~/diagnose where a file is named.", read_only=False),
+    Rule("accept", "", "Findings on the channels that refuse nothing, separated by commas.", read_only=False),
     Rule("autosave", False, "Whether ~/calibrate writes calibration_file too.", read_only=False),
     *KEPT,
 )
@@ -155,7 +156,7 @@ class Calibrator(TamNode):
         warnings = usage.warnings() if usage else ()
         samples = self._store.recording()
         fitted = usage.with_each_reading_once(samples) if usage else samples
-        calibration = calibrate(fitted, self._array, self.value("method"))
+        calibration = calibrate(fitted, self._array, self.value("method"), accept=self._accepted())
         if usage:
             warnings += usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
         calibration = replace(calibration, warnings=(*warnings, *calibration.warnings))
@@ -170,10 +171,13 @@ class Calibrator(TamNode):
         remarks = usage.remarks() if usage else ()
         samples = self._store.recording()
         seen = usage.with_each_reading_once(samples).whole() if usage else samples
-        gap = diagnose(seen, self._array, progress=self._go_on)
+        gap = diagnose(seen, self._array, progress=self._go_on, accept=self._accepted())
         self._gap = replace(gap, remarks=(*remarks, *gap.remarks))
         written = self._write(self._gap)
         return " ".join([gap.headline, *(remarks or [f"{_in_words(usage)}."])]) + written
+
+    def _accepted(self) -> list[str]:
+        return [name.strip() for name in self.value("accept").split(",") if name.strip()]
 
     def _usage(self) -> Usage | None:
         """Ask the collector how many of sensor 1's samples it used; None where none answers."""
