@@ -14,7 +14,6 @@ from rich.table import Table
 
 from tam_calibration.cli.terminal import PATH, reading, showing_progress, stdout, tolerance_option, write_together
 from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration, KnownSource
-from tam_calibration.correction.limits import LIMITS
 from tam_calibration.files import (
     FORMULA,
     calibration_to_mapping,
@@ -30,6 +29,7 @@ from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.fit.coverage import Coverage
 from tam_calibration.fit.identifiability import Weakness
 from tam_calibration.fit.recorded_attitude import as_if_uniform
+from tam_calibration.integrity import ACCEPTABLE
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS, Array
 from tam_calibration.model.exceptions import InputError
@@ -160,15 +160,12 @@ _Fit = Callable[[SampleSource, Array], Calibration]
     is_flag=True,
     help="Estimate first how much later than sensor 1's the other sensors' readings are stamped, and take that off.",
 )
-@click.option(
-    "--accept",
-    type=click.Choice(LIMITS),
-    multiple=True,
-    help="Take a calibration that would be refused by this name; it stays a warning.",
-)
 @tolerance_option
 @click.option("--json", "json_path", type=PATH, help="Write the result as JSON; - is stdout, instead of the tables.")
 @click.option("--report", type=PATH, help="Write an HTML page with residuals, coverage and parameters.")
+@click.option(
+    "--accept", multiple=True, metavar="NAME", help=f"Overrule a finding; may be repeated: {', '.join(ACCEPTABLE)}."
+)
 def command(
     recording: Path,
     array: Path,
@@ -179,10 +176,10 @@ def command(
     effects: str | None,
     source: Path | None,
     estimate_delays: bool,
-    accept: tuple[str, ...],
     tolerance_s: float,
     json_path: Path | None,
     report: Path | None,
+    accept: tuple[str, ...],
 ) -> None:
     """Estimate the errors of an array's sensors from RECORDING: a CSV file or a bag."""
     to_stdout = json_path == Path("-")

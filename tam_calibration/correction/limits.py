@@ -9,10 +9,13 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 
-SCALE_FACTOR, NON_ORTHOGONALITY, BIAS, RESIDUAL = "scale-factor", "non-orthogonality", "bias", "residual"
-
-LIMITS = (SCALE_FACTOR, NON_ORTHOGONALITY, BIAS, RESIDUAL)
-"""Names by which what is beyond a limit may be accepted."""
+LIMITS = {
+    "bias": "a reading in zero field beyond the range of sensors of the Earth's field",
+    "non_orthogonality": "axes far from being orthogonal",
+    "residual": "intensities far from those of the field",
+    "scale_factor": "an axis in another unit, or of another gain, than the others",
+}
+"""Names by which what is beyond a limit is told and accepted, and what each is."""
 
 _SCALE_FACTORS = (0.5, 2.0)
 """Least and largest: chips are within 30 % of their data sheets, and the nearest other unit is ten times away."""
@@ -31,10 +34,10 @@ def beyond_limits(calibration: Calibration) -> dict[str, str]:
     """Return what is beyond the limits: by the name of each, a sentence on the sensor that is worst."""
     errors = calibration.errors
     found = {
-        SCALE_FACTOR: _scale_factor(errors.scale_factor),
-        NON_ORTHOGONALITY: _non_orthogonality(errors.non_orthogonality),
-        BIAS: _bias(errors.bias_T),
-        RESIDUAL: _residual(calibration.in_sample.sensor_intensity_T, calibration.intensity_T),
+        "scale_factor": _scale_factor(errors.scale_factor),
+        "non_orthogonality": _non_orthogonality(errors.non_orthogonality),
+        "bias": _bias(errors.bias_T),
+        "residual": _residual(calibration.in_sample.sensor_intensity_T, calibration.intensity_T),
     }
     return {name: sentence for name, sentence in found.items() if sentence}
 

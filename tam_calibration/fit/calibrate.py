@@ -18,6 +18,7 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.simplified_linear import simplified_linear
 from tam_calibration.fit.two_step_linear import two_step_linear
+from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SKETCH, SampleSource
@@ -67,7 +68,7 @@ def calibrate(
     ambient_gradient : bool
         Whether the field had a gradient, which the recorded attitude tells from the errors of the sensors.
     accept : collection of str
-        Names of the limits of ``correction.limits`` that the calibration may be beyond.
+        Names of findings that shall refuse nothing: ``tam_calibration.integrity.ACCEPTABLE``.
 
     Returns
     -------
@@ -80,7 +81,8 @@ def calibrate(
     InputError
         When the recording cannot be used, does not belong to the array or leaves parameters open.
     Refused
-        When the recording is not one calibration, or the calibration is beyond a limit that is not accepted.
+        When the recording is not one calibration, its channels are not those of sound sensors, or the calibration is
+        beyond a limit.
 
     Examples
     --------
@@ -98,11 +100,14 @@ def calibrate(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
             "use the array file of this recording"
         )
+    faults = require_sound(recording, array, accept)
     recording.thinned(SKETCH).check_plausible(array.field)
     require_determined(recording, array, is_uniform=not ambient_gradient)
+    require_enough(recording.sample_count, accept)
     calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
-    calibration = within_limits(replace(calibration, warnings=find_warnings(uniform, calibration)), accept)
+    warnings = (*(fault.sentence for fault in faults), *find_warnings(uniform, calibration))
+    calibration = within_limits(replace(calibration, warnings=warnings), accept)
     return replace(calibration, held_out=_held_out(recording, array, fit))
 
 

@@ -11,7 +11,6 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.limits import LIMITS
 from tam_calibration.files import calibration_to_yaml, read_calibration, write_calibration
 from tam_calibration.files.overwriting import require_separate
 from tam_calibration.files.results_json import write_gap
@@ -19,6 +18,7 @@ from tam_calibration.files.text_files import check_writable
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.result import Gap
+from tam_calibration.integrity import require_names
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.extras import require
@@ -42,7 +42,7 @@ RULES = (
     ),
     Rule("gap_file", "", "Gap JSON: written by ~/diagnose where a file is named.", read_only=False),
     Rule("gap_report_file", "", "HTML page: written by ~/diagnose where a file is named.", read_only=False),
-    Rule("accept", "", "Names of limits that a calibration may be beyond, with blanks between.", read_only=False),
+    Rule("accept", "", "Findings that refuse no calibration, separated by commas.", read_only=False),
     Rule("autosave", False, "Whether ~/calibrate writes calibration_file too.", read_only=False),
     *KEPT,
 )
@@ -162,7 +162,7 @@ class Calibrator(TamNode):
         warnings = usage.warnings() if usage else ()
         samples = self._store.recording()
         fitted = usage.with_each_reading_once(samples) if usage else samples
-        calibration = calibrate(fitted, self._array, self.value("method"), accept=self.value("accept").split())
+        calibration = calibrate(fitted, self._array, self.value("method"), accept=self._accepted())
         if usage:
             warnings += usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
         calibration = replace(calibration, warnings=(*warnings, *calibration.warnings))
@@ -178,10 +178,13 @@ class Calibrator(TamNode):
         remarks = usage.remarks() if usage else ()
         samples = self._store.recording()
         seen = usage.with_each_reading_once(samples).whole() if usage else samples
-        gap = diagnose(seen, self._array, progress=self._go_on)
+        gap = diagnose(seen, self._array, progress=self._go_on, accept=self._accepted())
         self._gap = replace(gap, remarks=(*remarks, *gap.remarks))
         written = self._write(self._gap)
         return " ".join([gap.headline, *(remarks or [f"{_in_words(usage)}."])]) + written
+
+    def _accepted(self) -> list[str]:
+        return _listed(self.value("accept"))
 
     def _usage(self) -> Usage | None:
         """Ask the collector how many of sensor 1's samples it used; None where none answers."""
@@ -238,16 +241,19 @@ class Calibrator(TamNode):
         self._publisher.publish(String(data=calibration_to_yaml(calibration)))
 
 
+def _listed(names: str) -> list[str]:
+    return [name.strip() for name in names.split(",") if name.strip()]
+
+
 def _check_accept(names: str) -> None:
     """Check the names of what is accepted.
 
     Raises
     ------
     InputError
-        When one is no name of a limit.
+        When one is no name of a finding.
     """
-    if unknown := set(names.split()) - set(LIMITS):
-        raise InputError(f"accept names {' '.join(sorted(unknown))}, which is none of {' '.join(LIMITS)}")
+    require_names(_listed(names))
 
 
 def _in_words(usage: Usage | None) -> str:

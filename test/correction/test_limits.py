@@ -32,11 +32,11 @@ def with_residual(calibration, share):
 
 
 CASES = {
-    "scale-factor": [
+    "scale_factor": [
         (changed, "scale_factor", 0.51, 0.49, "scale factor of sensor 2 y is 0.49, not between 0.5 and 2"),
         (changed, "scale_factor", 1.99, 2.01, "scale factor of sensor 2 y is 2.01"),
     ],
-    "non-orthogonality": [
+    "non_orthogonality": [
         (changed, "non_orthogonality", np.radians(-14.9), np.radians(-15.1), "axes of sensor 2 are 15.1° from"),
     ],
     "bias": [(changed, "bias_T", -1.99e-3, -2.01e-3, "bias of sensor 2 y is -2.01e\\+06 nT, more than 2000000 nT")],
@@ -68,11 +68,11 @@ def test_a_file_is_read_within_the_limits_that_were_accepted(calibration, tmp_pa
     too_far = changed(calibration, "scale_factor", 1e-3)
     write_calibration(path, too_far)
     with pytest.raises(
-        InputError, match=r"scale factor of sensor 2 y is 0\.001.*calibrate again and accept scale-factor"
+        InputError, match=r"scale factor of sensor 2 y is 0\.001.*calibrate again and accept scale_factor"
     ):
         read_calibration(path)
-    write_calibration(path, within_limits(too_far, ["scale-factor"]))
-    assert read_calibration(path).accepted == ("scale-factor",)
+    write_calibration(path, within_limits(too_far, ["scale_factor"]))
+    assert read_calibration(path).accepted == ("scale_factor",)
 
 
 def test_an_axis_in_another_unit_is_refused(recording, cross):
@@ -82,6 +82,6 @@ def test_an_axis_in_another_unit_is_refused(recording, cross):
     wrong = replace(recording, readings_T=readings)
     with pytest.raises(Refused, match=r"scale factor of sensor 3 x is 0\.000992.*another unit or gain"):
         calibrate(wrong, cross)
-    calibration = calibrate(wrong, cross, accept=["scale-factor"])
-    assert calibration.accepted == ("scale-factor",)
+    calibration = calibrate(wrong, cross, accept=["scale_factor"])
+    assert calibration.accepted == ("scale_factor",)
     assert calibration.errors.scale_factor[2, 0] == pytest.approx(1e-3, rel=0.2)
