@@ -14,7 +14,7 @@ from rosbags.rosbag2.reader import DirectoryReader
 from tam_calibration.correction.partial import missing_codes
 from tam_calibration.files.bag_blocks import read_blocks
 from tam_calibration.files.bag_storages import STORAGES
-from tam_calibration.files.text_files import in_file
+from tam_calibration.files.text_files import in_file, require_regular
 from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME, RawMessages
@@ -50,6 +50,7 @@ def open_bag(path: Path) -> Iterator[Reader]:
     InputError
         When the path is no bag, or the bag is empty or damaged.
     """
+    require_regular(path)
     if path.is_dir() and not (path / "metadata.yaml").exists():
         raise InputError(f"{path} holds no metadata.yaml: is it a bag? `ros2 bag reindex` writes the file anew")
     reader = _reader_of(path)

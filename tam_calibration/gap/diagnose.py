@@ -19,20 +19,22 @@ from tam_calibration.gap.refusal import (
 )
 from tam_calibration.gap.result import Gap
 from tam_calibration.gap.search import Progress, search
+from tam_calibration.gap.stretches import in_stretches
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.recording import Recording, SampleSource
 
 
 def diagnose(
-    recording: Recording, array: Array, *, without: Collection[str] = (), progress: Progress | None = None
+    recording: SampleSource, array: Array, *, without: Collection[str] = (), progress: Progress | None = None
 ) -> Gap:
     """Say where a recording departs from its simulation, which effect causes it, and how far the gap then shrinks.
 
     Parameters
     ----------
-    recording : Recording
-        Raw readings (N, K, 3) of one run, tesla; every channel that it has helps.
+    recording : Recording or SampleSource
+        Raw readings (N, K, 3) of one run, tesla; every channel that it has helps. Of more than 100 000 samples it looks
+        at so many, in stretches that are spread over the run.
     array : Array
         Geometry, noise, and what the intensity of the field can be; a noise that is not stated is estimated.
     without : collection of str
@@ -63,10 +65,12 @@ def diagnose(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
             "use the array file of this recording"
         )
-    recording.check_plausible(array.field)
-    refusal = refusal_of(recording, array)
-    remarks = () if refusal is None else (f"tam calibrate would refuse this recording: {refusal}.",)
-    gap = _judged(recording, array, without, progress)
+    seen, remarks = in_stretches(recording)
+    seen.check_plausible(array.field)
+    refusal = refusal_of(seen, array)
+    if refusal is not None:
+        remarks += (f"tam calibrate would refuse this recording: {refusal}.",)
+    gap = _judged(seen, array, without, progress)
     return replace(gap, remarks=(*remarks, *gap.remarks))
 
 
