@@ -43,7 +43,7 @@ _SUBSTEPS = 4
 _LARGEST_LATTICE = 16
 """Points of the lattice per sample at most."""
 
-_MOST_STEPS = 1 << 19
+_MOST_STEPS = 1 << 18
 """Steps of time that one transform spans, of some tens of megabytes: holes of a record that is longer are closed up."""
 
 _ROUNDS = 3

@@ -13,7 +13,7 @@ from tam_calibration.files.text_files import in_file, nanotesla_to_write, requir
 from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS, SampleLayout
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.recording import Recording, require_sensor_count
+from tam_calibration.model.recording import BLOCK, Recording, require_sensor_count
 from tam_calibration.model.units import NANOTESLA_PER_TESLA, TESLA_PER_FIELD_UNIT, FloatArray, from_nanotesla
 
 _EMPTY_CELL = re.compile(r"(?<=,)[ \t]*(?=,|\r?$)|^[ \t]*(?=,)", re.MULTILINE)
@@ -128,13 +128,8 @@ def _describe_fault(path: Path, names: Sequence[str], lines: list[str], first_li
     return f"{path} is not a table of numbers separated by commas"
 
 
-def _write_table(path: Path, names: Sequence[str], rows: FloatArray) -> None:
-    """Write a table with the shortest decimals that read back as the same numbers."""
-    _write_blocks(path, names, [rows])
-
-
 def _write_blocks(path: Path, names: Sequence[str], blocks: Iterable[FloatArray]) -> None:
-    """Write a table as `_write_table` does, from rows that come block by block."""
+    """Write a table of blocks of rows, with the shortest decimals that read back as the same numbers."""
     with write_whole(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(names) + "\n")
         for rows in blocks:
@@ -200,8 +195,13 @@ def write_csv_recording(path: Path, recording: Recording) -> None:
     layout = SampleLayout.of(recording)
     rows = layout.rows(recording)
     is_field = [name.endswith("_T") for name in layout.columns]
+    blocks = (_block_to_write(rows[start : start + BLOCK], is_field) for start in range(0, len(rows), BLOCK))
+    _write_blocks(path, [re.sub("_T$", "_nT", name) for name in layout.columns], blocks)
+
+
+def _block_to_write(rows: FloatArray, is_field: list[bool]) -> FloatArray:
     rows[:, is_field] = nanotesla_to_write(rows[:, is_field])
-    _write_table(path, [re.sub("_T$", "_nT", name) for name in layout.columns], rows)
+    return rows
 
 
 def _standard_columns(names: list[str], table: FloatArray) -> dict[str, FloatArray]:
