@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from tam_calibration.cli.terminal import PATH, showing_progress, stdout, tolerance_option
+from tam_calibration.cli.terminal import JOBS, PATH, showing_progress, stdout, tolerance_option
 from tam_calibration.files.recording_file import is_bag
 from tam_calibration.fleet.missions import all_drifts
 from tam_calibration.fleet.rows import COUNTS_HEADER, DRIFT_HEADER, count_rows, drift_row, largest, open_points
@@ -47,7 +47,7 @@ def _table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> 
     help="Calibration YAML to correct with, its effects taken off first; by default each recording's own.",
 )
 @click.option("--out", type=PATH, required=True, help="Folder of the results.")
-@click.option("--jobs", type=click.IntRange(1), help="Processes of this machine; by default one for each core.")
+@click.option("--jobs", type=JOBS, help="Processes of this machine; by default one for each core.")
 @click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work.")
 @tolerance_option
 @click.pass_context

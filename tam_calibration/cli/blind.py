@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tam_calibration.cli.terminal import PATH, Number, showing_progress, stdout, write_together
+from tam_calibration.cli.terminal import JOBS, PATH, Number, showing_progress, stdout, write_together
 from tam_calibration.files import read_array, read_recording
 from tam_calibration.files.csv_files import write_csv_recording
 from tam_calibration.fleet.processes import processes
@@ -71,7 +71,7 @@ def inject(recording: Path, array: Path, effect: str, times: float, output: Path
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-_jobs_option = click.option("--jobs", type=click.IntRange(min=1), default=2, show_default=True, help="Processes.")
+_jobs_option = click.option("--jobs", type=JOBS, default=2, show_default=True, help="Processes.")
 _keys_option = click.option("--keys", "keys_path", type=PATH, help="The sealed keys.  [default: DIR/keys.json]")
 
 
@@ -85,7 +85,7 @@ command.add_command(inject)
 
 @command.command()
 @click.argument("folder", metavar="OUT", type=PATH)
-@click.option("--cases", type=click.IntRange(min=1), default=400, show_default=True)
+@click.option("--cases", type=click.IntRange(1, 9999), default=400, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0), required=True, help="Never one that anything was tuned on.")
 @click.option("--kinds", type=click.Choice(KINDS), multiple=True, default=KINDS, show_default=True)
 @click.option(

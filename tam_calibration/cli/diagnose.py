@@ -11,12 +11,14 @@ from rich.table import Table
 
 from tam_calibration.cli.terminal import PATH, reading, showing_progress, stdout, tolerance_option, write_together
 from tam_calibration.effects.library import effect_named
-from tam_calibration.files import provenance, read_array, read_calibration, read_samples
+from tam_calibration.files import provenance, read_array, read_calibration
 from tam_calibration.files.bag_transforms import transforms_in
+from tam_calibration.files.recording_file import read_source
 from tam_calibration.files.results_json import gap_to_mapping
 from tam_calibration.files.text_files import to_json
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.result import Cause, Gap
+from tam_calibration.gap.stretches import in_stretches
 from tam_calibration.integrity import ACCEPTABLE
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
@@ -174,14 +176,14 @@ def _diagnose(
         effect_named(name)
     calibration = None if calibration_path is None else read_calibration(calibration_path)
     with showing_progress() as progress:
-        samples = read_samples(path, array.sensor_count, tolerance_s, reading(progress), array)
-        recording, usage = samples.recording, samples.usage
+        source, usage = read_source(path, array.sensor_count, tolerance_s, reading(progress), array)
         remarks = () if usage is None else usage.remarks()
         if calibration is not None:
-            recording = calibration.without_effects(recording)
+            seen, of_stretches = in_stretches(source)
+            source, remarks = calibration.without_effects(seen), (*remarks, *of_stretches)
         if usage is not None:
-            recording = usage.with_each_reading_once(recording).whole()
-        gap = diagnose(recording, array, without=without, progress=_diagnosing(progress), accept=accept)
+            source = usage.with_each_reading_once(source)
+        gap = diagnose(source, array, without=without, progress=_diagnosing(progress), accept=accept)
     return replace(gap, remarks=(*remarks, *gap.remarks)), usage
 
 

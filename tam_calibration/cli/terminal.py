@@ -23,6 +23,10 @@ PATH = click.Path(path_type=Path, readable=False)
 """A path that is checked where it is used, in one sentence."""
 
 
+JOBS = click.IntRange(1, 256)
+"""Processes at once: more than any machine has cores for."""
+
+
 class Number(click.FloatRange):
     """A number within a range, which NaN, unlike click's, is not."""
 

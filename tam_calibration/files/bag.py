@@ -16,7 +16,7 @@ from tam_calibration.files.bag_blocks import read_blocks
 from tam_calibration.files.bag_damage import damage_named
 from tam_calibration.files.bag_recovery import readable
 from tam_calibration.files.bag_storages import STORAGES
-from tam_calibration.files.text_files import in_file
+from tam_calibration.files.text_files import in_file, require_regular
 from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME, RawMessages
@@ -81,6 +81,7 @@ def open_bag(path: Path) -> Iterator[BagReader]:
     InputError
         When the path is no bag, or the bag is empty or damaged.
     """
+    require_regular(path)
     reader = BagReader(path)
     with damage_named(path):
         reader.open()

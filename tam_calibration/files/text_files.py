@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from stat import S_ISDIR, S_ISREG
 from typing import Any
 
 import numpy as np
@@ -24,15 +25,49 @@ def in_file(path: Path | str) -> Iterator[None]:
         raise InputError(f"{path}: {problem}") from None
 
 
+MOST_BYTES = 1 << 26
+"""Of a text that is read at once: 64 MiB, four times the largest calibration and a century of an observatory's hours."""
+
+
+def require_regular(path: Path) -> None:
+    """Check that what is to be read is a regular file, or a folder with no other things in it.
+
+    A device may have no end, and a pipe no beginning.
+
+    Parameters
+    ----------
+    path : Path
+        A link stands for what it leads to.
+
+    Raises
+    ------
+    InputError
+        When it is something else, or leads nowhere.
+    """
+    try:
+        mode = path.stat().st_mode
+        parts = list(path.iterdir()) if S_ISDIR(mode) else []
+    except OSError as problem:
+        raise InputError(f"{path} cannot be read: {problem.strerror}") from None
+    for part in parts:
+        if part.exists() and not part.is_dir():
+            require_regular(part)
+    if not (S_ISREG(mode) or S_ISDIR(mode)):
+        raise InputError(f"{path} is no regular file but a device, pipe or socket: copy what it gives into a file")
+
+
 def read_text(path: Path) -> str:
     """Return the text of a file.
 
     Raises
     ------
     InputError
-        When there is no such file, it cannot be read, is empty or is not text.
+        When there is no such file, it cannot be read, is too long, empty or not text.
     """
+    require_regular(path)
     try:
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError(f"{path} has {path.stat().st_size} bytes, and at most {MOST_BYTES} are read of a text")
         text = path.read_text(encoding="utf-8-sig")
     except OSError as problem:
         raise InputError(f"{path} cannot be read: {problem.strerror}") from None

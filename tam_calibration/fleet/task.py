@@ -209,7 +209,7 @@ def _work(task: Task, folder: Path) -> Result:
         calibration = calibration or read_calibration(folder / "calibration.yaml")  # what others will correct with
     with notes.step("diagnose", may_refuse=True):
         remarks = () if usage is None else usage.remarks()
-        gap = diagnose(seen.whole(), options.array)
+        gap = diagnose(seen, options.array)
         gap = replace(gap, remarks=(*remarks, *gap.remarks))
         write_gap(folder / "gap.json", gap, origin)
         rest["gap"] = _in_short(gap_to_mapping(gap))

@@ -19,14 +19,15 @@ from tam_calibration.gap.refusal import (
 )
 from tam_calibration.gap.result import Gap
 from tam_calibration.gap.search import Progress, search
+from tam_calibration.gap.stretches import in_stretches
 from tam_calibration.integrity import require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.recording import Recording, SampleSource
 
 
 def diagnose(
-    recording: Recording,
+    recording: SampleSource,
     array: Array,
     *,
     without: Collection[str] = (),
@@ -37,8 +38,9 @@ def diagnose(
 
     Parameters
     ----------
-    recording : Recording
-        Raw readings (N, K, 3) of one run, tesla; every channel that it has helps.
+    recording : Recording or SampleSource
+        Raw readings (N, K, 3) of one run, tesla; every channel that it has helps. Of more than 100 000 samples it looks
+        at so many, in stretches that are spread over the run.
     array : Array
         Geometry, noise, and what the intensity of the field can be; a noise that is not stated is estimated.
     without : collection of str
@@ -74,12 +76,13 @@ def diagnose(
             "use the array file of this recording"
         )
     faults = require_sound(recording, array, accept, sought=installed_effects())
-    recording.check_plausible(array.field)
+    seen, of_stretches = in_stretches(recording)
+    seen.check_plausible(array.field)
     grave = [fault.sentence for fault in faults if fault.severity == "refusal"]
-    refusals = grave or [refusal for refusal in [refusal_of(recording, array)] if refusal is not None]
-    remarks = [f"tam calibrate would refuse this recording: {refusal}." for refusal in refusals]
+    refusals = grave or [refusal for refusal in [refusal_of(seen, array)] if refusal is not None]
+    remarks = [*of_stretches, *(f"tam calibrate would refuse this recording: {refusal}." for refusal in refusals)]
     remarks += [f"The channels: {fault.sentence}." for fault in faults if fault.severity == "warning"]
-    gap = _judged(recording, array, without, progress)
+    gap = _judged(seen, array, without, progress)
     return replace(gap, remarks=(*remarks, *gap.remarks))
 
 

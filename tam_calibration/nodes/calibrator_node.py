@@ -177,7 +177,7 @@ class Calibrator(TamNode):
         usage = self._usage()
         remarks = usage.remarks() if usage else ()
         samples = self._store.recording()
-        seen = usage.with_each_reading_once(samples).whole() if usage else samples
+        seen = usage.with_each_reading_once(samples) if usage else samples
         gap = diagnose(seen, self._array, progress=self._go_on, accept=self._accepted())
         self._gap = replace(gap, remarks=(*remarks, *gap.remarks))
         written = self._write(self._gap)
