@@ -114,7 +114,7 @@ def _text(path: Path) -> str:
 
         reader = (McapReader if path.suffix == ".mcap" else Sqlite3Reader)(path)
         reader.open()
-        messages = [f"{time} {int(sha256(data).hexdigest()[:12], 16)}" for _, time, data in reader.messages()]
+        messages = [f"{time} {int(sha256(data).hexdigest()[:12], 16)}" for _, time, data in reader.messages(reader.connections)]
         reader.close()
         return "\n".join(messages)
     return "" if path.suffix == ".html" else path.read_text(errors="replace")
