@@ -13,15 +13,18 @@ from tam_calibration.correction.calibration import (
     KnownSource,
     Provenance,
 )
+from tam_calibration.correction.limits import beyond_limits
 from tam_calibration.effects.library import check_numbers
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.effects_schema import EffectFile
 from tam_calibration.files.quantities import (
+    NOT_TURNED,
     Finite,
     Nanotesla,
     NanoteslaOrNone,
     NanoteslaTensor,
     NanoteslaVector,
+    Orientation,
     ScaleFactor,
     ScaleFactors,
     Seconds,
@@ -33,7 +36,7 @@ from tam_calibration.files.quantities import (
 from tam_calibration.files.schema import Bounds, check
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.residuals import Residuals
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, orientation_from_axes
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
 SCHEMA = "tam_calibration/calibration/1"
@@ -55,6 +58,7 @@ class _CalibratedSensor:
     bias_standard_error_nT: _StandardErrors
     misalignment_deg: Turns
     misalignment_standard_error_deg: _StandardErrors
+    orientation: Orientation = NOT_TURNED
     matrix: Tensor
 
 
@@ -170,6 +174,7 @@ class _Calibration:
     frame: str
     statements: list[str]
     warnings: list[str]
+    accepted: list[str] = dataclasses.field(default_factory=list)
     sensors: list[_CalibratedSensor]
     array: _Array
     field: _Field
@@ -188,7 +193,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     Raises
     ------
     InputError
-        When they are of another version, incomplete, or contradict each other.
+        When they are of another version, incomplete, contradict each other, or are beyond a limit that is not accepted.
     """
     schema = content.get("schema")
     if schema != SCHEMA:
@@ -203,7 +208,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     for fitted in effects:
         check_numbers(fitted, errors, array)
     residuals = stored.residuals
-    return Calibration(
+    calibration = Calibration(
         method=stored.method,
         array=array.with_stated_noise(),
         noise_is_estimated=stored.array.noise_is_estimated,
@@ -226,7 +231,12 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         effects=effects,
         effect_sizes=tuple(effect.to_size() for effect in stored.effects),
         known_source=None if stored.known_source is None else stored.known_source.to_known_source(),
+        accepted=tuple(stored.accepted),
     )
+    for name, sentence in beyond_limits(calibration).items():
+        if name not in stored.accepted:
+            raise InputError(f"{sentence}; where that is so, calibrate again and accept {name}")
+    return calibration
 
 
 def _errors(stored: _Calibration) -> SensorErrors:
@@ -238,6 +248,7 @@ def _errors(stored: _Calibration) -> SensorErrors:
         from_degrees(np.array([block.non_orthogonality_deg for block in sensors])),
         from_nanotesla(np.array([block.bias_nT for block in sensors])),
         from_degrees(np.array([block.misalignment_deg for block in sensors])),
+        np.array([orientation_from_axes(block.orientation) for block in sensors]),
     )
     wrong = ~np.isclose(errors.matrix, [block.matrix for block in sensors], rtol=0, atol=1e-9).all(axis=(1, 2))
     if wrong.any():

@@ -1,6 +1,6 @@
 """The quantities of our files: what a number can be in the unit of its key; beyond, it is of another unit or damage."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from tam_calibration.files.schema import Bounds
 
@@ -27,6 +27,12 @@ Turns = tuple[Degrees, Degrees, Degrees]
 Shear = Annotated[float, Bounds(least=-85, most=85, unit="deg")]
 """Of an axis from its right angle: at 90 degrees it is another one, and the matrix of the sensor has no inverse."""
 Shears = tuple[Shear, Shear, Shear]
+
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+Orientation = tuple[Axis, Axis, Axis]
+"""Of a sensor: which axis of the array each of its axes points along."""
+
+NOT_TURNED: Orientation = ("x", "y", "z")
 
 Metres = Annotated[float, Bounds(least=-1e6, most=1e6, unit="m")]
 """From the array to a source: a thousand kilometres."""

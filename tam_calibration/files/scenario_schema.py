@@ -11,6 +11,7 @@ from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.effects_schema import EffectFile
 from tam_calibration.files.iaga2002 import read_iaga2002
 from tam_calibration.files.quantities import (
+    NOT_TURNED,
     Ampere,
     Celsius,
     Degrees,
@@ -18,6 +19,7 @@ from tam_calibration.files.quantities import (
     Moment,
     NanoteslaTensor,
     NanoteslaVector,
+    Orientation,
     Period,
     Place,
     ScaleFactors,
@@ -27,7 +29,7 @@ from tam_calibration.files.quantities import (
 from tam_calibration.files.schema import Bounds, check
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import site_field_T
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, orientation_from_axes
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.simulation import Scenario, attitude, instruments, sources
 from tam_calibration.sources.dipole import Dipole
@@ -47,6 +49,7 @@ class _StatedSensor:
     non_orthogonality_deg: Shears = (0.0, 0.0, 0.0)
     bias_nT: NanoteslaVector = (0.0, 0.0, 0.0)
     misalignment_deg: Turns = (0.0, 0.0, 0.0)
+    orientation: Orientation = NOT_TURNED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,4 +285,5 @@ def _errors(sensors: list[_StatedSensor]) -> SensorErrors:
         from_degrees(np.array([block.non_orthogonality_deg for block in sensors])),
         from_nanotesla(np.array([block.bias_nT for block in sensors])),
         from_degrees(np.array([block.misalignment_deg for block in sensors])),
+        np.array([orientation_from_axes(block.orientation) for block in sensors]),
     )

@@ -9,6 +9,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.limits import BASELINE, DELAY, LENGTH, NOISE
 from tam_calibration.model.mounting import NOT_TURNED, Mounting
+from tam_calibration.model.recording import require_sensor_count
 from tam_calibration.model.units import FloatArray
 
 OUTPUT_NAMES = ("bx", "by", "bz", "gxx", "gxy", "gxz", "gyy", "gyz", "gzz")
@@ -97,6 +98,7 @@ class Array:
         positions = np.asarray(self.positions_m, dtype=float)
         if positions.ndim != 2 or positions.shape[0] < 1 or positions.shape[1] != 3:
             raise InputError(f"positions_m must be K rows of x, y, z; its shape is {positions.shape}")
+        require_sensor_count(len(positions))
         if not np.isfinite(positions).all():
             raise InputError("positions_m holds a value that is not finite")
         object.__setattr__(self, "positions_m", positions)

@@ -26,6 +26,22 @@ SKETCH = 100_000
 """Samples at most that are looked at where more would not change the judgement."""
 
 
+MOST_SENSORS = 64
+"""Of an array: the covariance of their errors is then a table of 768 by 768 numbers."""
+
+
+def require_sensor_count(count: int) -> None:
+    """Check that so many sensors are not too many for one array.
+
+    Raises
+    ------
+    InputError
+        When they are.
+    """
+    if count > MOST_SENSORS:
+        raise InputError(f"there are {count} sensors, and an array has at most {MOST_SENSORS}")
+
+
 class Block(NamedTuple):
     """Some samples that follow each other, as in ``Recording``; no scalar where the whole run has none."""
 
@@ -118,6 +134,7 @@ class Recording:
                 object.__setattr__(self, field.name, None if is_absent else array)
         if self.readings_T.ndim != 3 or self.readings_T.shape[2] != 3 or self.readings_T.shape[1] < 1:
             raise InputError(f"readings must have the shape (samples, sensors, 3), not {self.readings_T.shape}")
+        require_sensor_count(self.sensor_count)
         self._check_shapes()
         if self.sample_count == 0:
             raise InputError("the recording holds no sample")
