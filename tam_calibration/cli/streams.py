@@ -32,10 +32,7 @@ def usable_streams() -> Iterator[None]:
         try:
             sys.stdout.flush()
         except OSError as problem:
-            if end.code:
-                _forget_output()
-                raise
-            _end(problem)
+            _end(problem, end.code)
         raise
     except OSError as problem:
         _end(problem)
@@ -47,8 +44,11 @@ def tell(sentence: str) -> None:
         print(f"tam: {sentence}", file=sys.stderr, flush=True)
 
 
-def _end(problem: OSError) -> None:
-    _forget_output()
+def _end(problem: OSError, code: str | int | None = 0) -> None:
+    """End the process because of standard output, unless it ends with another code already."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the interpreter tries it again at its end
+    if code:
+        sys.exit(code)
     if isinstance(problem, BrokenPipeError):
         sys.exit(1)
     tell(f"standard output cannot be written: {problem.strerror}")
@@ -62,8 +62,3 @@ def _open_what_is_closed() -> None:
             if descriptor != number:
                 os.dup2(descriptor, number)
             setattr(sys, name, open(number, "r" if number == 0 else "w", encoding="utf-8"))  # noqa: SIM115
-
-
-def _forget_output() -> None:
-    """Lead standard output, and what waits to be written to it, nowhere, so that the interpreter can end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
