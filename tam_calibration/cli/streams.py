@@ -12,7 +12,7 @@ def usable_streams() -> Iterator[None]:
     """Run a command with standard streams that it can write to.
 
     What is closed is as if led to ``/dev/null``. Where standard output can take nothing, the command does not begin;
-    where it is full in the end, that is told. What an encoding lacks is written as Python writes it, as \\u03bb.
+    where it is full in the end, that is told. What an encoding lacks is written as Python writes it: by its number.
 
     Raises
     ------
@@ -24,8 +24,7 @@ def usable_streams() -> Iterator[None]:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        if sys.stdout is sys.__stdout__:
-            os.write(sys.stdout.fileno(), b"")  # a device that is full says so
+        os.write(1, b"")  # a device that is full says so
         yield
         sys.stdout.flush()
     except SystemExit as end:

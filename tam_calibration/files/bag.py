@@ -14,8 +14,8 @@ from rosbags.rosbag2.reader import DirectoryReader
 from tam_calibration.correction.partial import missing_codes
 from tam_calibration.files.bag_blocks import read_blocks
 from tam_calibration.files.bag_damage import damage_named
-from tam_calibration.files.bag_recovery import readable
 from tam_calibration.files.bag_folder import PACKED
+from tam_calibration.files.bag_recovery import readable
 from tam_calibration.files.bag_storages import STORAGES
 from tam_calibration.files.text_files import in_file, require_regular
 from tam_calibration.messages.batch_stream import StreamMessages

@@ -125,7 +125,7 @@ class Task:
         **rest
             Further fields of `Result`.
         """
-        names = map(printable, (self.path.name, self.path.parent.name, self.path))
+        names = printable(self.path.name), printable(self.path.parent.name), printable(self.path)
         return Result(*names, status, problems, self.options.digest, **rest)
 
     def is_done(self) -> bool:
