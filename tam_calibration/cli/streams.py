@@ -12,7 +12,8 @@ def usable_streams() -> Iterator[None]:
     """Run a command with standard streams that it can write to.
 
     Where standard output is closed or can take nothing, the command does not begin; where it is full in the end, that
-    is told. Other streams that are closed are as if led to ``/dev/null``. What an encoding lacks is written as Python writes it: by its number.
+    is told. Other streams that are closed are as if led to ``/dev/null``. Letters that an encoding lacks are written by
+    their numbers.
 
     Raises
     ------
