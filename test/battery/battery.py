@@ -268,5 +268,3 @@ def _mount_disk(folder: Path, size: int) -> bool:
     private = 1 << 18 | 1 << 14  # MS_PRIVATE | MS_REC
     library.mount(b"none", b"/", None, private, None)
     return not library.mount(b"tmpfs", os.fsencode(folder), b"tmpfs", 0, f"size={size}".encode())
-
-

@@ -114,13 +114,17 @@ def _text(path: Path) -> str:
 
         reader = (McapReader if path.suffix == ".mcap" else Sqlite3Reader)(path)
         reader.open()
-        messages = [f"{time} {int(sha256(data).hexdigest()[:12], 16)}" for _, time, data in reader.messages(reader.connections)]
+        messages = [
+            f"{time} {int(sha256(data).hexdigest()[:12], 16)}" for _, time, data in reader.messages(reader.connections)
+        ]
         reader.close()
         return "\n".join(messages)
     return "" if path.suffix == ".html" else path.read_text(errors="replace")
 
 
-def judge(trial: Trial, ended: Ended, before: Files, after: Files, answer: Answer, good: Answer | None) -> dict[Bad, str]:
+def judge(
+    trial: Trial, ended: Ended, before: Files, after: Files, answer: Answer, good: Answer | None
+) -> dict[Bad, str]:
     """Return what is bad about a run, by its class with the reason.
 
     Parameters
@@ -243,7 +247,9 @@ def _noise(trial: Trial, ended: Ended) -> str:
         return f"{said[:200]!r}" if len(said.split("\n")) > 3 else ""
     if _is_answer(ended) or trial.around.stderr or trial.around.stdout:
         return ""
-    return _no_sentence(said) or (ended.stdout and not trial.recipe.tells_after_writing and f"stdout: {ended.stdout[:99]!r}")
+    return _no_sentence(said) or (
+        ended.stdout and not trial.recipe.tells_after_writing and f"stdout: {ended.stdout[:99]!r}"
+    )
 
 
 def _no_sentence(said: str) -> str:

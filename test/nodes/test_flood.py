@@ -153,4 +153,4 @@ class Flood:
 
 def _form(message):
     """Return all of a serialised cloud of one row but its stamp and its numbers."""
-    return len(message), message[12 : -NUMBERS_BYTES]
+    return len(message), message[12:-NUMBERS_BYTES]
