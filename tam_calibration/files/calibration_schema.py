@@ -41,7 +41,8 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
 SCHEMA = "tam_calibration/calibration/1"
 
-_StandardErrors = tuple[float, float, float]
+_StandardError = Annotated[float, Bounds(least=0, most=1e12, may_be_nan=True)]
+_StandardErrors = tuple[_StandardError, _StandardError, _StandardError]
 _Covariance = Annotated[float, Bounds(least=-1e12, most=1e12)]
 """SI: a parameter that is known to a million of its units is not known."""
 
@@ -70,7 +71,7 @@ class _Array(ArrayFile):
 class _Field:
     intensity_nT: Nanotesla
     has_scalar_reference: bool
-    coverage_of_sphere: Finite
+    coverage_of_sphere: Annotated[float, Bounds(least=0, most=1)]
     gradient_nT_per_m: NanoteslaTensor | None = None
     gradient_standard_error_nT_per_m: NanoteslaTensor | None = None
 

@@ -136,6 +136,12 @@ def _write_blocks(path: Path, names: Sequence[str], blocks: Iterable[FloatArray]
             file.writelines(",".join(map(repr, row)) + "\n" for row in np.asarray(rows, dtype=float).tolist())
 
 
+_STRONGEST_READING_T = 1.0
+"""Of the strongest field that arrays are turned in, 10 mT, a hundred times: so large may a bias be."""
+
+_SHORTEST_STEP_S = 1e-6
+"""From sample to sample in the mean: no array reads a million times a second."""
+
 _FIELD_COLUMN = re.compile(rf"(b([1-9]\d{{,8}})[xyz]|scalar)_({'|'.join(TESLA_PER_FIELD_UNIT)})")
 _EXPECTED = "time_s,b1x_nT,b1y_nT,b1z_nT,…[,scalar_nT][,temperature_C][,current_A][,qx,qy,qz,qw]"
 
@@ -174,7 +180,11 @@ def read_csv_pieces(path: Path) -> Iterator[Recording]:
 def _recording(names: list[str], table: FloatArray) -> Recording:
     columns = _standard_columns(names, table)
     layout = _layout(columns)
-    return layout.recording(np.column_stack([columns[name] for name in layout.columns]))
+    recording = layout.recording(np.column_stack([columns[name] for name in layout.columns]))
+    first_s, last_s = recording.time_span_s
+    if last_s - first_s < _SHORTEST_STEP_S * (recording.sample_count - 1):
+        raise InputError(f"{recording.sample_count} samples in {last_s - first_s:g} s: time_s must be in seconds")
+    return recording
 
 
 def write_csv_recording(path: Path, recording: Recording) -> None:
@@ -212,6 +222,7 @@ def _standard_columns(names: list[str], table: FloatArray) -> dict[str, FloatArr
         standard = name
         if match := _FIELD_COLUMN.fullmatch(name):
             standard, values = f"{match[1]}_T", _to_tesla(values, match[3])
+            _require_field(name, values)
         elif name not in known:
             raise InputError(f"column {quoted(name)} is not known: a recording has the columns {_EXPECTED}")
         if standard in columns:
@@ -222,7 +233,26 @@ def _standard_columns(names: list[str], table: FloatArray) -> dict[str, FloatArr
 
 def _to_tesla(values: FloatArray, unit: str) -> FloatArray:
     # Divisions by whole numbers round decimals correctly; so microtesla and gauss go like nanotesla.
-    return values if unit == "T" else from_nanotesla(values * round(TESLA_PER_FIELD_UNIT[unit] * NANOTESLA_PER_TESLA))
+    with np.errstate(over="ignore"):  # what is infinite then is told as such
+        whole = values * round(TESLA_PER_FIELD_UNIT[unit] * NANOTESLA_PER_TESLA)
+    return values if unit == "T" else from_nanotesla(whole)
+
+
+def _require_field(name: str, values_T: FloatArray) -> None:
+    """Check that no value is beyond what a sensor reads, in a column whose others are not: those are of another unit.
+
+    Raises
+    ------
+    InputError
+        When one is.
+    """
+    sizes = np.abs(values_T)
+    beyond = np.isfinite(sizes) & (sizes > _STRONGEST_READING_T)
+    if 0 < beyond.sum() < len(sizes) / 2:
+        raise InputError(
+            f"column {name}: {beyond.sum()} of {len(sizes)} values are beyond {_STRONGEST_READING_T:g} T, first in sample "
+            f"{beyond.argmax() + 1}: remove them"
+        )
 
 
 def _layout(columns: dict[str, FloatArray]) -> SampleLayout:

@@ -19,6 +19,9 @@ LARGEST = {
 that is taken for tesla is 5e7, and told as such by the check of units. No sensor is as hot as 10 000 °C, and no current
 near it a million amperes. A quaternion has length 1, and drivers that do not divide by it are near that."""
 
+LEAST_SPREAD_T = 1e-15
+"""Of the readings of an axis that is turned in a field: the noise of the best SQUIDs alone is more."""
+
 SHORTEST_ATTITUDE = 1e-3
 """Of at least one of the four numbers of a quaternion: of smaller ones the direction is rounding."""
 

@@ -9,7 +9,7 @@ import numpy as np
 from tam_calibration.model import conversion
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
-from tam_calibration.model.limits import LARGEST, SHORTEST_ATTITUDE
+from tam_calibration.model.limits import LARGEST, LEAST_SPREAD_T, SHORTEST_ATTITUDE
 from tam_calibration.model.units import FloatArray
 
 if TYPE_CHECKING:
@@ -389,8 +389,8 @@ class Recording:
             When a sensor's axis is constant, or sizes betray another unit than the one stated.
         """
         spread = np.ptp(self.readings_T, axis=0)
-        if self.sample_count > 1 and (spread == 0).any():
-            sensor, axis = np.argwhere(spread == 0)[0]
+        if self.sample_count > 1 and (spread < LEAST_SPREAD_T).any():
+            sensor, axis = np.argwhere(spread < LEAST_SPREAD_T)[0]
             raise InputError(
                 f"sensor {sensor + 1} axis {'xyz'[axis]} reads the same value in all {self.sample_count} samples: "
                 "it is not connected, or was not turned"
