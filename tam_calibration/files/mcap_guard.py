@@ -70,7 +70,8 @@ class McapGuard:
     def is_unfinished(self) -> bool:
         """Return whether the file begins as mcap does and lacks the end."""
         with self._path.open("rb") as file:
-            return file.read(len(MAGIC)) == MAGIC and _read_end(file) is None
+            beginning = file.read(len(MAGIC))
+            return beginning == MAGIC[: len(beginning)] and _read_end(file) is None
 
     def find_damage(self) -> str:
         """Return what is damaged by the CRCs of summary and data section, as a clause; nothing where all fits."""
@@ -133,7 +134,8 @@ class McapGuard:
         """
         end = self._path.stat().st_size
         with self._path.open("rb") as file:
-            if file.read(len(MAGIC)) != MAGIC:
+            beginning = file.read(len(MAGIC))
+            if beginning != MAGIC[: len(beginning)]:
                 raise InputError(f"{self._path.name} does not begin as an mcap file does")
             yield from self._walk(file, len(MAGIC), end, faults)
 
