@@ -14,7 +14,6 @@ from tam_calibration.simulation.instruments import AttitudeChannel, Current, Sca
 from tam_calibration.simulation.sources import Drift
 from tam_calibration.sources.dipole import Dipole
 
-
 MOST_READINGS = 8_000_000
 """Of a simulated run, all sensors together: they take some 1.5 GiB."""
 
