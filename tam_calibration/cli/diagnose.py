@@ -19,6 +19,7 @@ from tam_calibration.files.text_files import to_json
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.result import Cause, Gap
 from tam_calibration.gap.stretches import in_stretches
+from tam_calibration.integrity import ACCEPTABLE
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -120,6 +121,9 @@ _ANSWERS = ("no_gap", "explained")
     "it. A scalar reference that contradicts it is bad input.",
 )
 @tolerance_option
+@click.option(
+    "--accept", multiple=True, metavar="NAME", help=f"Overrule a finding; may be repeated: {', '.join(ACCEPTABLE)}."
+)
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -131,6 +135,7 @@ def command(
     calibration_path: Path | None,
     place: str | None,
     tolerance_s: float,
+    accept: tuple[str, ...],
 ) -> None:
     """Say whether RECORDING (a CSV file or a bag) holds more than the model and the noise can make, where, and why.
 
@@ -141,7 +146,8 @@ def command(
     outputs = {"json": None if to_stdout else json_path, "report": report}
     inputs = [path for path in (recording, array, calibration_path) if path is not None]
     with write_together(outputs, inputs) as beside:
-        gap, usage = _diagnose(recording, _read_array(array, recording, place), without, calibration_path, tolerance_s)
+        found = _read_array(array, recording, place)
+        gap, usage = _diagnose(recording, found, without, calibration_path, tolerance_s, accept)
         source = provenance(recording)
         content = to_json(gap_to_mapping(gap, source))
         if "json" in beside:
@@ -158,7 +164,12 @@ def command(
 
 
 def _diagnose(
-    path: Path, array: Array, without: tuple[str, ...], calibration_path: Path | None, tolerance_s: float
+    path: Path,
+    array: Array,
+    without: tuple[str, ...],
+    calibration_path: Path | None,
+    tolerance_s: float,
+    accept: tuple[str, ...],
 ) -> tuple[Gap, Usage | None]:
     """Return the diagnosis of a recording, and how many of its samples were used."""
     for name in without:
@@ -172,7 +183,7 @@ def _diagnose(
             source, remarks = calibration.without_effects(seen), (*remarks, *of_stretches)
         if usage is not None:
             source = usage.with_each_reading_once(source)
-        gap = diagnose(source, array, without=without, progress=_diagnosing(progress))
+        gap = diagnose(source, array, without=without, progress=_diagnosing(progress), accept=accept)
     return replace(gap, remarks=(*remarks, *gap.remarks)), usage
 
 

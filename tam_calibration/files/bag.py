@@ -3,8 +3,8 @@
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from rosbags.interfaces import Connection
@@ -13,6 +13,8 @@ from rosbags.rosbag2.reader import DirectoryReader
 
 from tam_calibration.correction.partial import missing_codes
 from tam_calibration.files.bag_blocks import read_blocks
+from tam_calibration.files.bag_damage import damage_named
+from tam_calibration.files.bag_recovery import readable
 from tam_calibration.files.bag_storages import STORAGES
 from tam_calibration.files.text_files import in_file, require_regular
 from tam_calibration.messages.batch_stream import StreamMessages
@@ -27,6 +29,7 @@ from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.limits import LARGEST
 from tam_calibration.model.units import FloatArray, IntArray
 
 PATIENCE_NS = 5_000_000_000
@@ -41,9 +44,37 @@ BATCH = 1 << 16
 log = logging.getLogger(__name__)
 
 
+class BagReader(Reader):
+    """The reader of rosbags, which opens files by the readers that are registered.
+
+    Parameters
+    ----------
+    path : Path
+        The bag, which sentences name.
+
+    Attributes
+    ----------
+    unfinished : str
+        What was recovered of a bag that its recorder did not finish, as a clause; empty where it did.
+    """
+
+    def __init__(self, path: Path) -> None:
+        by_name = {storage.name: storage.load().READER for storage in STORAGES.values()}
+        by_suffix = {storage.suffix: by_name[storage.name] for storage in STORAGES.values()}
+
+        class Folder(DirectoryReader):
+            STORAGE_PLUGINS = by_name
+
+        self.STORAGE_PLUGINS = {"dir": Folder, **by_suffix}
+        self._bag = readable(path)
+        self.unfinished = self._bag.unfinished
+        super().__init__(self._bag.path)
+        self.path = path
+
+
 @contextmanager
-def open_bag(path: Path) -> Iterator[Reader]:
-    """Open a bag for reading.
+def open_bag(path: Path) -> Iterator[BagReader]:
+    """Open a bag for reading; of one that its recorder did not finish what is whole, with a warning.
 
     Raises
     ------
@@ -51,10 +82,8 @@ def open_bag(path: Path) -> Iterator[Reader]:
         When the path is no bag, or the bag is empty or damaged.
     """
     require_regular(path)
-    if path.is_dir() and not (path / "metadata.yaml").exists():
-        raise InputError(f"{path} holds no metadata.yaml: is it a bag? `ros2 bag reindex` writes the file anew")
-    reader = _reader_of(path)
-    with _damage_named(path):
+    reader = BagReader(path)
+    with damage_named(path):
         reader.open()
     try:
         if not reader.message_count:
@@ -62,20 +91,6 @@ def open_bag(path: Path) -> Iterator[Reader]:
         yield reader
     finally:
         reader.close()
-
-
-def _reader_of(path: Path) -> Reader:
-    """Return the reader of rosbags, which opens files by the readers that are registered."""
-    by_name = {storage.name: storage.load().READER for storage in STORAGES.values()}
-    by_suffix = {storage.suffix: by_name[storage.name] for storage in STORAGES.values()}
-
-    class Folder(DirectoryReader):
-        STORAGE_PLUGINS = by_name
-
-    class Bag(Reader):
-        STORAGE_PLUGINS = MappingProxyType({"dir": Folder, **by_suffix})
-
-    return Bag(path)
 
 
 def raw_messages(reader: Reader, connections: Sequence[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
@@ -93,8 +108,9 @@ def raw_messages(reader: Reader, connections: Sequence[Connection]) -> Iterator[
     InputError
         When the bag is damaged.
     """
-    with _damage_named(Path(str(reader.path))):
-        yield from reader.messages(connections)
+    for block in raw_blocks(reader, connections):
+        rows = zip(block.connection.tolist(), block.recorded_ns.tolist(), block.messages(), strict=True)
+        yield from ((connections[number], recorded_ns, message) for number, recorded_ns, message in rows)
 
 
 def raw_blocks(
@@ -121,17 +137,8 @@ def raw_blocks(
     InputError
         When the bag is damaged.
     """
-    with _damage_named(Path(str(reader.path))):
+    with damage_named(Path(str(reader.path))):
         yield from read_blocks(reader, connections, progress, with_times)
-
-
-@contextmanager
-def _damage_named(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except Exception as problem:  # rosbags lets through whatever its decompressors and databases raise
-        reason = str(problem).partition("\n")[0] or type(problem).__name__
-        raise InputError(f"{path} is damaged or truncated: {reason}") from problem
 
 
 def read_bag(
@@ -179,7 +186,7 @@ def read_bag(
                 raise InputError("the bag holds more messages than its metadata say: `ros2 bag reindex` counts them")
             stamps[chosen], rows[chosen, 0], rows[chosen, 1:] = stamps_ns, seconds_of(times_ns), values
             count = chosen.stop
-        return _samples(topics, stamps[:count], rows[:count], usage)
+        return _samples(topics, stamps[:count], rows[:count], usage, reader.unfinished)
 
 
 def read_bag_pieces(
@@ -219,11 +226,15 @@ def read_bag_pieces(
         topics = find_topics(reader.connections, sensor_count)
         joined = _join(reader, topics, tolerance_ns, progress, array, with_partial)
         for stamps_ns, times_ns, values, usage in joined:
-            yield _samples(topics, stamps_ns, np.column_stack([seconds_of(times_ns), values]), usage)
+            rows = np.column_stack([seconds_of(times_ns), values])
+            yield _samples(topics, stamps_ns, rows, usage, reader.unfinished)
 
 
-def _samples(topics: StreamTopics, stamps_ns: IntArray, rows: FloatArray, usage: Usage | None) -> Samples:
-    """Return the samples of rows, with what they lack."""
+def _samples(
+    topics: StreamTopics, stamps_ns: IntArray, rows: FloatArray, usage: Usage | None, unfinished: str
+) -> Samples:
+    """Return the samples of rows, with what they lack, and with how the bag was left."""
+    usage = None if usage is None else replace(usage, unfinished=unfinished)
     last = 1 + 3 * topics.layout.sensor_count
     readings = rows[:, 1:last].reshape(-1, topics.layout.sensor_count, 3)
     codes = missing_codes(readings)
@@ -297,7 +308,8 @@ def _kept(
 
 def _usable(synchroniser: BatchSynchroniser, stream: str, messages: StreamMessages) -> StreamMessages:
     """Return the messages of a stream that have a time and values, as the collector takes them; the others count."""
-    is_missing = np.isinf(messages.values) if stream in CHANNEL_COLUMNS else ~np.isfinite(messages.values)
+    is_beyond = np.abs(messages.values) > LARGEST.get(stream, LARGEST["readings"])
+    is_missing = is_beyond if stream in CHANNEL_COLUMNS else is_beyond | np.isnan(messages.values)
     usable = ~is_missing.any(axis=1)
     if messages.stamps_ns is not None:
         usable &= messages.stamps_ns != NO_TIME

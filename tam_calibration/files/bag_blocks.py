@@ -8,8 +8,9 @@ import numpy as np
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
-from zstandard import BufferWithSegments, ZstdDecompressor
+from zstandard import BufferWithSegments, ZstdDecompressor, frame_content_size
 
+from tam_calibration.files.bag_bounds import check_piece, unpack_message
 from tam_calibration.files.bag_storages import STORAGES, RegisteredStorage, StoredFile
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.samples import Progress
@@ -87,12 +88,17 @@ def _is_same(own: Connection, one: Connection) -> bool:
 
 def _decompressed(messages: RawMessages) -> RawMessages:
     """Return messages that were compressed one by one; all by one decompressor, as making it takes most of the time."""
-    segments = np.column_stack([messages.start, messages.size]).astype("<u8").tobytes()
+    packed = messages.messages()
+    sizes = [frame_content_size(each) for each in packed]  # -1 where a frame does not tell
+    for each, size in zip(packed, sizes, strict=True):
+        check_piece(len(each), size, "a message")
+    check_piece(int(messages.size.sum()), sum(sizes), f"a block of {len(packed)} messages")
     whole: Any
-    try:
+    if min(sizes, default=0) < 0:
+        whole = [unpack_message(each) for each in packed]
+    else:
+        segments = np.column_stack([messages.start, messages.size]).astype("<u8").tobytes()
         whole = ZstdDecompressor().multi_decompress_to_buffer(BufferWithSegments(messages.block.data, segments))
-    except ValueError:  # a frame that does not tell its size
-        whole = [ZstdDecompressor().decompressobj().decompress(each) for each in messages.messages()]
     return RawMessages.of(messages.connection, messages.recorded_ns, list(whole))
 
 

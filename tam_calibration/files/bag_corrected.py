@@ -5,13 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 
 from tam_calibration.correction.calibration import Corrected
 from tam_calibration.files.bag import open_bag, raw_blocks
 from tam_calibration.files.bag_storages import DEFAULT, storage_of
-from tam_calibration.files.bag_writing import TYPESTORE, BlockWriter, header, write_bag
+from tam_calibration.files.bag_writing import TYPESTORE, BlockWriter, copy_connection, header, write_bag
 from tam_calibration.messages.batch_stream import BoolArray
 from tam_calibration.messages.cdr import NO_TIME, RawMessages, fill, interleave, read_stamped_doubles
 from tam_calibration.messages.point_cloud import (
@@ -80,7 +79,7 @@ def _merge(reader: Reader, writer: BlockWriter, results: "_Results", progress: P
     found = find_topics(reader.connections, None)
     replaced = {found.namespace + topic for topic in _TOPIC_TYPES}
     kept = [connection for connection in reader.connections if connection.topic not in replaced]
-    copies = np.array([_copy_connection(writer, connection).id for connection in kept])
+    copies = np.array([copy_connection(writer, connection).id for connection in kept])
     topics = _Topics(writer, found.namespace, results.first)
     sensors = [kept.index(found.connections[sensor_stream(sensor + 1)]) for sensor in range(found.layout.sensor_count)]
     for block in raw_blocks(reader, kept, progress):
@@ -192,18 +191,6 @@ class _Topics:
             RawMessages.of_rows(self._ids[topic], recorded_ns, fill(template, *parts[topic]))
             for topic, template in self._templates.items()
         ]
-
-
-def _copy_connection(writer: BlockWriter, connection: Connection) -> Connection:
-    assert isinstance(connection.ext, ConnectionExtRosbag2)
-    return writer.add_connection(
-        connection.topic,
-        connection.msgtype,
-        msgdef=connection.msgdef.data,
-        rihs01=connection.digest or "RIHS01_" + "0" * 64,
-        serialization_format=connection.ext.serialization_format,
-        offered_qos_profiles=connection.ext.offered_qos_profiles,
-    )
 
 
 def _center_template(standard_errors: FloatArray) -> bytes:

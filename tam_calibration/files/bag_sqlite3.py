@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionMode, ReaderError
-from rosbags.rosbag2.metadata import ReaderMetadata, parse_qos
+from rosbags.rosbag2.metadata import ReaderMetadata
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader, Sqlite3Writer
 
+from tam_calibration.files.sqlite3_guard import CRC_COLUMN, TABLES, Sqlite3Guard, crc_of, read_connections
 from tam_calibration.messages.cdr import NOT_READ, RawMessages
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import IntArray
@@ -20,8 +21,7 @@ ROWS, _BYTES = 8_192, 2_000_000
 _SPAN = """
 SELECT (SELECT min(timestamp) FROM messages), (SELECT max(timestamp) FROM messages), (SELECT count(*) FROM messages)
 """
-_INSERT = "INSERT INTO messages (topic_id, timestamp, data) VALUES(?, ?, ?)"
-_DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+_INSERT = f"INSERT INTO messages (topic_id, timestamp, data, {CRC_COLUMN}) VALUES(?, ?, ?, ?)"
 _NEXT = "SELECT timestamp FROM messages WHERE timestamp >= ? ORDER BY timestamp LIMIT 1 OFFSET ?"
 _INDEX = "timestamp_idx"
 _TIMES = "group_concat(timestamp - ?1)"
@@ -39,29 +39,10 @@ class QuickSqlite3Reader(Sqlite3Reader):
     """
 
     def _open(self) -> None:
-        tables = {name for (name,) in self._rows("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        tables = {name for (name,) in self._rows(TABLES)}
         if not {"topics", "messages"} <= tables:
             raise ReaderError(f"Cannot open database {self.path} or database missing tables.")
-        definitions = {}
-        if "message_definitions" in tables:
-            kinds = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
-            definitions = {name: MessageDefinition(kinds[kind], text) for name, kind, text in self._rows(_DEFINITIONS)}
-        columns = [column for _, column, *_ in self._rows("PRAGMA table_info(topics)")]
-        topics = [dict(zip(columns, row, strict=True)) for row in self._rows("SELECT * FROM topics ORDER BY id")]
-        unknown = MessageDefinition(MessageDefinitionFormat.NONE, "")
-        self.connections = [
-            Connection(
-                topic["id"],
-                topic["name"],
-                topic["type"],
-                definitions.get(topic["type"], unknown),
-                topic.get("type_description_hash", ""),
-                0,
-                ConnectionExtRosbag2(topic["serialization_format"], parse_qos(topic.get("offered_qos_profiles", []))),
-                self,
-            )
-            for topic in topics
-        ]
+        self.connections = read_connections(self._rows, self)
         first, last, count = next(iter(self._rows(_SPAN)))
         if count:
             self.metadata = ReaderMetadata(last + 1 - first, first, last + 1, count, None, None, None, None)
@@ -126,12 +107,18 @@ def _messages(connection: IntArray, recorded_ns: IntArray, size: IntArray, block
 
 
 class Sqlite3BlockWriter(Sqlite3Writer):
-    """The sqlite3 writer of rosbags that takes many messages at once; their index is made when all are there."""
+    """The sqlite3 writer of rosbags that takes many messages at once; their index is made when all are there.
+
+    Beside each message stands its CRC.
+    """
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
         # What fails is removed as a whole: no journal is needed to take back a part.
-        self.conn.executescript(f"PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; DROP INDEX {_INDEX};")
+        self.conn.executescript(
+            "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; "
+            f"DROP INDEX {_INDEX}; ALTER TABLE messages ADD COLUMN {CRC_COLUMN} INTEGER;"
+        )
 
     def close(self, version: int, metadata: str) -> None:
         """Make the index, and close the file.
@@ -149,7 +136,22 @@ class Sqlite3BlockWriter(Sqlite3Writer):
     def write_block(self, messages: RawMessages) -> None:
         """Write messages, each of the connection of that id."""
         rows = zip(messages.connection.tolist(), messages.recorded_ns.tolist(), messages.messages(), strict=True)
-        self.cursor.executemany(_INSERT, rows)
+        self.cursor.executemany(_INSERT, ((*row, crc_of(*row)) for row in rows))
+
+    def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
+        """Write one message.
+
+        Parameters
+        ----------
+        connection : Connection
+            Of this writer.
+        timestamp : int
+            Time of recording, nanoseconds.
+        data : bytes
+            The serialised message.
+        """
+        row = connection.id, timestamp, bytes(data)
+        self.cursor.execute(_INSERT, (*row, crc_of(*row)))
 
 
-READER, WRITER = QuickSqlite3Reader, Sqlite3BlockWriter
+READER, WRITER, GUARD = QuickSqlite3Reader, Sqlite3BlockWriter, Sqlite3Guard

@@ -1,12 +1,13 @@
 """The storages of bags: each is one module that reads and writes its files, and one line in ``STORAGES``."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol, cast
 
 from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.model.exceptions import InputError
 
 
 class StoredFile(Protocol):
@@ -20,6 +21,28 @@ class StoredFile(Protocol):
         """Yield connection, time of recording in nanoseconds and serialised message, in the order of recording."""
 
 
+class Guard(Protocol):
+    """Tells of a file whether it is finished and whole; made of its path, and writes to nothing."""
+
+    def is_unfinished(self) -> bool:
+        """Return whether its recorder did not end it, or it was cut."""
+
+    def find_damage(self) -> str:
+        """Return what is damaged, as a clause; nothing where the file tells of none."""
+
+    def damaged_messages(self) -> str:
+        """Return a clause that names the damaged messages; nothing where no message is."""
+
+    def whole_messages(self, faults: list[str]) -> Iterator[tuple[Any, int, bytes]]:
+        """Yield connection, time of recording and serialised message of all that is whole, in the order of writing.
+
+        Parameters
+        ----------
+        faults : list of str
+            What was left out, though something stands behind it, is added to it.
+        """
+
+
 class Storage(Protocol):
     """What the module of a storage holds.
 
@@ -30,10 +53,13 @@ class Storage(Protocol):
     WRITER : type
         Writes a file, as ``rosbags.rosbag2.Writer`` asks of a plugin; beside that ``write_block(messages)`` writes
         ``RawMessages``.
+    GUARD : callable
+        Makes the `Guard` of a file of its path.
     """
 
     READER: type[Any]
     WRITER: type[Any]
+    GUARD: Callable[[Path], Guard]
 
     def read_blocks(
         self, file: StoredFile, position: Mapping[int, int], with_times: bool
@@ -100,6 +126,25 @@ def storage_of(path: Path) -> str:
         if path.suffix == storage.suffix or any(path.glob(f"*{storage.suffix}*")):
             return storage.name
     return DEFAULT
+
+
+def guard_of(file: Path) -> Guard:
+    """Return the guard of a file of a bag, by its suffix, else by how it begins.
+
+    Raises
+    ------
+    InputError
+        When it is of no storage.
+    """
+    for storage in STORAGES.values():
+        if file.suffix == storage.suffix:
+            return storage.load().GUARD(file)
+    with file.open("rb") as stream:
+        beginning = stream.read(16)
+    for storage in STORAGES.values():
+        if beginning.startswith(storage.beginning):
+            return storage.load().GUARD(file)
+    raise InputError(f"{file} is of no storage that is known: {', '.join(STORAGES)}")
 
 
 def storage_alone(path: Path) -> RegisteredStorage | None:

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
+from tam_calibration.files.bag_digests import write_digests
 from tam_calibration.files.bag_storages import DEFAULT, STORAGES, storage_alone
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.messages.cdr import ByteArray, RawMessages, fill, interleave
@@ -33,6 +35,11 @@ class BlockWriter(Writer):
         plugin: Any = STORAGES[storage]  # rosbags takes its name for metadata.yaml
         super().__init__(path, version=9, storage_plugin=plugin)
         self.STORAGE_PLUGINS = {plugin: plugin.load().WRITER}
+
+    def close(self) -> None:
+        """End the bag, and write the digests of its files beside them."""
+        super().close()
+        write_digests(self.path)
 
     def write_block(self, messages: RawMessages) -> None:
         """Write messages, each of the connection of that id, in their order.
@@ -78,6 +85,19 @@ def write_bag(path: Path, storage: str) -> Iterator[BlockWriter]:
             raise InputError(f"{path} cannot be written: {problem}") from problem
         if alone:
             next(folder.glob(f"*{alone.suffix}")).rename(beside)
+
+
+def copy_connection(writer: BlockWriter, connection: Connection) -> Connection:
+    """Make a connection of another bag known to a writer, and return the writer's own."""
+    assert isinstance(connection.ext, ConnectionExtRosbag2)
+    return writer.add_connection(
+        connection.topic,
+        connection.msgtype,
+        msgdef=connection.msgdef.data,
+        rihs01=connection.digest or "RIHS01_" + "0" * 64,
+        serialization_format=connection.ext.serialization_format,
+        offered_qos_profiles=connection.ext.offered_qos_profiles,
+    )
 
 
 def write_bag_recording(path: Path, recording: Recording, storage: str = DEFAULT) -> None:

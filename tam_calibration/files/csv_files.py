@@ -12,7 +12,7 @@ from tam_calibration.correction.calibration import Corrected
 from tam_calibration.files.text_files import in_file, nanotesla_to_write, require_regular, write_whole
 from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS, SampleLayout
 from tam_calibration.model.array import OUTPUT_NAMES
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.recording import BLOCK, Recording, require_sensor_count
 from tam_calibration.model.units import NANOTESLA_PER_TESLA, TESLA_PER_FIELD_UNIT, FloatArray, from_nanotesla
 
@@ -124,7 +124,7 @@ def _describe_fault(path: Path, names: Sequence[str], lines: list[str], first_li
             try:
                 float(cell.strip() or "nan")
             except ValueError:
-                return f"{path} line {number} column {name}: {cell.strip()!r} is not a number"
+                return f"{path} line {number} column {quoted(name)[1:-1]}: {quoted(cell.strip())} is not a number"
     return f"{path} is not a table of numbers separated by commas"
 
 
@@ -213,9 +213,9 @@ def _standard_columns(names: list[str], table: FloatArray) -> dict[str, FloatArr
         if match := _FIELD_COLUMN.fullmatch(name):
             standard, values = f"{match[1]}_T", _to_tesla(values, match[3])
         elif name not in known:
-            raise InputError(f"column {name!r} is not known: a recording has the columns {_EXPECTED}")
+            raise InputError(f"column {quoted(name)} is not known: a recording has the columns {_EXPECTED}")
         if standard in columns:
-            raise InputError(f"column {name!r} is there twice")
+            raise InputError(f"column {quoted(name)} is there twice")
         columns[standard] = values
     return columns
 

@@ -2,12 +2,14 @@
 
 import os
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
 from tam_calibration.core.interpolation import without_delays
 from tam_calibration.correction.calibration import Calibration, Corrected, Provenance
 from tam_calibration.correction.partial import PartialCorrection
+from tam_calibration.files.bag_folder import data_files
 from tam_calibration.files.bag_storages import DEFAULT, STORAGES
 from tam_calibration.files.csv_files import (
     read_csv_pieces,
@@ -16,8 +18,7 @@ from tam_calibration.files.csv_files import (
     write_csv_recording,
 )
 from tam_calibration.files.recording_stream import RecordingStream
-from tam_calibration.files.text_files import in_file, read_text, require_regular
-from tam_calibration.files.yaml_document import parse_mapping
+from tam_calibration.files.text_files import in_file, require_regular
 from tam_calibration.messages.samples import Progress, Samples, stamps_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
@@ -37,19 +38,12 @@ def provenance(path: Path) -> Provenance:
     """
     path = Path(path).resolve()
     digest, size = sha256(), 0
-    for part in _data_files(path):
+    for part in data_files(path):
         with part.open("rb") as file:
             while block := file.read(1 << 20):
                 digest.update(block)
                 size += len(block)
     return Provenance(path.name, size, digest.hexdigest())
-
-
-def _data_files(path: Path) -> list[Path]:
-    if not path.is_dir():
-        return [path]
-    metadata = parse_mapping(read_text(path / "metadata.yaml"))
-    return [path / Path(name).name for name in metadata["rosbag2_bagfile_information"]["relative_file_paths"]]
 
 
 _BAG_BEGINNINGS = tuple(storage.beginning for storage in STORAGES.values())
@@ -435,11 +429,12 @@ def correct_file(
         else:
             outputs = calibration.apply(samples.recording.readings_T)
             corrected = Corrected(samples.recording.time_s, outputs, calibration.output_standard_errors)
+        whole = calibration.without_effects(samples.recording) if calibration.effects else samples.recording
         try:
             samples.recording.check_units(calibration.array.field)
             right_units += 1
         except InputError as problem:
             wrong_units.append(problem)
-        yield corrected, samples.stamps_ns
+        yield replace(corrected, scalar_T=whole.scalar_T), samples.stamps_ns
     if len(wrong_units) > right_units:
         raise wrong_units[0]

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from stat import S_ISDIR, S_ISREG
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from tam_calibration.files.whole_files import write_set
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
 
@@ -119,24 +119,8 @@ def write_whole(path: Path) -> Iterator[Path]:
     InputError
         When the target cannot be written.
     """
-    path = Path(path)
-    if path.is_dir():
-        raise InputError(f"{path} is a folder that exists already: choose another name, or remove it")
-    if path.exists() and not path.is_file():
-        raise InputError(f"{path} is not a regular file: choose another name")
-    try:
-        folder = TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent)
-    except OSError as problem:
-        raise InputError(f"{path} cannot be written: {problem.strerror} ({path.parent})") from None
-    with folder as name:
-        beside = Path(name, path.name)
-        try:
-            yield beside
-            os.replace(beside, path)
-        except OSError as problem:
-            if problem.filename is None or str(problem.filename).startswith(name):
-                raise InputError(f"{path} cannot be written: {problem.strerror}") from problem
-            raise
+    with write_set([path]) as [beside]:
+        yield beside
 
 
 def to_json(content: Mapping[str, Any]) -> str:

@@ -41,6 +41,8 @@ class Usage:
         Readings that came of each sensor.
     interpolated : tuple of int
         Samples in which the value of each sensor lies between its readings.
+    unfinished : str
+        How a recorder left the recording, as a clause; empty where it was finished.
     """
 
     used: int
@@ -48,6 +50,7 @@ class Usage:
     reasons: tuple[str, ...] = ()
     readings: tuple[int, ...] = ()
     interpolated: tuple[int, ...] = ()
+    unfinished: str = ""
 
     @classmethod
     def of(cls, used: int, first: Stream, others: Sequence[Stream], patience_ns: int) -> "Usage":
@@ -83,8 +86,8 @@ class Usage:
     def from_json(cls, text: str) -> "Usage":
         """Return the usage that `to_json` wrote."""
         content = json.loads(text)
-        tuples = (tuple(content[name]) for name in ("reasons", "readings", "interpolated"))
-        return cls(content["used"], content["received"], *tuples)
+        tuples = {name: tuple(content[name]) for name in ("reasons", "readings", "interpolated")}
+        return cls(**content | tuples)
 
     def to_json(self) -> str:
         """Return the usage as text for other processes."""
@@ -96,7 +99,7 @@ class Usage:
         return f"{self.used} of {self.received} samples of sensor 1 used{why}"
 
     def warnings(self) -> tuple[str, ...]:
-        """Return a warning where less than nine tenths were used.
+        """Return warnings where less than nine tenths were used, and where the recording was left unfinished.
 
         Raises
         ------
@@ -105,7 +108,8 @@ class Usage:
         """
         if self.used < _REFUSED_BELOW * self.received:
             raise Refused(f"only {self}; mend that and record again")
-        return (f"only {self}",) if self.used < _WARNED_BELOW * self.received else ()
+        few = (f"only {self}",) if self.used < _WARNED_BELOW * self.received else ()
+        return (*few, self.unfinished) if self.unfinished else few
 
     def with_each_reading_once(self, samples: SampleSource) -> SampleSource:
         """Return samples for a fit, thinned where a sensor that is read less often would count more than once.

@@ -9,6 +9,7 @@ import numpy as np
 from tam_calibration.model import conversion
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
+from tam_calibration.model.limits import LARGEST, SHORTEST_ATTITUDE
 from tam_calibration.model.units import FloatArray
 
 if TYPE_CHECKING:
@@ -103,7 +104,8 @@ class Recording:
     Raises
     ------
     InputError
-        When a shape is wrong, a value that is needed is not finite, or time does not increase.
+        When a shape is wrong, a value that is needed is not finite, one is beyond what can be (`limits.LARGEST`), or
+        time does not increase.
 
     Examples
     --------
@@ -136,7 +138,7 @@ class Recording:
         self._check_shapes()
         if self.sample_count == 0:
             raise InputError("the recording holds no sample")
-        self._check_finite()
+        self._check_sizes()
         self._check_attitude()
         self._check_time()
 
@@ -147,26 +149,24 @@ class Recording:
             if value is not None and value.shape != shape:
                 raise InputError(f"{name} must have the shape {shape} to match the readings, not {value.shape}")
 
-    def _check_finite(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is None:
-                continue
-            is_channel = field.name in CHANNELS
-            bad = np.isinf(value) if is_channel else ~np.isfinite(value)
+    def _check_sizes(self) -> None:
+        for name, value in self._values().items():
+            is_channel, largest = name in CHANNELS, LARGEST[name.partition("_")[0]]
+            bad = np.abs(value) > largest if is_channel else ~(np.abs(value) <= largest)
             if bad.any():
                 index = np.argwhere(bad)[0]
-                where = f"sensor {index[1] + 1} axis {'xyz'[index[2]]}" if field.name == "readings_T" else field.name
-                count = int(bad.reshape(len(bad), -1).any(axis=1).sum())
-                raise InputError(
-                    f"{count} of {self.sample_count} samples hold {'' if is_channel else 'NaN or '}infinite values, "
-                    f"first {where} in sample {index[0] + 1}: remove them"
-                )
+                where = f"sensor {index[1] + 1} axis {'xyz'[index[2]]}" if name == "readings_T" else name
+                count, first = int(bad.reshape(len(bad), -1).any(axis=1).sum()), value[tuple(index)]
+                kind, mend = f"{'' if is_channel else 'NaN or '}infinite values", "remove them"
+                if np.isfinite(first):
+                    kind, mend = f"values beyond {largest:g}", f"{first:g} is of another unit, or damage"
+                samples = f"{count} of {self.sample_count} samples"
+                raise InputError(f"{samples} hold {kind}, first {where} in sample {index[0] + 1}: {mend}")
 
     def _check_attitude(self) -> None:
         if self.attitude is None:
             return
-        is_zero = ~self.attitude.any(axis=1)
+        is_zero = (np.abs(self.attitude) < SHORTEST_ATTITUDE).all(axis=1)
         if is_zero.any():
             raise InputError(
                 f"{int(is_zero.sum())} of {self.sample_count} attitudes are four zeros, first in sample "

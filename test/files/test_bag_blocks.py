@@ -16,6 +16,7 @@ from zstandard import ZstdCompressor
 
 from tam_calibration.files import bag, bag_blocks, bag_mcap, bag_sqlite3, bag_storages, read_pieces, read_samples
 from tam_calibration.files.bag import PATIENCE_NS, open_bag, raw_blocks, raw_messages
+from tam_calibration.files.bag_digests import DIGESTS
 from tam_calibration.files.bag_writing import BlockWriter
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.synchroniser import Synchroniser
@@ -221,10 +222,12 @@ def test_blocks_hold_the_messages_in_the_order_of_the_bag(tmp_path, storage, rec
     messages = [(*one[:2], one[2] if recorded == "as it came" else 5, one[3]) for one in rough_messages()]
     with open_bag(write(tmp_path / "bag", messages, storage, as_block=True)) as reader:
         wanted = [connection for connection in reader.connections if connection.topic != "/auv/current"]
-        single = [
-            (wanted.index(connection), time, bytes(data)) for connection, time, data in raw_messages(reader, wanted)
-        ]
+        single, ours = (
+            [(wanted.index(connection), time, bytes(data)) for connection, time, data in messages]
+            for messages in (reader.messages(wanted), raw_messages(reader, wanted))
+        )
         blocks = list(raw_blocks(reader, wanted))
+    assert ours == single
     assert len(blocks) > (5 if recorded == "as it came" or storage == "mcap" else 0)
     rows = [zip(b.connection.tolist(), b.recorded_ns.tolist(), b.messages(), strict=True) for b in blocks]
     assert list(chain.from_iterable(rows)) == single
@@ -257,8 +260,9 @@ def test_a_block_is_written_as_single_messages_are(tmp_path, storage):
     assert seen[0] == seen[1]
 
 
-def test_an_index_that_does_not_fit_is_refused(tmp_path):
-    """An index of messages that points elsewhere is damage, not data."""
+def test_an_index_that_does_not_fit_is_refused(tmp_path, monkeypatch):
+    """An index of messages that points elsewhere is damage, not data, also where no CRC tells."""
+    monkeypatch.setattr(bag_mcap, "seal", lambda path: None)
     path = write(tmp_path / "bag", rough_messages(), "mcap", as_block=True)
     data = path / "bag.mcap"
     with Reader(path) as reader:
@@ -267,6 +271,7 @@ def test_an_index_that_does_not_fit_is_refused(tmp_path):
     place = next(iter(chunk.message_index_offsets.values())) + 15 + 8
     content[place] ^= 3
     data.write_bytes(bytes(content))
+    (path / DIGESTS).unlink()
     with pytest.raises(InputError, match="is damaged or truncated: the index of a chunk does not fit the chunk"):
         read_samples(path)
 
@@ -286,6 +291,7 @@ def test_a_database_without_index_reads_alike(tmp_path):
     plain = read_plainly(path)
     with closing(sqlite3.connect(path / "bag.db3")) as database:
         database.execute("DROP INDEX timestamp_idx")
+    (path / DIGESTS).unlink()
     check_equal(read_samples(path), plain)
 
 
@@ -301,6 +307,7 @@ def test_a_damaged_compressed_message_is_refused(tmp_path):
     """A message that cannot be unpacked is damage."""
     path = write(tmp_path / "bag", rough_messages(), "sqlite3", CompressionMode.MESSAGE)
     with closing(sqlite3.connect(path / "bag.db3")) as database, database:
-        database.execute("UPDATE messages SET data = substr(data, 1, 40) WHERE id = 99")
+        database.execute("UPDATE messages SET data = substr(data, 1, 40), crc32 = NULL WHERE id = 99")
+    (path / DIGESTS).unlink()
     with pytest.raises(InputError, match="is damaged or truncated: "):
         read_samples(path)

@@ -39,7 +39,8 @@ def drawer(monkeypatch):
     def read_blocks(file, position, with_times):
         asked.append(file)
 
-    module.READER, module.WRITER, module.read_blocks, module.asked = Reader, Writer, read_blocks, asked
+    module.READER, module.WRITER, module.GUARD = Reader, Writer, bag_sqlite3.Sqlite3Guard
+    module.read_blocks, module.asked = read_blocks, asked
     monkeypatch.setitem(sys.modules, module.__name__, module)
     storage = RegisteredStorage("drawer", Renamed.SUFFIX, b"SQLite format 3\0", module.__name__, stands_alone=True)
     monkeypatch.setitem(STORAGES, "drawer", storage)
@@ -50,7 +51,7 @@ def test_a_folder_is_written_and_read_by_the_registered_module(tmp_path, drawer,
     """All else asks the registry; a storage without blocks is read message by message."""
     path = tmp_path / "bag"
     write_recording(path, recording, storage="drawer")
-    assert [file.suffix for file in path.iterdir() if file.suffix != ".yaml"] == [".drawer"]
+    assert {file.name for file in path.iterdir()} == {"bag.drawer", "metadata.yaml", "digests.json"}
     assert "storage_identifier: drawer" in (path / "metadata.yaml").read_text()
     assert storage_of(path) == "drawer"
     read = read_recording(path)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tam_calibration.files import write_whole
 from tam_calibration.files.text_files import read_text
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.validation.blind.case import Case
@@ -63,7 +64,8 @@ def write_case(folder: Path, case: Case) -> None:
 
 def write_json(path: Path, content: Any) -> None:
     """Write a JSON file."""
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    with write_whole(path) as beside:
+        beside.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def read_json(path: Path) -> Any:

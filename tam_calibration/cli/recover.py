@@ -1,0 +1,38 @@
+"""`tam recover`: from a bag that its recorder left unfinished, or that is damaged, to a clean one."""
+
+from pathlib import Path
+
+import click
+
+from tam_calibration.cli.terminal import PATH
+from tam_calibration.files.recording_file import is_bag
+from tam_calibration.files.text_files import to_json
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.extras import require
+
+
+@click.command()
+@click.argument("bag", type=PATH)
+@click.option("-o", "--output", type=PATH, required=True, help="The folder of a new bag, or an .mcap file.")
+@click.option("--json", "as_json", is_flag=True, help="Print what was recovered as JSON.")
+def command(bag: Path, output: Path, as_json: bool) -> None:
+    """Write every whole message of BAG to a new bag: of a killed recorder's, a cut or a damaged one.
+
+    BAG is not changed. Messages that are damaged are left out and told.
+    """
+    if not is_bag(bag):
+        raise InputError(f"{bag} is no bag: only bags can be recovered, a rosbag2 folder, an .mcap or a .db3 file")
+    if output.resolve().is_relative_to(bag.resolve()):
+        raise InputError(f"{output} is, or lies in, the bag that is read: choose another name for the output")
+    require("bags", "recovering bags")
+    from tam_calibration.files.bag_recovery import recover
+
+    found = recover(bag, output)
+    summary = {
+        "output": str(output),
+        "messages": found.messages,
+        "begins_s": found.first_ns / 1e9,
+        "ends_s": found.last_ns / 1e9,
+        "faults": list(found.faults),
+    }
+    click.echo(to_json(summary) if as_json else f"{output}: {found}")

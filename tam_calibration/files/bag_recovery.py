@@ -1,0 +1,227 @@
+"""Bags made readable: unpacked, checked, and what a recorder left unfinished recovered."""
+
+import logging
+import shutil
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import chain, islice
+from pathlib import Path
+from tempfile import TemporaryDirectory, mkdtemp
+from weakref import finalize
+
+from rosbags.interfaces import Connection
+
+from tam_calibration.files.bag_bounds import ZSTD_BEGINNING, unpack_file, unpack_message
+from tam_calibration.files.bag_damage import damage_named
+from tam_calibration.files.bag_digests import DIGESTS, are_complete, changed_files
+from tam_calibration.files.bag_folder import INFORMATION, METADATA, PACKED, check_regular, data_files, read_metadata
+from tam_calibration.files.bag_storages import guard_of, storage_of
+from tam_calibration.files.bag_writing import BlockWriter, copy_connection, write_bag
+from tam_calibration.files.yaml_document import dump_mapping
+from tam_calibration.messages.cdr import RawMessages
+from tam_calibration.model.exceptions import InputError
+
+_COUNT = 16_384
+"""Messages that are written at once."""
+
+_NAMED = 3
+"""Faults that a sentence names."""
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """What was whole in a bag.
+
+    Parameters
+    ----------
+    messages : int
+        How many messages.
+    first_ns, last_ns : int
+        When the first and the last of them were recorded, nanoseconds.
+    faults : tuple of str
+        What was left out, though something stands behind it.
+    """
+
+    messages: int
+    first_ns: int
+    last_ns: int
+    faults: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Return a clause for people."""
+        duration_s = (self.last_ns - self.first_ns) / 1e9
+        ends = f"the recording ends at {self.last_ns / 1e9:.3f} s, {duration_s:.3f} s after it began"
+        more = len(self.faults) - _NAMED
+        lost = [*self.faults[:_NAMED], *([f"{more} faults more"] if more > 0 else [])]
+        return f"{self.messages} whole messages are recovered, {ends}{''.join(f'; {each}' for each in lost)}"
+
+
+class ReadableBag:
+    """A bag as it can be opened.
+
+    Attributes
+    ----------
+    path : Path
+        The bag itself, or what stands for it in a temporary folder, which goes with this object.
+    unfinished : str
+        What was recovered of a bag that its recorder did not finish, as a clause; empty where it did.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.unfinished = path, ""
+        files = data_files(path)
+        with damage_named(path):
+            is_proven = path.is_dir() and _is_proven(path, files)
+        if _is_packed(files):
+            self.path = self._folder()
+            files = _unpack(path, files, self.path)
+        if is_proven:
+            return
+        files = [file for file in files if file.exists()]
+        if _is_without_metadata(path) or any(guard_of(file).is_unfinished() for file in files):
+            target = self._folder() / "bag"
+            self.unfinished = f"the recording was left unfinished: {_recover(path, files, target)}"
+            self.path = target
+            return
+        with damage_named(path):
+            for file in files:
+                if damage := guard_of(file).find_damage():
+                    raise InputError(f"{damage}; {_mend(path)}")
+
+    def _folder(self) -> Path:
+        """Return a new temporary folder that is removed with this object, or at the end of the process."""
+        folder = mkdtemp(prefix="tam_bag_")
+        finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        return Path(folder)
+
+
+def readable(path: Path) -> ReadableBag:
+    """Return a bag as it can be opened; what is looked at once stays so as long as its files do.
+
+    Raises
+    ------
+    InputError
+        When it is no bag, damaged, or nothing in it is whole.
+    """
+    check_regular(path)
+    parts = path.iterdir() if path.is_dir() else path.parent.glob(f"{path.name}*")
+    states = [(part.name, part.stat()) for part in parts if part.is_file()]
+    return _readable(path, tuple(sorted((name, state.st_size, state.st_mtime_ns) for name, state in states)))
+
+
+@lru_cache(maxsize=2)
+def _readable(path: Path, state: tuple[tuple[str, int, int], ...]) -> ReadableBag:
+    bag = ReadableBag(path)
+    if bag.unfinished:
+        log.warning("%s: %s", path, bag.unfinished)
+    return bag
+
+
+def _is_proven(path: Path, files: list[Path]) -> bool:
+    """Return whether digests prove that all files of a folder are what was written.
+
+    Raises
+    ------
+    InputError
+        When they prove that one is not.
+    """
+    changed = changed_files(path)
+    if changed:
+        names = " and ".join(file.name for file in changed)
+        faults = [guard_of(file).damaged_messages() for file in changed if file in files and file.suffix != PACKED]
+        named = "".join(f"; {fault}" for fault in faults if fault)
+        raise InputError(f"{names} changed since it was written, by {DIGESTS}{named}; {_mend(path)}")
+    return changed is not None and are_complete(path)
+
+
+def _mend(path: Path) -> str:
+    return f"`tam recover {path} -o NEW` keeps what is whole"
+
+
+def _is_without_metadata(path: Path) -> bool:
+    return path.is_dir() and read_metadata(path) is None
+
+
+def _is_packed(files: list[Path]) -> bool:
+    """Return whether some of the files of a bag are packed as a whole."""
+    return any(file.suffix == PACKED for file in files)
+
+
+def _unpack(path: Path, files: list[Path], folder: Path) -> list[Path]:
+    """Write a bag to a folder with its files unpacked, and return them."""
+    targets = [folder / file.name.removesuffix(PACKED) for file in files]
+    with damage_named(path):
+        for file, target in zip(files, targets, strict=True):
+            if file.suffix == PACKED:
+                unpack_file(file, target)
+            elif file.exists():
+                shutil.copyfile(file, target)
+    metadata = read_metadata(path)
+    if metadata is not None:
+        names = [target.name for target in targets]
+        plain = metadata | {"relative_file_paths": names, "compression_mode": "", "compression_format": ""}
+        (folder / METADATA).write_text(dump_mapping({INFORMATION: plain}), encoding="utf-8")
+    return targets
+
+
+def recover(path: Path, target: Path) -> Recovered:
+    """Write a bag of all messages of another that are whole, in the order in which they were written.
+
+    Parameters
+    ----------
+    path : Path
+        The bag, which may be unfinished or damaged, and is not changed.
+    target : Path
+        The bag to write: a folder of the same storage, or a single file where its storage stands alone.
+
+    Raises
+    ------
+    InputError
+        When it is no bag, no message of it is whole, or the new one cannot be written.
+    """
+    check_regular(path)
+    files = data_files(path)
+    with TemporaryDirectory(prefix="tam_bag_") as folder:
+        return _recover(path, _unpack(path, files, Path(folder)) if _is_packed(files) else files, target)
+
+
+def _recover(path: Path, files: list[Path], target: Path) -> Recovered:
+    """Recover the bag of a path from its files, which may have been unpacked."""
+    faults: list[str] = []
+    count, first_ns, last_ns = 0, sys.maxsize, 0
+    with write_bag(target, storage_of(path)) as writer:
+        for block in _whole_blocks(path, files, writer, faults):
+            writer.write_block(block)
+            count += len(block)
+            first_ns = min(first_ns, int(block.recorded_ns.min()))
+            last_ns = max(last_ns, int(block.recorded_ns.max()))
+        if not count:
+            raise InputError(f"{path} is damaged or truncated: no message in it is whole")
+    return Recovered(count, first_ns, last_ns, tuple(faults))
+
+
+def _whole_blocks(path: Path, files: list[Path], writer: BlockWriter, faults: list[str]) -> Iterator[RawMessages]:
+    """Yield the whole messages of files, their connections made known to a writer."""
+    copies: dict[tuple[str, str], int] = {}
+    messages = chain.from_iterable(guard_of(file).whole_messages(faults) for file in files if file.exists())
+    with damage_named(path):
+        while some := list(islice(messages, _COUNT)):
+            for connection, _, _ in some:
+                if _name(connection) not in copies:
+                    copies[_name(connection)] = copy_connection(writer, connection).id
+            numbers = [copies[_name(connection)] for connection, _, _ in some]
+            contents = [_unpacked(content) for _, _, content in some]
+            yield RawMessages.of(numbers, [recorded_ns for _, recorded_ns, _ in some], contents)
+
+
+def _name(connection: Connection) -> tuple[str, str]:
+    return connection.topic, connection.msgtype
+
+
+def _unpacked(content: bytes) -> bytes:
+    """Return a message that may have been packed by itself."""
+    return unpack_message(content) if content.startswith(ZSTD_BEGINNING) else content
