@@ -1,10 +1,10 @@
 """What ``tam diagnose`` costs by the rows of a recording: processor time and peak memory, and whether it stays right.
 
 Run ``python benchmarks/diagnose_scale.py``; a million rows take 300 MB of disk. The shipped scenario ``warming_up`` is
-made longer, at 100 Hz, by ``tam simulate``; without ``--bare`` attitude and current are recorded too, so that every effect is
-tried. Each command is a process of its own; its time and the peak of its resident set are those that ``wait4`` tells,
-reading and printing included. Linear is a growth of time no faster than that of rows. The cause is sensor 2's drift
-with temperature; its distance from the truth is that of the offset of axis x, in its standard errors.
+made longer, at 100 Hz, by ``tam simulate``; without ``--bare`` attitude and current are recorded too, so that every
+effect is tried. Each command is a process of its own; its time and the peak of its resident set are those that
+``wait4`` tells, reading and printing included. Linear is a growth of time no faster than that of rows. The cause is
+sensor 2's drift with temperature; its distance from the truth is that of the offset of axis x, in its standard errors.
 """
 
 import json

@@ -149,7 +149,7 @@ def test_a_scenario_has_a_largest_number_of_samples(folder, samples):
     assert f"at most 2000000 samples of 4 sensors, not {samples}" in sentence
 
 
-@pytest.mark.parametrize("value", ["1e12", "101", "-1", "1e300"])
+@pytest.mark.parametrize("value", ["1e12", "101", "-1", "1e29"])
 @pytest.mark.parametrize("effect", ["outliers", "stale_samples", "interpolated_samples"])
 def test_bursts_are_no_longer_than_the_run(folder, effect, value):
     """A burst of so many samples would be laid out in memory."""
