@@ -26,7 +26,7 @@ def in_file(path: Path | str) -> Iterator[None]:
 
 
 MOST_BYTES = 1 << 26
-"""Of a text that is read at once: 64 MiB, four times the largest calibration and a century of an observatory's hours."""
+"""Of a text that is read at once: four times the largest calibration, and a century of an observatory's hours."""
 
 
 def require_regular(path: Path) -> None:
