@@ -22,7 +22,9 @@ def main() -> int:
     parser.add_argument("--seed", type=int, help="of what is spoiled; by default a new one")
     parser.add_argument("--case", type=int, nargs="*", help="numbers of cases; by default all")
     parser.add_argument("--family", choices=list(FAMILIES), nargs="*", help="only cases that are made like this")
-    parser.add_argument("--sample", type=int, help="only so many cases, drawn with the seed, none of those that take long")
+    parser.add_argument(
+        "--sample", type=int, help="only so many cases, drawn with the seed, none of those that take long"
+    )
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="processes")
     parser.add_argument("--keep", type=Path, help="folder in which the folders of the cases stay")
     asked = parser.parse_args()

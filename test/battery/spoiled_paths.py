@@ -107,7 +107,9 @@ def _path_of_input(recipe: Recipe, folder: Path, rng: Generator) -> tuple[str, s
     if path.is_dir():
         names = [str(each.relative_to(folder)) for each in path.iterdir()]
         inner = pick(rng, [*names, f"{good}/new.csv", f"{good}/new.yaml", f"{good}/x.db3", f"{good}/deep/new.json"])
-    way = pick(rng, ("itself", "the long way", "whole path", "by a link", "by a link of the folder", "by /proc", "hard link"))
+    way = pick(
+        rng, ("itself", "the long way", "whole path", "by a link", "by a link of the folder", "by /proc", "hard link")
+    )
     if way == "the long way":
         return f"missions/.././{inner}", f"{inner}, {way}"
     if way == "whole path":
