@@ -11,10 +11,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-
+import tam_calibration
 from battery import material
 from battery.cases import CASES, prepare
-from battery.judge import Answer, Bad, Files, judge, look
+from battery.judge import Answer, Bad, Files, is_answer, judge, look
 from battery.recipes import RECIPES, Recipe
 from battery.run import LIMIT_S, run, warm
 from battery.surroundings import PLAIN, Ended
@@ -22,6 +22,8 @@ from battery.trial import May, Trial
 
 _NEVER_ENDING_S = 6.0
 """After which what runs until it is told to end is told so."""
+_IMPORT_S = 1.0
+"""What a fresh interpreter takes longer than a fork."""
 _CLONE_NEWNS, _CLONE_NEWUSER = 0x20000, 0x10000000
 
 
@@ -84,7 +86,7 @@ class Battery:
         os.chmod(self.folder, 0o755)
         os.environ |= {"HOME": str(home), "ROS_HOME": str(home), "ROS_LOG_DIR": str(home / "logs")}
         os.environ |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "OPENBLAS_NUM_THREADS": "1"}
-        os.environ.setdefault("MPLCONFIGDIR", str(home))
+        os.environ |= {"MPLCONFIGDIR": str(home), "PYTHONPATH": str(Path(tam_calibration.__file__).parents[1])}
         warm()
         material.make(self._material)
 
@@ -105,8 +107,8 @@ class Battery:
         try:
             trial = prepare(number, self.seed, self._material, folder)
             return self._try(number, trial, folder, logs)
-        except Exception:
-            raise RuntimeError(f"case {number} of seed {self.seed}: {CASES[number]}") from None
+        except Exception as problem:
+            raise RuntimeError(f"case {number} of seed {self.seed}: {CASES[number]}") from problem
         finally:
             if not keeps:
                 shutil.rmtree(folder)
@@ -133,7 +135,7 @@ class Battery:
         before = look(folder)
         around, limit_s = trial.around, LIMIT_S
         if around.ended_by is not None and good is not None:
-            around = replace(around, moment=around.moment * good[1])
+            around = replace(around, moment=around.moment * (good[1] + _IMPORT_S * around.fresh))
         if not trial.recipe.ends:
             around = replace(around, ended_by=signal.SIGINT, moment=_NEVER_ENDING_S)
         ended = run(list(trial.line), folder, logs, around, limit_s)
@@ -181,6 +183,8 @@ class Battery:
             logs.mkdir()
             trial = Trial.of(recipe, "good", May.DO_ANYTHING)
             ended = run(list(recipe.line), folder, logs, PLAIN, 10 * LIMIT_S)
+            if ended.code and not is_answer(ended):
+                raise RuntimeError(f"tam {' '.join(recipe.line)} ends with {ended.code}: {ended.stderr[-2000:]}")
             self._good[recipe.name] = Answer.of(folder, trial, ended), ended.seconds
             shutil.rmtree(folder)
             shutil.rmtree(logs)

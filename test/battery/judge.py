@@ -179,6 +179,8 @@ def _memory(ended: Ended) -> str:
 def _numbers(trial: Trial, ended: Ended, answer: Answer, good: Answer | None) -> str:
     if ended.code or trial.may is not May.DO_THE_SAME or good is None:
         return ""
+    if trial.around.stdout and not trial.recipe.writes:
+        return ""  # nobody could read them
     if answer.is_like(good) or _NOTICE.search(_told(answer.text)):
         return ""
     return f"{len(answer.numbers)} numbers for {len(good.numbers)}, or others"
@@ -211,7 +213,7 @@ def _left(trial: Trial, ended: Ended, before: Files, after: Files) -> str:
     hidden = [name for name in new if Path(name).name.startswith(".") and Path(name).name != ".lock"]
     if hidden:
         return f"left: {', '.join(hidden[:5])}"
-    keeps = not ended.code or _is_answer(ended) or trial.recipe.tells_after_writing or bool(trial.around.stdout)
+    keeps = not ended.code or is_answer(ended) or trial.recipe.tells_after_writing or bool(trial.around.stdout)
     if new and not (keeps or trial.around.stderr or trial.around.ended_by):
         return f"left after exit {ended.code}: {', '.join(new[:5])}"
     return ""
@@ -222,7 +224,7 @@ def _is_own(trial: Trial, name: str) -> bool:
     return trial.around.loses_folder and name == trial.around.within
 
 
-def _is_answer(ended: Ended) -> bool:
+def is_answer(ended: Ended) -> bool:
     """Return whether exit 1 is what was found, and no refusal."""
     return ended.code == 1 and bool(ended.stdout) and "tam: " not in ended.stderr
 
@@ -232,7 +234,7 @@ def _code(trial: Trial, ended: Ended) -> str:
         return ""
     if _was_ended(trial, ended) or ended.died or (not trial.recipe.ends and ended.code == 130):
         return ""
-    if trial.around.ended_by and _is_answer(ended):
+    if trial.around.ended_by and is_answer(ended):
         return ""
     return f"exit {ended.code}"
 
@@ -245,7 +247,7 @@ def _noise(trial: Trial, ended: Ended) -> str:
         return ""
     if _was_ended(trial, ended):
         return f"{said[:200]!r}" if len(said.split("\n")) > 3 else ""
-    if _is_answer(ended) or trial.around.stderr or trial.around.stdout:
+    if is_answer(ended) or trial.around.stderr or trial.around.stdout:
         return ""
     return _no_sentence(said) or (
         ended.stdout and not trial.recipe.tells_after_writing and f"stdout: {ended.stdout[:99]!r}"
@@ -255,7 +257,8 @@ def _noise(trial: Trial, ended: Ended) -> str:
 def _no_sentence(said: str) -> str:
     """Return what is wrong with a sentence on stderr; empty where it is one."""
     lines = said.rstrip("\n").split("\n")
-    if lines[0].startswith("Usage: ") and lines[-1].startswith("Error: ") and len(lines) <= 5:
+    is_of_usage = lines[0].startswith("Usage: ") and len(lines) <= 5
+    if lines[-1].startswith("Error: ") and (is_of_usage or len(lines) == 1):
         lines = [f"tam: {lines[-1].removeprefix('Error: ')}"]
     [first, *others] = lines
     if others:

@@ -24,6 +24,9 @@ _ADDRESSES_BYTES = 4 << 30
 """Of address space, so that what asks for all of the memory takes no other process with it."""
 _GRACE_S = 5.0
 """For processes that a command started to end after it."""
+_BEGIN_S = {False: 0.02, True: 0.4}
+"""Time that Python takes, seconds, until the first line of the package runs, in a fork or a fresh interpreter: what it
+does with a signal before is not ours."""
 _TOLD_BYTES = 1 << 20
 _PR_SET_CHILD_SUBREAPER = 36
 _MODULES = (
@@ -64,10 +67,15 @@ def run(line: list[str], folder: Path, logs: Path, around: Surroundings = PLAIN,
     """
     reader, writer = os.pipe() if around.stdout == "broken" else (-1, -1)
     streams = [logs / "stdout", logs / "stderr"]
+    started, starter = os.pipe()
     began = time.monotonic()
     process = os.fork()
     if not process:
-        _become(line, folder, streams, writer, around)
+        os.close(started)
+        _become(line, folder, streams, writer, around, starter)
+    os.close(starter)
+    os.read(started, 1)
+    os.close(started)
     if writer >= 0:
         os.close(writer)
         if around.read_bytes:
@@ -88,7 +96,7 @@ def _wait(process: int, around: Surroundings, limit_s: float) -> bool:
     poll = select.poll()
     poll.register(descriptor, select.POLLIN)
     try:
-        if around.ended_by is not None and not poll.poll(1000 * around.moment):
+        if around.ended_by is not None and not poll.poll(1000 * (_BEGIN_S[around.fresh] + around.moment)):
             signal.pidfd_send_signal(descriptor, around.ended_by)
         if poll.poll(1000 * limit_s):
             return True
@@ -141,12 +149,16 @@ def _reap() -> bool:
     return True
 
 
-def _become(line: list[str], folder: Path, streams: list[Path], writer: int, around: Surroundings) -> None:
+def _become(
+    line: list[str], folder: Path, streams: list[Path], writer: int, around: Surroundings, starter: int
+) -> None:
     """Be the command, in a fork; never returns."""
     code = 70
     try:
         os.setsid()
         _arrange(folder, streams, writer, around)
+        os.write(starter, b".")
+        os.close(starter)
         if around.fresh:
             os.execv(sys.executable, [sys.executable, "-m", "tam_calibration", *line])
         code = _run_here(line)
@@ -204,6 +216,7 @@ def _run_here(line: list[str]) -> int:
     except BaseException:
         traceback.print_exc()
         code = 1
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the command has ended
     threading._shutdown()
     atexit._run_exitfuncs()
     sys.stdout.flush()

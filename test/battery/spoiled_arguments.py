@@ -44,6 +44,10 @@ _STRANGE = (
 )
 
 
+_ENDLESS = ("scheduler", "rate")
+"""Options that may make a command wait as long as it is told to."""
+
+
 def command_of(recipe: Recipe) -> click.Command:
     """Return the command of a recipe, the inner one of a group."""
     command: click.Command = import_module(f"tam_calibration.cli.{recipe.command}").command
@@ -58,19 +62,12 @@ def _options(recipe: Recipe) -> list[click.Option]:
 
 def _no_number(recipe: Recipe, rng: Generator) -> Trial | None:
     """Give an option that takes a number something else."""
-    numeric = [
-        each
-        for each in _options(recipe)
-        if isinstance(each.type, click.types.FloatParamType | click.types.IntParamType)
-    ]
+    kinds = click.types.FloatParamType | click.types.IntParamType
+    numeric = [each for each in _options(recipe) if isinstance(each.type, kinds) and each.name not in _ENDLESS]
     if not numeric:
         return None
     option, token = pick(rng, numeric).opts[0], pick(rng, _NO_NUMBERS)
     return replace(Trial.of(recipe, f"{option} {token!r}", May.REFUSE), line=(*recipe.line, option, token))
-
-
-_ENDLESS = ("scheduler", "rate")
-"""Options that may make a command wait as long as it is told to."""
 
 
 def _any_value(recipe: Recipe, rng: Generator) -> Trial | None:
