@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from tam_calibration.cli.main import main
 from tam_calibration.files import write_array, write_calibration, write_recording
 from tam_calibration.fit import calibrate
+from tam_calibration.model.signals import ENDING
 
 SCENARIO = """
 array: {baseline_m: 0.5, vector_noise_nT: 1.0}
@@ -141,9 +142,10 @@ def test_a_dead_scheduler_leaves_nothing(stored, tmp_path, monkeypatch):
 )
 @pytest.mark.parametrize("is_lost", [False, True])
 def test_a_signal_ends_a_command_with_its_code_and_leaves_nothing(tmp_path, monkeypatch, number, code, is_lost):
-    """Also where a library takes it for a failure of its own; afterwards signals do what they did before."""
+    """Also where a library takes it for a failure of its own."""
     monkeypatch.chdir(tmp_path)
-    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
+    before = {each: signal.getsignal(each) for each in ENDING}
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # which nohup has it ignored
 
     def simulate(scenario):
         try:
@@ -156,12 +158,12 @@ def test_a_signal_ends_a_command_with_its_code_and_leaves_nothing(tmp_path, monk
     monkeypatch.setattr("tam_calibration.simulation.simulate", simulate)
     result = CliRunner().invoke(main, ["simulate", "wu_table_1", "-o", "x.csv"])
     assert (result.exit_code, result.output, os.listdir()) == (code, "", [])
-    for each, handler in zip((signal.SIGTERM, signal.SIGINT), before, strict=True):
+    for each, handler in before.items():
         signal.signal(each, handler)
 
 
 def test_a_command_that_ends_by_itself_leaves_the_signals_as_they_were():
     """A program that calls a command keeps its own handlers."""
-    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    before = [signal.getsignal(number) for number in ENDING]
     assert CliRunner().invoke(main, ["simulate", "none", "-o", "x.csv"]).exit_code == 2
-    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
+    assert [signal.getsignal(number) for number in ENDING] == before
