@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from tam_calibration import __version__
+from tam_calibration.cli.streams import tell, usable_streams
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.signals import Ending
 
@@ -39,13 +40,14 @@ class LazyGroup(click.Group):
         *args, **extra
             As of click.
         """
-        ending = Ending()
-        try:
-            return super().main(*args, obj=ending, **extra)
-        finally:
-            if ending.told is not None:
-                sys.exit(ending.told)  # also where Python could not raise it, or a library took it for a failure
-            ending.release()
+        with usable_streams():
+            ending = Ending()
+            try:
+                return super().main(*args, obj=ending, **extra)
+            finally:
+                if ending.told is not None:
+                    sys.exit(ending.told)  # also where Python could not raise it, or a library took it for a failure
+                ending.release()
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order in which they are used."""
@@ -94,10 +96,12 @@ class LazyGroup(click.Group):
         except OSError as problem:
             where = "" if problem.filename is None else f"{problem.filename}: "
             _end(ctx, where + (problem.strerror or str(problem)), code=2)
+        except MemoryError:
+            _end(ctx, "this needs more memory than there is: give fewer samples or sensors", code=2)
 
 
 def _end(ctx: click.Context, sentence: str, code: int) -> None:
-    click.echo(f"tam: {sentence}", err=True)
+    tell(sentence)
     ctx.exit(code)
 
 

@@ -1,5 +1,6 @@
 """One recording through calibration, diagnosis and correction, into a folder that appears whole."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -22,7 +23,7 @@ from tam_calibration.files import (
 )
 from tam_calibration.files.recording_file import correct_file, is_bag, read_source
 from tam_calibration.files.results_json import gap_to_mapping, write_gap
-from tam_calibration.files.text_files import to_json
+from tam_calibration.files.text_files import printable, to_json
 from tam_calibration.files.whole_files import replace_folder, unfinished
 from tam_calibration.fit import calibrate
 from tam_calibration.fleet.task_result import Result, Seal, Status, read_result, state_of, write_result
@@ -108,8 +109,9 @@ class Task:
         options : Options
             What is asked for every recording.
         """
-        digest = sha256(str(path).encode()).hexdigest()[:_DIGEST_LETTERS]
-        return cls(path, out.resolve() / "recordings" / path.parent.name / f"{path.name}-{digest}", options)
+        digest = sha256(os.fsencode(path)).hexdigest()[:_DIGEST_LETTERS]
+        own = Path("recordings", printable(path.parent.name), f"{printable(path.name)}-{digest}")
+        return cls(path, out.resolve() / own, options)
 
     def result(self, status: Status, problems: dict[str, str], **rest: Any) -> Result:
         """Return a result of this recording.
@@ -123,7 +125,7 @@ class Task:
         **rest
             Further fields of `Result`.
         """
-        names = self.path.name, self.path.parent.name, str(self.path)
+        names = map(printable, (self.path.name, self.path.parent.name, self.path))
         return Result(*names, status, problems, self.options.digest, **rest)
 
     def is_done(self) -> bool:
