@@ -34,8 +34,8 @@ def data_files(path: Path) -> list[Path]:
     else:
         files = _found_in(path)
     for file in files:
-        if file.exists():
-            check_regular(file)
+        if file.exists() and not file.is_file():
+            raise InputError(f"{file} is not a regular file: a bag cannot be read from it")
     return files
 
 
