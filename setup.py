@@ -59,7 +59,7 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            f"tam = {NAME}.cli.main:main",
+            f"tam = {NAME}.__main__:run",
             f"collector = {NAME}.nodes.start:collector",
             f"calibrator = {NAME}.nodes.start:calibrator",
             f"corrector = {NAME}.nodes.start:corrector",

@@ -147,6 +147,20 @@ class Bench:
         self.node.destroy_client(client)
         return future.result()
 
+    def storm(self, service, count=200):
+        """Call a Trigger service many times at once and return the answers."""
+        from rclpy.qos import QoSProfile
+        from std_srvs.srv import Trigger
+
+        client = self.node.create_client(Trigger, service, qos_profile=QoSProfile(depth=1000))
+        self.spin_until(client.service_is_ready, f"{service} is there")
+        known = client.call_async(Trigger.Request())
+        self.spin_until(known.done, f"{service} knows the client")
+        futures = [client.call_async(Trigger.Request()) for _ in range(count)]
+        self.spin_until(lambda: all(future.done() for future in futures), "every call is answered")
+        self.node.destroy_client(client)
+        return [future.result() for future in futures]
+
     def health(self, name, condition, what):
         """Spin until a node's next status and figures in /diagnostics fulfil a condition, and return both."""
         from diagnostic_msgs.msg import DiagnosticArray

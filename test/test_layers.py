@@ -17,7 +17,7 @@ LAYERS = (
     ("files",),
     ("gap", "localization"),
     ("fit", "simulation"),
-    ("correction", "sources"),
+    ("correction", "integrity", "sources"),
     ("effects",),
     ("messages",),
     ("core",),

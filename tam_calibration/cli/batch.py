@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from tam_calibration.cli.terminal import PATH, showing_progress, stdout, tolerance_option
+from tam_calibration.cli.terminal import JOBS, PATH, showing_progress, stdout, tolerance_option
 from tam_calibration.files.recording_file import is_bag
 from tam_calibration.fleet.missions import all_drifts
 from tam_calibration.fleet.rows import COUNTS_HEADER, DRIFT_HEADER, count_rows, drift_row, largest, open_points
@@ -47,7 +47,7 @@ def _table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> 
     help="Calibration YAML to correct with, its effects taken off first; by default each recording's own.",
 )
 @click.option("--out", type=PATH, required=True, help="Folder of the results.")
-@click.option("--jobs", type=click.IntRange(1), help="Processes of this machine; by default one for each core.")
+@click.option("--jobs", type=JOBS, help="Processes of this machine; by default one for each core.")
 @click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work.")
 @tolerance_option
 @click.pass_context
@@ -68,14 +68,16 @@ def command(
     failed or stays unexplained, 2 on bad input.
     """
     require("report", "the summary of a batch")
-    from tam_calibration.fleet.batch import find_recordings, run_batch
+    from tam_calibration.fleet.batch import find_recordings, require_separate_folder, run_batch
     from tam_calibration.fleet.execution import run_here, run_on_cluster
+    from tam_calibration.fleet.summary import SUMMARIES
     from tam_calibration.fleet.task import read_options
 
     if jobs is not None and scheduler is not None:
         raise InputError("give either --jobs, for this machine, or --scheduler, for a cluster")
     options = read_options(array_path, calibration_path, tolerance_s)
     paths = find_recordings(recordings, without=out)
+    require_separate_folder(out, [*paths, *(path for path in (array_path, calibration_path) if path is not None)])
     if scheduler is None:
         if any(is_bag(path) for path in paths):
             require("bags", "reading bags")
@@ -88,6 +90,6 @@ def command(
             paths, out, options, run, lambda done, total: progress.update(task, completed=done, total=total)
         )
     _print_batch(stdout(), results)
-    for name in ("summary.html", "summary.csv", "summary.json"):
+    for name in SUMMARIES:
         click.echo(f"written: {out / name}")
     ctx.exit(0 if all(result.is_settled for result in results) else 1)

@@ -2,7 +2,8 @@
 
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
+from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -10,9 +11,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tam_calibration.cli.terminal import PATH, Number, showing_progress, stdout, write_together
+from tam_calibration.cli.terminal import JOBS, PATH, Number, showing_progress, stdout, write_together
 from tam_calibration.files import read_array, read_recording
 from tam_calibration.files.csv_files import write_csv_recording
+from tam_calibration.fleet.processes import processes
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.validation.blind import EFFECTS, KINDS
 
@@ -69,7 +71,7 @@ def inject(recording: Path, array: Path, effect: str, times: float, output: Path
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-_jobs_option = click.option("--jobs", type=click.IntRange(min=1), default=2, show_default=True, help="Processes.")
+_jobs_option = click.option("--jobs", type=JOBS, default=2, show_default=True, help="Processes.")
 _keys_option = click.option("--keys", "keys_path", type=PATH, help="The sealed keys.  [default: DIR/keys.json]")
 
 
@@ -83,7 +85,7 @@ command.add_command(inject)
 
 @command.command()
 @click.argument("folder", metavar="OUT", type=PATH)
-@click.option("--cases", type=click.IntRange(min=1), default=400, show_default=True)
+@click.option("--cases", type=click.IntRange(1, 9999), default=400, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0), required=True, help="Never one that anything was tuned on.")
 @click.option("--kinds", type=click.Choice(KINDS), multiple=True, default=KINDS, show_default=True)
 @click.option(
@@ -101,14 +103,17 @@ def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], outside: s
 
     if folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder} is not empty: name a new folder, so that no case is mixed with an older one")
-    folder.mkdir(parents=True, exist_ok=True)
-    plans = plan_cases(kinds, cases, seed, outside)
-    tasks = [(folder, plan, seed, number) for number, plan in enumerate(plans, start=1)]
-    keys, commitments = {}, {}
-    for number, key in _in_processes("making cases", _make_one, tasks, jobs):
-        keys[case_name(number)], commitments[case_name(number)] = seal(key)
-    write_json(folder / KEYS, dict(sorted(keys.items())))
-    write_json(folder / COMMITMENTS, dict(sorted(commitments.items())))
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with suppress(FileNotFoundError):
+        folder.rmdir()
+    with write_together({"cases": folder}, []) as beside:
+        plans = plan_cases(kinds, cases, seed, outside)
+        tasks = [(beside["cases"], plan, seed, number) for number, plan in enumerate(plans, start=1)]
+        keys, commitments = {}, {}
+        for number, key in _in_processes("making cases", _make_one, tasks, jobs):
+            keys[case_name(number)], commitments[case_name(number)] = seal(key)
+        write_json(beside["cases"] / KEYS, dict(sorted(keys.items())))
+        write_json(beside["cases"] / COMMITMENTS, dict(sorted(commitments.items())))
     click.echo(f"{cases} cases in {folder}, their keys in {folder / KEYS}: keep those apart until the score")
 
 
@@ -192,7 +197,7 @@ def _run_quietly(main: click.Command, arguments: list[str]) -> str:
 def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: Path | None, failures: bool) -> None:
     """Open the keys of DIR, hold them against their commitments, and say how many answers are right."""
     from tam_calibration.files.text_files import to_json
-    from tam_calibration.validation.blind.folder import TIMES, read_json, read_keys, read_outcomes
+    from tam_calibration.validation.blind.folder import COMMITMENTS, KEYS, TIMES, read_json, read_keys, read_outcomes
     from tam_calibration.validation.blind.score import Score
     from tam_calibration.validation.blind.score_table import print_score, score_to_mapping
 
@@ -201,7 +206,8 @@ def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: 
     if not result.outcomes:
         raise Refused(f"no case in {folder} has an answer: run tam blind answer {folder} first")
     times = read_json(folder / TIMES) if (folder / TIMES).exists() else {}
-    with write_together({"json": json_path, "report": report}, []) as beside:
+    inputs = [keys_path or folder / KEYS, folder / COMMITMENTS, folder / TIMES, *(folder / name for name in keys)]
+    with write_together({"json": json_path, "report": report}, inputs) as beside:
         if "json" in beside:
             beside["json"].write_text(to_json(score_to_mapping(result, times)) + "\n", encoding="utf-8")
         if "report" in beside:
@@ -218,7 +224,7 @@ def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: 
 def _in_processes(description: str, work: Callable[[Task], Result], tasks: list[Task], jobs: int) -> Iterator[Result]:
     """Do the tasks in processes of one thread each, and return the results as they come."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool, showing_progress() as progress:
+    with processes(jobs, get_context("spawn")) as pool, showing_progress() as progress:
         done = as_completed([pool.submit(work, task) for task in tasks])
         for future in progress.track(done, total=len(tasks), description=description):
             yield future.result()

@@ -1,6 +1,6 @@
 """`tam calibrate`: from a recording to a calibration."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -29,6 +29,7 @@ from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.fit.coverage import Coverage
 from tam_calibration.fit.identifiability import Weakness
 from tam_calibration.fit.recorded_attitude import as_if_uniform
+from tam_calibration.integrity import ACCEPTABLE
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS, Array
 from tam_calibration.model.exceptions import InputError
@@ -162,6 +163,9 @@ _Fit = Callable[[SampleSource, Array], Calibration]
 @tolerance_option
 @click.option("--json", "json_path", type=PATH, help="Write the result as JSON; - is stdout, instead of the tables.")
 @click.option("--report", type=PATH, help="Write an HTML page with residuals, coverage and parameters.")
+@click.option(
+    "--accept", multiple=True, metavar="NAME", help=f"Overrule a finding; may be repeated: {', '.join(ACCEPTABLE)}."
+)
 def command(
     recording: Path,
     array: Path,
@@ -175,12 +179,13 @@ def command(
     tolerance_s: float,
     json_path: Path | None,
     report: Path | None,
+    accept: tuple[str, ...],
 ) -> None:
     """Estimate the errors of an array's sensors from RECORDING: a CSV file or a bag."""
     to_stdout = json_path == Path("-")
     outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
-    with write_together(outputs, [recording, array, *([source] if source else [])]) as beside:
-        fit = _fit_of(method, ambient_gradient, effects)
+    with write_together(outputs, [recording, array, *_files_of(source)]) as beside:
+        fit = _fit_of(method, ambient_gradient, effects, accept)
         with showing_progress() as progress:
             found = read_array(array, transforms_in(recording))
             delays = _delays(recording, found, place, tolerance_s, progress) if estimate_delays else None
@@ -238,10 +243,10 @@ def _delays_in_words(delays: "Delays") -> str:
     return f"Stamped after sensor 1: {words}. For the array file, live too: delay_s: [{stated}]."
 
 
-def _fit_of(method: str, ambient_gradient: bool, effects: str | None) -> _Fit:
+def _fit_of(method: str, ambient_gradient: bool, effects: str | None, accept: Collection[str]) -> _Fit:
     """Return the fit that the options ask for: of the errors alone, or together with effects."""
     if effects is None:
-        return partial(calibrate, method=method, ambient_gradient=ambient_gradient)
+        return partial(calibrate, method=method, ambient_gradient=ambient_gradient, accept=accept)
     if method != DEFAULT_METHOD:
         raise InputError(f"{method} cannot fit effects: {DEFAULT_METHOD} can")
     if ambient_gradient:
@@ -251,7 +256,7 @@ def _fit_of(method: str, ambient_gradient: bool, effects: str | None) -> _Fit:
         raise InputError("--effects names none: give names such as temperature_drift, or auto")
     from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
 
-    return lambda samples, array: calibrate_with_effects(samples.whole(), array, names)
+    return lambda samples, array: calibrate_with_effects(samples.whole(), array, names, accept=accept)
 
 
 def _calibrate(
@@ -272,6 +277,15 @@ def _calibrate(
     calibration = replace(calibration, source=provenance(path), warnings=(*warnings, *calibration.warnings))
     shown = samples if isinstance(samples, Recording) else samples.thinned(SKETCH)
     return calibration, as_if_uniform(shown, calibration.errors, array, calibration.ambient_gradient).whole(), usage
+
+
+def _files_of(source: Path | None) -> list[Path]:
+    """Return the files that a known source is read from."""
+    if source is None:
+        return []
+    from tam_calibration.files.known_source import read_known_source
+
+    return [source, read_known_source(source).recording]
 
 
 def _complete(calibration: Calibration, path: Path, tolerance_s: float, progress: Progress) -> Calibration:

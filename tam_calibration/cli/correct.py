@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,15 +11,22 @@ import click
 import numpy as np
 
 from tam_calibration.cli.terminal import PATH, reading, showing_progress, tolerance_option, working
+from tam_calibration.correction.agreement import ScalarAgreement
 from tam_calibration.correction.calibration import Calibration, Corrected
 from tam_calibration.correction.partial import sensors_of
 from tam_calibration.files import read_array, read_calibration, write_corrected_pieces
 from tam_calibration.files.bag_transforms import transforms_in
+from tam_calibration.files.overwriting import require_separate
 from tam_calibration.files.recording_file import correct_file
 from tam_calibration.files.text_files import to_json
 from tam_calibration.model.array import OUTPUT_NAMES
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import IntArray, to_nanotesla
+
+Pieces = Iterator[tuple[Corrected, IntArray | None]]
+
+RESIDUAL = "residual"
+"""Name by which it is accepted that the scalar magnetometer contradicts the corrected field."""
 
 
 @click.command()
@@ -28,6 +35,9 @@ from tam_calibration.model.units import IntArray, to_nanotesla
 @click.option("--array", "array_path", type=PATH, help="Array YAML, to make sure that the calibration is of it.")
 @click.option("-o", "--output", type=PATH, required=True, help="A .csv or .mcap file, or the folder of a bag.")
 @tolerance_option
+@click.option(
+    "--accept", type=click.Choice([RESIDUAL]), multiple=True, help="Write what would be refused by this name."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def command(
     recording: Path,
@@ -35,21 +45,24 @@ def command(
     array_path: Path | None,
     output: Path,
     tolerance_s: float,
+    accept: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Correct RECORDING, a CSV file or a bag; a bag keeps its other topics when a bag is written."""
+    require_separate([output], [path for path in (recording, calibration_path, array_path) if path is not None])
     calibration = read_calibration(calibration_path)
     if array_path is not None:
         _check_array(calibration, array_path, recording)
-    inputs = [path for path in (recording, calibration_path, array_path) if path is not None]
-    if output.resolve() in (path.resolve() for path in inputs):
-        raise InputError(f"{output} would be overwritten: choose another name for the output")
-    intensity = _Intensity()
+    intensity, agreement = _Intensity(), ScalarAgreement()
     with showing_progress() as progress:
         corrected = correct_file(recording, calibration, tolerance_s, reading(progress))
         written = working(progress, f"writing {output}")
-        write_corrected_pieces(output, _counted(corrected, intensity), recording, written)
-    summary = _summarise(intensity, calibration, output)
+        counted = _counted(corrected, intensity, agreement)
+        agreeing = counted if RESIDUAL in accept else _agreeing(counted, agreement, calibration)
+        write_corrected_pieces(output, agreeing, recording, written)
+    summary = _summarise(intensity, agreement, calibration, output)
+    if agreement.is_doubtful(calibration):
+        click.echo(f"warning: {agreement.sentence(calibration)}", err=True)
     click.echo(to_json(summary) if as_json else _sentence(summary))
 
 
@@ -95,13 +108,20 @@ class _Intensity:
         return math.sqrt(max(0.0, self.squares_T2 / self.known - (self.sum_T / self.known) ** 2))
 
 
-def _counted(
-    pieces: Iterable[tuple[Corrected, IntArray | None]], intensity: _Intensity
-) -> Iterator[tuple[Corrected, IntArray | None]]:
-    """Yield the corrected pieces, their intensities added up."""
+def _counted(pieces: Pieces, intensity: _Intensity, agreement: ScalarAgreement) -> Pieces:
+    """Yield the corrected pieces, their intensities and the residuals from the scalar added up."""
     for corrected, stamps_ns in pieces:
         intensity.add(corrected)
+        if corrected.scalar_T is not None:
+            agreement.add(corrected.outputs[:, :3], corrected.scalar_T)
         yield corrected, stamps_ns
+
+
+def _agreeing(pieces: Pieces, agreement: ScalarAgreement, calibration: Calibration) -> Pieces:
+    """Yield the pieces; at the end, before they are put in their place, refuse them where they are wrong."""
+    yield from pieces
+    if agreement.is_wrong:
+        raise Refused(f"nothing is written, {agreement.sentence(calibration)}; where that is so, accept {RESIDUAL}")
 
 
 def _check_array(calibration: Calibration, array_path: Path, recording: Path) -> None:
@@ -109,7 +129,9 @@ def _check_array(calibration: Calibration, array_path: Path, recording: Path) ->
         raise InputError(f"the calibration is of another array than {array_path}: use the calibration of this array")
 
 
-def _summarise(intensity: _Intensity, calibration: Calibration, output: Path) -> dict[str, Any]:
+def _summarise(
+    intensity: _Intensity, agreement: ScalarAgreement, calibration: Calibration, output: Path
+) -> dict[str, Any]:
     errors = to_nanotesla(calibration.output_standard_errors)
     units = ["nT" if name.startswith("b") else "nT_per_m" for name in OUTPUT_NAMES]
     return {
@@ -118,6 +140,7 @@ def _summarise(intensity: _Intensity, calibration: Calibration, output: Path) ->
         "without_sensors": {_named(code): count for code, count in sorted(intensity.without.items())},
         "intensity_mean_nT": to_nanotesla(intensity.mean_T),
         "intensity_standard_deviation_nT": to_nanotesla(intensity.standard_deviation_T),
+        "scalar_residual_nT": to_nanotesla(agreement.residual_T),
         "standard_errors": {
             f"{name}_{unit}": float(error) for name, unit, error in zip(OUTPUT_NAMES, units, errors, strict=True)
         },

@@ -153,10 +153,13 @@ def command(output_dir: Path) -> None:
     """
     from rich.console import Console
 
+    from tam_calibration.files.overwriting import require_outside_bags
+
     require("bags", "the demonstration")
     require("report", "the demonstration")
     console = Console()
     begin = time.monotonic()
+    require_outside_bags(output_dir / "turned.mcap")
     output_dir.mkdir(parents=True, exist_ok=True)
     with console.status("simulating"):
         turned, check = _simulate(output_dir)

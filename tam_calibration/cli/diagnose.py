@@ -11,12 +11,15 @@ from rich.table import Table
 
 from tam_calibration.cli.terminal import PATH, reading, showing_progress, stdout, tolerance_option, write_together
 from tam_calibration.effects.library import effect_named
-from tam_calibration.files import provenance, read_array, read_calibration, read_samples
+from tam_calibration.files import provenance, read_array, read_calibration
 from tam_calibration.files.bag_transforms import transforms_in
+from tam_calibration.files.recording_file import read_source
 from tam_calibration.files.results_json import gap_to_mapping
 from tam_calibration.files.text_files import to_json
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.result import Cause, Gap
+from tam_calibration.gap.stretches import in_stretches
+from tam_calibration.integrity import ACCEPTABLE
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -118,6 +121,9 @@ _ANSWERS = ("no_gap", "explained")
     "it. A scalar reference that contradicts it is bad input.",
 )
 @tolerance_option
+@click.option(
+    "--accept", multiple=True, metavar="NAME", help=f"Overrule a finding; may be repeated: {', '.join(ACCEPTABLE)}."
+)
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -129,6 +135,7 @@ def command(
     calibration_path: Path | None,
     place: str | None,
     tolerance_s: float,
+    accept: tuple[str, ...],
 ) -> None:
     """Say whether RECORDING (a CSV file or a bag) holds more than the model and the noise can make, where, and why.
 
@@ -139,7 +146,8 @@ def command(
     outputs = {"json": None if to_stdout else json_path, "report": report}
     inputs = [path for path in (recording, array, calibration_path) if path is not None]
     with write_together(outputs, inputs) as beside:
-        gap, usage = _diagnose(recording, _read_array(array, recording, place), without, calibration_path, tolerance_s)
+        found = _read_array(array, recording, place)
+        gap, usage = _diagnose(recording, found, without, calibration_path, tolerance_s, accept)
         source = provenance(recording)
         content = to_json(gap_to_mapping(gap, source))
         if "json" in beside:
@@ -156,21 +164,28 @@ def command(
 
 
 def _diagnose(
-    path: Path, array: Array, without: tuple[str, ...], calibration_path: Path | None, tolerance_s: float
+    path: Path,
+    array: Array,
+    without: tuple[str, ...],
+    calibration_path: Path | None,
+    tolerance_s: float,
+    accept: tuple[str, ...],
 ) -> tuple[Gap, Usage | None]:
     """Return the diagnosis of a recording, and how many of its samples were used."""
     for name in without:
         effect_named(name)
     calibration = None if calibration_path is None else read_calibration(calibration_path)
     with showing_progress() as progress:
-        samples = read_samples(path, array.sensor_count, tolerance_s, reading(progress), array)
-        recording, usage = samples.recording, samples.usage
+        source, usage = read_source(path, array.sensor_count, tolerance_s, reading(progress), array)
         remarks = () if usage is None else usage.remarks()
         if calibration is not None:
-            recording = calibration.without_effects(recording)
+            if not calibration.is_of(array):
+                raise InputError(f"{calibration_path} is the calibration of another array: use the one of this array")
+            seen, of_stretches = in_stretches(source)
+            source, remarks = calibration.without_effects(seen), (*remarks, *of_stretches)
         if usage is not None:
-            recording = usage.with_each_reading_once(recording).whole()
-        gap = diagnose(recording, array, without=without, progress=_diagnosing(progress))
+            source = usage.with_each_reading_once(source)
+        gap = diagnose(source, array, without=without, progress=_diagnosing(progress), accept=accept)
     return replace(gap, remarks=(*remarks, *gap.remarks)), usage
 
 

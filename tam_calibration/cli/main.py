@@ -1,5 +1,6 @@
 """The `tam` command: one group, its subcommands loaded when they are called."""
 
+import sys
 from importlib import import_module
 from typing import Any
 
@@ -7,6 +8,7 @@ import click
 
 from tam_calibration import __version__
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.signals import Ending
 
 SUBCOMMANDS = {
     "simulate": "Make a recording of a known array and field, with the truth beside it.",
@@ -29,6 +31,22 @@ SUBCOMMANDS = {
 class LazyGroup(click.Group):
     """A group whose subcommand NAME is ``tam_calibration.cli.NAME.command``, imported when called."""
 
+    def main(self, *args: Any, **extra: Any) -> Any:
+        """Run the command; a signal ends it in order, with the exit code that shells have for it.
+
+        Parameters
+        ----------
+        *args, **extra
+            As of click.
+        """
+        ending = Ending()
+        try:
+            return super().main(*args, obj=ending, **extra)
+        finally:
+            if ending.told is not None:
+                sys.exit(ending.told)  # also where Python could not raise it, or a library took it for a failure
+            ending.release()
+
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order in which they are used."""
         return list(SUBCOMMANDS)
@@ -46,6 +64,8 @@ class LazyGroup(click.Group):
         if cmd_name not in SUBCOMMANDS:
             return None
         command: click.Command = import_module(f"tam_calibration.cli.{cmd_name}").command
+        if isinstance(ctx.obj, Ending):
+            ctx.obj.loaded()
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -86,5 +106,6 @@ def _end(ctx: click.Context, sentence: str, code: int) -> None:
 def main() -> None:
     """Calibrate arrays of tri-axial magnetometers, offline and over ROS 2.
 
-    Exits 0 when done, 1 when the answer is no (refused, with the reason), 2 on bad input.
+    Exits 0 when done, 1 when the answer is no (refused, with the reason), 2 on bad input, 130 after Ctrl-C, 143 after
+    SIGTERM.
     """

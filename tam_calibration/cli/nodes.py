@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tam_calibration.files.text_files import require_regular
 from tam_calibration.nodes import ros_session
 from tam_calibration.nodes.children import NODES, Children, node_commands
 
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 @click.option("--params-file", type=click.Path(exists=True, path_type=Path), help="ROS parameters of the nodes.")
 def command(array: Path | None, calibration: Path | None, method: str | None, params_file: Path | None) -> None:
     """Start collector, calibrator, corrector and localizer, and show coverage, losses and advice until Ctrl-C."""
+    for path in (array, params_file):
+        if path is not None:
+            require_regular(path)
     log_directory = Path(os.environ.get("ROS_LOG_DIR", "~/.ros/log")).expanduser() / f"tam_nodes_{os.getpid()}"
     with ros_session():
         from tam_calibration.nodes.monitor import Monitor

@@ -185,8 +185,8 @@ _ASSUMED_INCLINATION_DEG, _ASSUMED_INTENSITY_NT = 60.0, 50_000.0
 @click.option("--place", help="LAT,LON,DATE: inclination and intensity are those of IGRF there.")
 @click.option("--inclination-deg", type=Number(-90, 90), help="Of the field, positive downwards.")
 @click.option("--intensity-nT", "intensity_nT", type=Number(15e3, 100e3), help="Where no scalar tells it.")
-@click.option("--poses", type=click.IntRange(min=1), default=12, show_default=True, help="Number of attitudes.")
-@click.option("--samples-per-pose", type=click.IntRange(min=1), default=100, show_default=True)
+@click.option("--poses", type=click.IntRange(1, 200), default=12, show_default=True, help="Number of attitudes.")
+@click.option("--samples-per-pose", type=click.IntRange(1, 1_000_000), default=100, show_default=True)
 @tolerance_option
 @click.option("--json", "as_json", is_flag=True, help="Print the plan as JSON.")
 def command(

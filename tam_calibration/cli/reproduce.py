@@ -25,7 +25,7 @@ _COIL = "coil"
 @click.command()
 @click.argument("paper", type=click.Choice([*PAPERS, "all"]))
 @click.option("--experiment", type=click.Choice([_COIL]), help="This experiment of wu2025 only.")
-@click.option("--runs", type=click.IntRange(min=2), default=50, show_default=True, help="Of each point of wu2025.")
+@click.option("--runs", type=click.IntRange(2, 10_000), default=50, show_default=True, help="Of each point of wu2025.")
 @click.option("--report", type=PATH, help="Write an HTML page with all numbers and the figures redrawn.")
 @click.option("--output-dir", type=PATH, help=f"Of the CSV files.  [default: {RESULTS} if there is one, else here]")
 def command(paper: str, experiment: str | None, runs: int, report: Path | None, output_dir: Path | None) -> None:

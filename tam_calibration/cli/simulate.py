@@ -10,7 +10,7 @@ import click
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.cli.terminal import PATH
+from tam_calibration.cli.terminal import PATH, write_together
 from tam_calibration.files.bag_storages import DEFAULT, STORAGES, storage_alone
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
@@ -74,20 +74,21 @@ def _simulate(
     from rich.console import Console
 
     from tam_calibration.files import read_calibration, write_array, write_recording
-    from tam_calibration.files.scenario import read_scenario, write_truth
+    from tam_calibration.files.scenario import files_of_scenario, read_scenario, write_truth
     from tam_calibration.simulation import simulate
 
-    plan = read_scenario(scenario)
-    if calibration_path is not None:
-        calibration = read_calibration(calibration_path)
-        plan = replace(plan, array=calibration.array, errors=calibration.errors, effects=calibration.effects)
+    inputs = [*files_of_scenario(scenario), *([] if calibration_path is None else [calibration_path])]
     paths = {"recording": output, "array": beside(output, "array.yaml"), "truth": beside(output, "truth.yaml")}
-    with Console(stderr=True).status("simulating") as status:
+    with write_together(paths, inputs) as places, Console(stderr=True).status("simulating") as status:
+        plan = read_scenario(scenario)
+        if calibration_path is not None:
+            calibration = read_calibration(calibration_path)
+            plan = replace(plan, array=calibration.array, errors=calibration.errors, effects=calibration.effects)
         made = simulate(plan if seed is None else replace(plan, seed=seed))
         status.update(f"writing {made.recording.sample_count} samples")
-        write_recording(output, plan.array.mounting.inverse.turned(made.recording), storage)
-        write_array(paths["array"], plan.array)
-        write_truth(paths["truth"], made)
+        write_recording(places["recording"], plan.array.mounting.inverse.turned(made.recording), storage)
+        write_array(places["array"], plan.array)
+        write_truth(places["truth"], made)
     intensity = norm(made.center_field_T, axis=1)
     summary = _summary(made.recording, intensity, plan.rate_hz, made.scenario.seed)
     return summary | {name: str(path) for name, path in paths.items()}
@@ -100,17 +101,16 @@ def _twin(calibration_path: Path, run_path: Path, output: Path, seed: int, stora
     from tam_calibration.files import read_calibration, read_recording, write_array, write_recording
     from tam_calibration.simulation.twin import twin
 
-    calibration = read_calibration(calibration_path)
     paths = {"recording": output, "array": beside(output, "array.yaml")}
-    if {path.resolve() for path in paths.values()} & {calibration_path.resolve(), run_path.resolve()}:
-        raise InputError(f"{output} or what goes with it would overwrite an input: choose another name for the output")
-    with Console(stderr=True).status("simulating") as status:
+    inputs = [calibration_path, run_path]
+    with write_together(paths, inputs) as places, Console(stderr=True).status("simulating") as status:
+        calibration = read_calibration(calibration_path)
         array = calibration.array
         run = read_recording(run_path, array.sensor_count, array=replace(array, delay_s=None))
         made = twin(calibration, run, seed)
         status.update(f"writing {made.sample_count} samples")
-        write_recording(output, array.mounting.inverse.turned(made), storage)
-        write_array(paths["array"], array)
+        write_recording(places["recording"], array.mounting.inverse.turned(made), storage)
+        write_array(places["array"], array)
     field = agreed_field(made.readings_T, calibration.errors, array)
     rate_hz = float(1 / np.median(np.diff(made.time_s))) if made.sample_count > 1 else float("nan")
     summary = _summary(made, norm(field, axis=1), rate_hz, seed)

@@ -2,8 +2,8 @@
 
 import math
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +11,20 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from tam_calibration.files import write_whole
+from tam_calibration.files.overwriting import require_separate
 from tam_calibration.files.recording_file import TOLERANCE_S
+from tam_calibration.files.whole_files import write_set
 from tam_calibration.messages.samples import Progress as ProgressCallback
-from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.extras import require
 
 _PIPE_WIDTH = 120
 
 PATH = click.Path(path_type=Path, readable=False)
 """A path that is checked where it is used, in one sentence."""
+
+
+JOBS = click.IntRange(1, 256)
+"""Processes at once: more than any machine has cores for."""
 
 
 class Number(click.FloatRange):
@@ -98,28 +102,25 @@ def working(progress: Progress, description: str) -> ProgressCallback:
 
 
 @contextmanager
-def write_together(outputs: Mapping[str, Path | None], inputs: list[Path]) -> Iterator[dict[str, Path]]:
-    """Give a place to write each output to; they appear when all went well, and no input is overwritten.
+def write_together(outputs: Mapping[str, Path | None], inputs: Sequence[Path]) -> Iterator[dict[str, Path]]:
+    """Give a place to write each output to; all appear, or none, when that went well, and no input is overwritten.
 
     Parameters
     ----------
     outputs : mapping
         Path of each output, None where it is not wanted; ``report`` is an HTML page.
-    inputs : list of Path
+    inputs : sequence of Path
         What was read.
 
     Raises
     ------
     InputError
-        When an output cannot be written, is an input or another output, or what makes pages is not installed.
+        When an output cannot be written, would cost an input, a bag or another output, or what makes pages is not
+        installed.
     """
     wanted = {name: path for name, path in outputs.items() if path is not None}
     if "report" in wanted:
         require("report", "--report")
-    taken = {path.resolve() for path in inputs}
-    for path in wanted.values():
-        if path.resolve() in taken:
-            raise InputError(f"{path} would be overwritten: choose another name for the output")
-        taken.add(path.resolve())
-    with ExitStack() as stack:
-        yield {name: stack.enter_context(write_whole(path)) for name, path in wanted.items()}
+    require_separate(wanted.values(), inputs)
+    with write_set(wanted.values()) as places:
+        yield dict(zip(wanted, places, strict=True))

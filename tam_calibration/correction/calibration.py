@@ -130,6 +130,8 @@ class Corrected:
         determine is NaN.
     covariances : dict of int to (9, 9) array
         Of the outputs of samples that lack sensors, by what they lack.
+    scalar_T : (N,) array, optional
+        What the scalar magnetometer read, less what effects add to it, tesla; None where there is none.
 
     Examples
     --------
@@ -146,6 +148,7 @@ class Corrected:
     standard_errors: FloatArray
     missing: IntArray | None = None
     covariances: Mapping[int, FloatArray] = field(default_factory=dict)
+    scalar_T: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,6 +199,8 @@ class Calibration:
         Of each effect, where they are known.
     known_source : KnownSource, optional
         What completed the calibration, where a source was recorded.
+    accepted : tuple of str
+        Names of the limits that it is beyond, as somebody accepted: see ``correction.limits``.
 
     Examples
     --------
@@ -230,6 +235,7 @@ class Calibration:
     effects: tuple[FittedEffect, ...] = ()
     effect_sizes: tuple[EffectSize, ...] = ()
     known_source: KnownSource | None = None
+    accepted: tuple[str, ...] = ()
 
     @property
     def statements(self) -> tuple[str, ...]:

@@ -176,6 +176,7 @@ class AmbientGradient(LinearEffect):
                 features[start:stop] = _signal_at(degree, position, matrix, rotation)
             parts = tuple(Coefficient(f"gradient {name}", unit) for name in names)
             yield Term(ALL, None, f"degree {degree}", parts, features.T, rows, columns)
+            del features
 
 
 def _signal_at(degree: int, position_m: FloatArray, matrix: FloatArray, rotation: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.term import Coefficient, Key, Term, WhitenedResiduals
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect, Shape
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
@@ -390,7 +390,7 @@ def _term_of(contribution: Contribution, terms: Mapping[Key, Term], effect: str)
     if term is None:
         known = [name for sensor, axis, name in terms if (sensor, axis) == place]
         stated = f"they are {', '.join(known)}" if known else "there are none of that sensor and axis"
-        raise InputError(f"{contribution.term!r} is none of the terms of {effect}: {stated}")
+        raise InputError(f"{quoted(contribution.term)} is none of the terms of {effect}: {stated}")
     names = [coefficient.name for coefficient in term.coefficients]
     unknown = contribution.values.keys() - set(names)
     if unknown:

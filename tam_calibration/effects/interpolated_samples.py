@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.bursts import drawn_bursts
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.displaced import NOWHERE_T, Displaced, Explained, finding_of
 from tam_calibration.effects.effect import Finding, FoundEffect
@@ -74,8 +75,7 @@ class InterpolatedSamples(FoundEffect):
         """
         rows, count = rows_T.copy(), covariates.sample_count
         for part in fitted.contributions:
-            burst = max(1, round(part.values["burst"]))
-            starts = np.flatnonzero(generator.random(count) < part.values["rate"] / burst)
+            starts, burst = drawn_bursts(part, count, generator)
             for start in starts[(starts > 0) & (starts + burst < count)]:
                 filled, ends = np.arange(start, start + burst), [start - 1, start + burst]
                 for row in rows_of(part, covariates):

@@ -8,7 +8,7 @@ import numpy as np
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.sensor_errors import SensorErrors
 
@@ -49,7 +49,7 @@ def effect_named(name: str) -> Effect:
     """
     effects = installed_effects()
     if name not in effects:
-        raise InputError(f"there is no effect {name!r}: choose one of {', '.join(effects)}")
+        raise InputError(f"there is no effect {quoted(name)}: choose one of {', '.join(effects)}")
     return effects[name]
 
 

@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.bursts import drawn_bursts
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, FoundEffect, Limit
 from tam_calibration.effects.saturation import WIDEST_RANGE
@@ -84,8 +85,7 @@ class Outliers(FoundEffect):
         """
         rows, count = rows_T.copy(), covariates.sample_count
         for part in fitted.contributions:
-            burst = max(1, round(part.values.get("burst", 1.0)))
-            starts = np.flatnonzero(generator.random(count) < part.values["rate"] / burst)
+            starts, burst = drawn_bursts(part, count, generator)
             struck = np.unique(np.minimum(starts[:, None] + np.arange(burst), count - 1))
             touched = rows_of(part, covariates)
             rows[struck[:, None], touched] += generator.normal(0, part.values["size"], (len(struck), len(touched)))

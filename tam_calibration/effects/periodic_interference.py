@@ -43,6 +43,9 @@ _SUBSTEPS = 4
 _LARGEST_LATTICE = 16
 """Points of the lattice per sample at most."""
 
+_MOST_STEPS = 1 << 18
+"""Steps of time that one transform spans, of some tens of megabytes: holes of a record that is longer are closed up."""
+
 _ROUNDS = 3
 """Parabolas through the top of a line, each of a quarter of the width."""
 
@@ -142,7 +145,9 @@ def _lines(residuals: WhitenedResiduals) -> list[float]:
     if not score.shape[1]:
         return []
     time = covariates.time_s - covariates.time_s[0]
-    index, spacing = _lattice(time, covariates.step_s)
+    is_long = time[-1] > _MOST_STEPS * covariates.step_s
+    seen = _without_holes(covariates) if is_long else time
+    index, spacing = _lattice(seen, covariates.step_s)
     length = _FINER * int(index[-1] + 1)
     power = np.zeros(length // 2 + 1)
     row_of = np.zeros(len(power), dtype=int)
@@ -152,14 +157,36 @@ def _lines(residuals: WhitenedResiduals) -> list[float]:
         row_of[of_row > power] = row
         power = np.maximum(power, of_row)
     frequency = np.arange(len(power)) / (length * spacing)
-    lowest = max(_motion_band(covariates), _LEAST_PERIODS / time[-1])
+    lowest = max(_motion_band(covariates), _LEAST_PERIODS / seen[-1])
     power[(frequency <= lowest) | (frequency >= 0.5 / covariates.step_s)] = 0
     found: list[float] = []
     while len(found) < _LINES and power.max() > 0:
         best = int(power.argmax())
-        found.append(_refined(score[:, row_of[best]], time, float(frequency[best]), float(frequency[1])))
+        own, line, width = score[:, row_of[best]], float(frequency[best]), float(frequency[1])
+        if is_long:
+            line, width = _through_holes(own, time, line, len(covariates.stretches) / seen[-1]), 1 / (_FINER * time[-1])
+        found.append(_refined(own, time, line, width))
         power[max(best - 3 * _FINER, 0) : best + 3 * _FINER + 1] = 0
     return found
+
+
+def _without_holes(covariates: Covariates) -> FloatArray:
+    """Return the times (N,) from 0 of a record whose stretches follow each other one step apart."""
+    steps = np.diff(covariates.time_s)
+    steps[[stretch.start - 1 for stretch in covariates.stretches[1:]]] = covariates.step_s
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _through_holes(score: FloatArray, time: FloatArray, frequency: float, reach: float) -> float:
+    """Return the frequency, within reach of one, whose phase fits the stretches on all sides of the holes."""
+    cell = max(1 / (_FINER * reach), time[-1] / _MOST_STEPS)
+    index = (time / cell).astype(int)
+    length = _FINER * int(index[-1] + 1)
+    turned = score * np.exp(-2j * np.pi * frequency * time)
+    on_lattice = np.bincount(index, turned.real, length) + 1j * np.bincount(index, turned.imag, length)
+    power, offset = np.abs(np.fft.fft(on_lattice)) ** 2, np.fft.fftfreq(length, cell)
+    power[np.abs(offset) > reach] = 0
+    return frequency + float(offset[power.argmax()])
 
 
 def _lattice(time: FloatArray, step: float) -> tuple[FloatArray, float]:

@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.bursts import drawn_bursts, samples_in
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.displaced import NOWHERE_T, Displaced, Explained, finding_of
 from tam_calibration.effects.effect import Finding, FoundEffect
@@ -73,8 +74,7 @@ class StaleSamples(FoundEffect):
         """
         rows, count = rows_T.copy(), covariates.sample_count
         for part in fitted.contributions:
-            burst, late = max(1, round(part.values["burst"])), round(part.values["samples late"])
-            starts = np.flatnonzero(generator.random(count) < part.values["rate"] / burst)
+            (starts, burst), late = drawn_bursts(part, count, generator), samples_in(part, "samples late", count)
             struck = np.minimum(starts[:, None] + np.arange(burst), count - 1)
             source = np.broadcast_to(starts[:, None] - 1, struck.shape) if part.term == "repeats" else struck - late
             touched = rows_of(part, covariates)

@@ -296,7 +296,9 @@ def thinned(terms: Iterable[Term], stride: int) -> Iterator[Term]:
         if whole is None or whole() is not term.features:
             own = term.features[::stride].copy()
             known[id(term.features)] = ref(term.features), own
-        yield replace(term, features=own)
+        kept = replace(term, features=own)
+        del term  # so that its features need not stand beside those of the next
+        yield kept
 
 
 @cache

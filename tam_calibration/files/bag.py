@@ -16,7 +16,7 @@ from tam_calibration.files.bag_blocks import read_blocks
 from tam_calibration.files.bag_damage import damage_named
 from tam_calibration.files.bag_recovery import readable
 from tam_calibration.files.bag_storages import STORAGES
-from tam_calibration.files.text_files import in_file
+from tam_calibration.files.text_files import in_file, require_regular
 from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME, RawMessages
@@ -29,6 +29,7 @@ from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.limits import LARGEST
 from tam_calibration.model.units import FloatArray, IntArray
 
 PATIENCE_NS = 5_000_000_000
@@ -80,6 +81,7 @@ def open_bag(path: Path) -> Iterator[BagReader]:
     InputError
         When the path is no bag, or the bag is empty or damaged.
     """
+    require_regular(path)
     reader = BagReader(path)
     with damage_named(path):
         reader.open()
@@ -306,7 +308,8 @@ def _kept(
 
 def _usable(synchroniser: BatchSynchroniser, stream: str, messages: StreamMessages) -> StreamMessages:
     """Return the messages of a stream that have a time and values, as the collector takes them; the others count."""
-    is_missing = np.isinf(messages.values) if stream in CHANNEL_COLUMNS else ~np.isfinite(messages.values)
+    is_beyond = np.abs(messages.values) > LARGEST.get(stream, LARGEST["readings"])
+    is_missing = is_beyond if stream in CHANNEL_COLUMNS else is_beyond | np.isnan(messages.values)
     usable = ~is_missing.any(axis=1)
     if messages.stamps_ns is not None:
         usable &= messages.stamps_ns != NO_TIME

@@ -13,34 +13,52 @@ from tam_calibration.correction.calibration import (
     KnownSource,
     Provenance,
 )
+from tam_calibration.correction.limits import beyond_limits
 from tam_calibration.effects.library import check_numbers
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.effects_schema import EffectFile
+from tam_calibration.files.quantities import (
+    NOT_TURNED,
+    Finite,
+    Nanotesla,
+    NanoteslaOrNone,
+    NanoteslaTensor,
+    NanoteslaVector,
+    Orientation,
+    ScaleFactor,
+    ScaleFactors,
+    Seconds,
+    Shears,
+    Tensor,
+    Turns,
+    Vector,
+)
 from tam_calibration.files.schema import Bounds, check
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.residuals import Residuals
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, orientation_from_axes
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
 SCHEMA = "tam_calibration/calibration/1"
 
-Finite = Annotated[float, Bounds()]
-Vector = tuple[Finite, Finite, Finite]
-Tensor = tuple[Vector, Vector, Vector]
-_StandardErrors = tuple[float, float, float]
+_StandardError = Annotated[float, Bounds(least=0, most=1e12, may_be_nan=True)]
+_StandardErrors = tuple[_StandardError, _StandardError, _StandardError]
+_Covariance = Annotated[float, Bounds(least=-1e12, most=1e12)]
+"""SI: a parameter that is known to a million of its units is not known."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _CalibratedSensor:
     sensor: int
-    scale_factor: Vector
+    scale_factor: ScaleFactors
     scale_factor_standard_error: _StandardErrors
-    non_orthogonality_deg: Vector
+    non_orthogonality_deg: Shears
     non_orthogonality_standard_error_deg: _StandardErrors
-    bias_nT: Vector
+    bias_nT: NanoteslaVector
     bias_standard_error_nT: _StandardErrors
-    misalignment_deg: Vector
+    misalignment_deg: Turns
     misalignment_standard_error_deg: _StandardErrors
+    orientation: Orientation = NOT_TURNED
     matrix: Tensor
 
 
@@ -51,11 +69,11 @@ class _Array(ArrayFile):
 
 @dataclass(frozen=True, kw_only=True)
 class _Field:
-    intensity_nT: Finite
+    intensity_nT: Nanotesla
     has_scalar_reference: bool
-    coverage_of_sphere: Finite
-    gradient_nT_per_m: Tensor | None = None
-    gradient_standard_error_nT_per_m: Tensor | None = None
+    coverage_of_sphere: Annotated[float, Bounds(least=0, most=1)]
+    gradient_nT_per_m: NanoteslaTensor | None = None
+    gradient_standard_error_nT_per_m: NanoteslaTensor | None = None
 
     def to_gradient(self) -> AmbientGradientEstimate | None:
         """Return the gradient of the field in SI, where one was fitted."""
@@ -67,10 +85,10 @@ class _Field:
 
 @dataclass(frozen=True, kw_only=True)
 class _Residuals:
-    sensor_intensity_nT: list[float]
-    center_intensity_nT: float
-    tensor_nT_per_m: tuple[float, float, float, float, float]
-    tensor_rmse_nT_per_m: float
+    sensor_intensity_nT: list[NanoteslaOrNone]
+    center_intensity_nT: NanoteslaOrNone
+    tensor_nT_per_m: tuple[NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone]
+    tensor_rmse_nT_per_m: NanoteslaOrNone
 
     def to_residuals(self) -> Residuals:
         """Return the residuals in SI."""
@@ -92,7 +110,7 @@ class _AllResiduals:
 @dataclass(frozen=True, kw_only=True)
 class _Recording:
     samples: int
-    time_span_s: tuple[Finite, Finite]
+    time_span_s: tuple[Seconds, Seconds]
     name: str | None
     size_bytes: int | None
     sha256: str | None
@@ -106,8 +124,10 @@ class _Recording:
 
 @dataclass(frozen=True, kw_only=True)
 class _OfOutputs:
-    field_nT: tuple[float, float, float]
-    gradient_nT_per_m: tuple[float, float, float, float, float, float]
+    field_nT: tuple[NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone]
+    gradient_nT_per_m: tuple[
+        NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone
+    ]
 
     def to_tesla(self) -> FloatArray:
         """Return the (9,) numbers in SI."""
@@ -126,9 +146,9 @@ class _Effect(EffectFile):
 
 @dataclass(frozen=True, kw_only=True)
 class _KnownSource:
-    baseline_scale: Finite
+    baseline_scale: ScaleFactor
     baseline_scale_standard_error: Finite
-    rotation_deg: Vector
+    rotation_deg: Turns
     rotation_standard_error_deg: Vector
     axis_offsets_standard_error_m: list[Tensor]
     reduced_chi_square: Finite
@@ -154,6 +174,7 @@ class _Calibration:
     frame: str
     statements: list[str]
     warnings: list[str]
+    accepted: list[str] = dataclasses.field(default_factory=list)
     sensors: list[_CalibratedSensor]
     array: _Array
     field: _Field
@@ -163,7 +184,7 @@ class _Calibration:
     known_source: _KnownSource | None = None
     recording: _Recording
     covariance_order: str
-    covariance_SI: list[list[Finite]] | None
+    covariance_SI: list[list[_Covariance]] | None
 
 
 def calibration_of(content: dict[str, Any]) -> Calibration:
@@ -172,11 +193,11 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     Raises
     ------
     InputError
-        When they are of another version, incomplete, or contradict each other.
+        When they are of another version, incomplete, contradict each other, or are beyond a limit that is not accepted.
     """
     schema = content.get("schema")
     if schema != SCHEMA:
-        stated = "has no schema" if schema is None else f"has the schema {schema!r}"
+        stated = "has no schema" if schema is None else f"has the schema {quoted(schema)}"
         raise InputError(f"this is no calibration that this version reads: it {stated}, not {SCHEMA!r}")
     stored = check(content, _Calibration)
     errors = _errors(stored)
@@ -187,7 +208,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     for fitted in effects:
         check_numbers(fitted, errors, array)
     residuals = stored.residuals
-    return Calibration(
+    calibration = Calibration(
         method=stored.method,
         array=array.with_stated_noise(),
         noise_is_estimated=stored.array.noise_is_estimated,
@@ -210,7 +231,12 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         effects=effects,
         effect_sizes=tuple(effect.to_size() for effect in stored.effects),
         known_source=None if stored.known_source is None else stored.known_source.to_known_source(),
+        accepted=tuple(stored.accepted),
     )
+    for name, sentence in beyond_limits(calibration).items():
+        if name not in stored.accepted:
+            raise InputError(f"{sentence}; where that is so, calibrate again and accept {name}")
+    return calibration
 
 
 def _errors(stored: _Calibration) -> SensorErrors:
@@ -222,6 +248,7 @@ def _errors(stored: _Calibration) -> SensorErrors:
         from_degrees(np.array([block.non_orthogonality_deg for block in sensors])),
         from_nanotesla(np.array([block.bias_nT for block in sensors])),
         from_degrees(np.array([block.misalignment_deg for block in sensors])),
+        np.array([orientation_from_axes(block.orientation) for block in sensors]),
     )
     wrong = ~np.isclose(errors.matrix, [block.matrix for block in sensors], rtol=0, atol=1e-9).all(axis=(1, 2))
     if wrong.any():

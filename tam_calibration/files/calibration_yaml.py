@@ -11,9 +11,11 @@ from tam_calibration.effects.library import units_of
 from tam_calibration.files.array_yaml import array_to_mapping
 from tam_calibration.files.calibration_schema import SCHEMA, calibration_of
 from tam_calibration.files.effects_schema import effect_to_mapping
+from tam_calibration.files.quantities import NOT_TURNED
 from tam_calibration.files.text_files import degrees_to_write, in_file, nanotesla_to_write, read_text, write_whole
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
 from tam_calibration.model.residuals import Residuals
+from tam_calibration.model.sensor_errors import SensorErrors, orientation_to_axes
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 
 FORMULA = (
@@ -120,6 +122,7 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
         "frame": calibration.frame,
         "statements": list(calibration.statements[1:]),
         "warnings": list(calibration.warnings),
+        **({"accepted": list(calibration.accepted)} if calibration.accepted else {}),
         "sensors": _sensors(calibration),
         "array": array_to_mapping(calibration.array) | {"noise_is_estimated": calibration.noise_is_estimated},
         "field": {
@@ -209,10 +212,17 @@ def _sensors(calibration: Calibration) -> list[dict[str, Any]]:
                 "bias_standard_error_nT": bias,
                 "misalignment_deg": degrees_to_write(errors.misalignment[index]).tolist(),
                 "misalignment_standard_error_deg": turn,
+                **orientation_to_mapping(errors, index),
                 "matrix": errors.matrix[index].tolist(),
             }
         )
     return blocks
+
+
+def orientation_to_mapping(errors: SensorErrors, index: int) -> dict[str, Any]:
+    """Return the orientation of a sensor, counted from 0, as files have it: not at all where it has none."""
+    axes = orientation_to_axes(errors.orientation[index])
+    return {} if tuple(axes) == NOT_TURNED else {"orientation": axes}
 
 
 def _in_file_units(twelve: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

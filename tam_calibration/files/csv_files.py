@@ -9,16 +9,19 @@ from typing import TextIO
 import numpy as np
 
 from tam_calibration.correction.calibration import Corrected
-from tam_calibration.files.text_files import in_file, nanotesla_to_write, write_whole
+from tam_calibration.files.text_files import in_file, nanotesla_to_write, require_regular, write_whole
 from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS, SampleLayout
 from tam_calibration.model.array import OUTPUT_NAMES
-from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.exceptions import InputError, quoted
+from tam_calibration.model.recording import BLOCK, Recording, require_sensor_count
 from tam_calibration.model.units import NANOTESLA_PER_TESLA, TESLA_PER_FIELD_UNIT, FloatArray, from_nanotesla
 
 _EMPTY_CELL = re.compile(r"(?<=,)[ \t]*(?=,|\r?$)|^[ \t]*(?=,)", re.MULTILINE)
 
 _PIECE_CHARACTERS = 1 << 24
+
+_LONGEST_LINE = 1 << 16
+"""Characters: a line of a hundred sensors has some six thousand."""
 
 
 def _read_table(path: Path) -> tuple[list[str], FloatArray]:
@@ -43,7 +46,7 @@ def _read_table_pieces(path: Path) -> Iterator[tuple[list[str], FloatArray]]:
         As `_read_table` does, when the fault is met.
     """
     with _opened(path) as file:
-        header, first_line, is_empty = file.readline(), 2, True
+        header, first_line, is_empty = _line(path, file, 1), 2, True
         if not header.strip():
             raise InputError(f"{path} is empty, or its first line is")
         if "\0" in header:
@@ -51,7 +54,7 @@ def _read_table_pieces(path: Path) -> Iterator[tuple[list[str], FloatArray]]:
         if ";" in header:
             raise InputError(f"{path} separates its columns by semicolons: use commas, and points within numbers")
         names = [name.strip() for name in header.split(",")]
-        while lines := file.readlines(_PIECE_CHARACTERS):
+        while lines := _lines(path, file, first_line):
             table = _numbers(lines, len(names))
             if table is None:
                 raise InputError(_describe_fault(path, names, lines, first_line, is_end=not file.read(1)))
@@ -63,8 +66,28 @@ def _read_table_pieces(path: Path) -> Iterator[tuple[list[str], FloatArray]]:
             raise InputError(f"{path} holds a header but no sample")
 
 
+def _lines(path: Path, file: TextIO, first_line: int) -> list[str]:
+    """Return some more lines without their ends; none at the end of the file."""
+    piece = file.read(_PIECE_CHARACTERS)
+    lines = (piece + _line(path, file, first_line + piece.count("\n"))).split("\n")
+    return lines if lines[-1] else lines[:-1]
+
+
+def _line(path: Path, file: TextIO, number: int) -> str:
+    """Return the rest of a line, with its end."""
+    line = file.readline(_LONGEST_LINE)
+    if len(line) == _LONGEST_LINE and not line.endswith("\n"):
+        raise InputError(
+            f"{path} is not a text file"
+            if "\0" in line
+            else f"{path} line {number} is longer than {_LONGEST_LINE} characters: is it a recording?"
+        )
+    return line
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[TextIO]:
+    require_regular(path)
     try:
         with path.open(encoding="utf-8-sig") as file:
             yield file
@@ -83,7 +106,7 @@ def _numbers(lines: list[str], width: int) -> FloatArray | None:
             table = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
         except ValueError:
             table = np.loadtxt(
-                _EMPTY_CELL.sub("nan", "".join(lines)).splitlines(), delimiter=",", ndmin=2, comments=None
+                _EMPTY_CELL.sub("nan", "\n".join(lines)).splitlines(), delimiter=",", ndmin=2, comments=None
             )
     except ValueError:
         return None
@@ -101,24 +124,25 @@ def _describe_fault(path: Path, names: Sequence[str], lines: list[str], first_li
             try:
                 float(cell.strip() or "nan")
             except ValueError:
-                return f"{path} line {number} column {name}: {cell.strip()!r} is not a number"
+                return f"{path} line {number} column {quoted(name)[1:-1]}: {quoted(cell.strip())} is not a number"
     return f"{path} is not a table of numbers separated by commas"
 
 
-def _write_table(path: Path, names: Sequence[str], rows: FloatArray) -> None:
-    """Write a table with the shortest decimals that read back as the same numbers."""
-    _write_blocks(path, names, [rows])
-
-
 def _write_blocks(path: Path, names: Sequence[str], blocks: Iterable[FloatArray]) -> None:
-    """Write a table as `_write_table` does, from rows that come block by block."""
+    """Write a table of blocks of rows, with the shortest decimals that read back as the same numbers."""
     with write_whole(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(names) + "\n")
         for rows in blocks:
             file.writelines(",".join(map(repr, row)) + "\n" for row in np.asarray(rows, dtype=float).tolist())
 
 
-_FIELD_COLUMN = re.compile(rf"(b([1-9]\d*)[xyz]|scalar)_({'|'.join(TESLA_PER_FIELD_UNIT)})")
+_STRONGEST_READING_T = 1.0
+"""Of the strongest field that arrays are turned in, 10 mT, a hundred times: so large may a bias be."""
+
+_SHORTEST_STEP_S = 1e-6
+"""From sample to sample in the mean: no array reads a million times a second."""
+
+_FIELD_COLUMN = re.compile(rf"(b([1-9]\d{{,8}})[xyz]|scalar)_({'|'.join(TESLA_PER_FIELD_UNIT)})")
 _EXPECTED = "time_s,b1x_nT,b1y_nT,b1z_nT,…[,scalar_nT][,temperature_C][,current_A][,qx,qy,qz,qw]"
 
 
@@ -156,7 +180,11 @@ def read_csv_pieces(path: Path) -> Iterator[Recording]:
 def _recording(names: list[str], table: FloatArray) -> Recording:
     columns = _standard_columns(names, table)
     layout = _layout(columns)
-    return layout.recording(np.column_stack([columns[name] for name in layout.columns]))
+    recording = layout.recording(np.column_stack([columns[name] for name in layout.columns]))
+    first_s, last_s = recording.time_span_s
+    if last_s - first_s < _SHORTEST_STEP_S * (recording.sample_count - 1):
+        raise InputError(f"{recording.sample_count} samples in {last_s - first_s:g} s: time_s must be in seconds")
+    return recording
 
 
 def write_csv_recording(path: Path, recording: Recording) -> None:
@@ -177,8 +205,13 @@ def write_csv_recording(path: Path, recording: Recording) -> None:
     layout = SampleLayout.of(recording)
     rows = layout.rows(recording)
     is_field = [name.endswith("_T") for name in layout.columns]
+    blocks = (_block_to_write(rows[start : start + BLOCK], is_field) for start in range(0, len(rows), BLOCK))
+    _write_blocks(path, [re.sub("_T$", "_nT", name) for name in layout.columns], blocks)
+
+
+def _block_to_write(rows: FloatArray, is_field: list[bool]) -> FloatArray:
     rows[:, is_field] = nanotesla_to_write(rows[:, is_field])
-    _write_table(path, [re.sub("_T$", "_nT", name) for name in layout.columns], rows)
+    return rows
 
 
 def _standard_columns(names: list[str], table: FloatArray) -> dict[str, FloatArray]:
@@ -189,23 +222,44 @@ def _standard_columns(names: list[str], table: FloatArray) -> dict[str, FloatArr
         standard = name
         if match := _FIELD_COLUMN.fullmatch(name):
             standard, values = f"{match[1]}_T", _to_tesla(values, match[3])
+            _require_field(name, values)
         elif name not in known:
-            raise InputError(f"column {name!r} is not known: a recording has the columns {_EXPECTED}")
+            raise InputError(f"column {quoted(name)} is not known: a recording has the columns {_EXPECTED}")
         if standard in columns:
-            raise InputError(f"column {name!r} is there twice")
+            raise InputError(f"column {quoted(name)} is there twice")
         columns[standard] = values
     return columns
 
 
 def _to_tesla(values: FloatArray, unit: str) -> FloatArray:
     # Divisions by whole numbers round decimals correctly; so microtesla and gauss go like nanotesla.
-    return values if unit == "T" else from_nanotesla(values * round(TESLA_PER_FIELD_UNIT[unit] * NANOTESLA_PER_TESLA))
+    with np.errstate(over="ignore"):  # what is infinite then is told as such
+        whole = values * round(TESLA_PER_FIELD_UNIT[unit] * NANOTESLA_PER_TESLA)
+    return values if unit == "T" else from_nanotesla(whole)
+
+
+def _require_field(name: str, values_T: FloatArray) -> None:
+    """Check that no value is beyond what a sensor reads, in a column whose others are not: those are of another unit.
+
+    Raises
+    ------
+    InputError
+        When one is.
+    """
+    sizes = np.abs(values_T)
+    beyond = np.isfinite(sizes) & (sizes > _STRONGEST_READING_T)
+    if 0 < beyond.sum() < len(sizes) / 2:
+        raise InputError(
+            f"column {name}: {beyond.sum()} of {len(sizes)} values are beyond {_STRONGEST_READING_T:g} T, first in sample "
+            f"{beyond.argmax() + 1}: remove them"
+        )
 
 
 def _layout(columns: dict[str, FloatArray]) -> SampleLayout:
     sensors = [int(match[1]) for name in columns if (match := re.match(r"b(\d+)", name))]
     if not sensors:
         raise InputError(f"there is no sensor's column: a recording has the columns {_EXPECTED}")
+    require_sensor_count(max(sensors))
     layout = SampleLayout(max(sensors), *(any(name in columns for name in group) for group in CHANNEL_COLUMNS.values()))
     missing = [name for name in layout.columns if name not in columns]
     if missing:

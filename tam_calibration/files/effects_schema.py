@@ -18,7 +18,7 @@ import numpy as np
 
 from tam_calibration.files.schema import Bounds
 from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import from_degrees, from_nanotesla
 
@@ -26,6 +26,9 @@ _AXES = "xyz"
 _SPECIAL = {"scalar": SCALAR, "all": ALL}
 _PLAIN_UNITS = frozenset({"1", "T", "rad", "s", "Hz", "K", "°C", "A", "m"})
 _WRITTEN = {"T": ("nT", nanotesla_to_write), "rad": ("deg", degrees_to_write)}
+
+_LARGEST = 1e30
+"""Size of a number of an effect in SI: the inverse of a fT²; of larger ones the squares of squares are no numbers."""
 
 _Quantity = Annotated[float, Bounds()] | str
 
@@ -114,7 +117,11 @@ def _quantity(value: float, unit: str | None) -> _Quantity:
 
 
 def _in_si(values: Mapping[str, _Quantity]) -> dict[str, float]:
-    return {name: _number(name, value) for name, value in values.items()}
+    numbers = {name: _number(name, value) for name, value in values.items()}
+    for name, number in numbers.items():
+        if abs(number) > _LARGEST:
+            raise InputError(f"{name}: {quoted(values[name])} is more than {_LARGEST:g} in SI: check the unit")
+    return numbers
 
 
 def _number(name: str, value: _Quantity) -> float:
@@ -126,11 +133,11 @@ def _number(name: str, value: _Quantity) -> float:
     except ValueError:
         plain = np.nan
     if not np.isfinite(plain):
-        raise InputError(f"{name}: {value!r} is no number with a unit such as '12 nT/K'")
+        raise InputError(f"{name}: {quoted(value)} is no number with a unit such as '12 nT/K'")
     first, _, rest = (unit.strip() or "1").partition("/")
     unknown = (_powers(first) - {"nT", "uT", "µT", "deg"} | _powers(rest)) - _PLAIN_UNITS
     if unknown:
-        raise InputError(f"{name}: the unit {unit!r} is not known: write T, nT, uT, rad, deg, s, Hz, K, A and m")
+        raise InputError(f"{name}: the unit {quoted(unit)} is not known: write T, nT, uT, rad, deg, s, Hz, K, A and m")
     if first == "nT":
         return from_nanotesla(plain)
     if first in ("uT", "µT"):

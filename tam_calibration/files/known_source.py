@@ -6,14 +6,15 @@ from typing import Annotated
 
 import numpy as np
 
-from tam_calibration.files.calibration_schema import Vector
+from tam_calibration.files.quantities import Place, Vector
 from tam_calibration.files.schema import Bounds, check
 from tam_calibration.files.yaml_document import mapping_in
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.sources.dipole import Dipole, Source
 from tam_calibration.sources.loop import Loop, area_of
 
-_Positive = Annotated[float, Bounds(above=0)]
+_Positive = Annotated[float, Bounds(above=0, least=1e-12, most=1e12, unit="in SI")]
+"""A moment, ampere turns, a radius or a frequency: from atoms to the largest machines."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,7 @@ class _SourceFile:
     """
 
     recording: str
-    position_m: Vector
+    position_m: Place
     axis: Vector
     moment_Am2: _Positive | None = None
     ampere_turns: _Positive | None = None

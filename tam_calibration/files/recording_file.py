@@ -1,6 +1,8 @@
 """Recordings and corrected data in whichever format, bags or CSV, and where a result came from."""
 
+import os
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -16,7 +18,7 @@ from tam_calibration.files.csv_files import (
     write_csv_recording,
 )
 from tam_calibration.files.recording_stream import RecordingStream
-from tam_calibration.files.text_files import in_file
+from tam_calibration.files.text_files import in_file, require_regular
 from tam_calibration.messages.samples import Progress, Samples, stamps_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
@@ -59,10 +61,11 @@ def is_bag(path: Path) -> bool:
     Raises
     ------
     InputError
-        When there is nothing at the path.
+        When there is nothing at the path, or neither a regular file nor a folder.
     """
-    if not path.exists():
+    if not os.path.lexists(path):
         raise InputError(f"there is no file or bag {path}")
+    require_regular(path)
     if path.is_dir() or path.suffix in _BAG_SUFFIXES:
         return True
     with path.open("rb") as file:
@@ -426,11 +429,12 @@ def correct_file(
         else:
             outputs = calibration.apply(samples.recording.readings_T)
             corrected = Corrected(samples.recording.time_s, outputs, calibration.output_standard_errors)
+        whole = calibration.without_effects(samples.recording) if calibration.effects else samples.recording
         try:
             samples.recording.check_units(calibration.array.field)
             right_units += 1
         except InputError as problem:
             wrong_units.append(problem)
-        yield corrected, samples.stamps_ns
+        yield replace(corrected, scalar_T=whole.scalar_T), samples.stamps_ns
     if len(wrong_units) > right_units:
         raise wrong_units[0]

@@ -16,6 +16,9 @@ CREATE TABLE IF NOT EXISTS about (text TEXT);
 CREATE TABLE IF NOT EXISTS samples (number INTEGER PRIMARY KEY, stamp_ns INTEGER, time_ns INTEGER, row BLOB);
 """
 
+_NAMES = {"about", "samples"}
+"""Of the tables; an SQLite file with others, such as a bag's, is of something else."""
+
 _BESIDE = ("", "-wal", "-shm")
 """Ends of the names of the files that SQLite writes."""
 
@@ -56,13 +59,8 @@ class SampleFile:
         """Open the file, and return whether it is of what it shall be of."""
         self._connection = sqlite3.connect(self._path, isolation_level=None, check_same_thread=False)
         try:
-            self._connection.execute("PRAGMA journal_mode = WAL")
-            self._connection.execute("PRAGMA synchronous = NORMAL")
-            self._connection.executescript(_TABLES)
-            [found] = self._connection.execute("SELECT text FROM about").fetchone() or [None]
-            if found is None:
-                self._connection.execute("INSERT INTO about VALUES (?)", (about,))
-            is_usable = found in (None, about)
+            tables = {name for (name,) in self._connection.execute("SELECT name FROM sqlite_master")}
+            is_usable = tables <= _NAMES and self._holds(about)
         except sqlite3.OperationalError:
             raise
         except sqlite3.DatabaseError:  # damaged, or no such file
@@ -70,6 +68,16 @@ class SampleFile:
         if not is_usable:
             self._connection.close()
         return is_usable
+
+    def _holds(self, about: str) -> bool:
+        """Make what is missing, and return whether the samples are of what they shall be of."""
+        self._connection.execute("PRAGMA journal_mode = WAL")
+        self._connection.execute("PRAGMA synchronous = NORMAL")
+        self._connection.executescript(_TABLES)
+        [found] = self._connection.execute("SELECT text FROM about").fetchone() or [None]
+        if found is None:
+            self._connection.execute("INSERT INTO about VALUES (?)", (about,))
+        return found in (None, about)
 
     def _rename(self) -> Path:
         names = (self._path.with_name(f"{self._path.name}.{number}") for number in range(1, 1_000_000))

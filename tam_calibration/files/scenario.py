@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from tam_calibration.files.calibration_yaml import orientation_to_mapping
 from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.files.effects_schema import effect_to_mapping
 from tam_calibration.files.scenario_schema import scenario_of
@@ -21,6 +22,36 @@ _TRUTH_SCHEMA = "tam_calibration/truth/1"
 def shipped_scenarios() -> dict[str, Path]:
     """Return the paths of the scenarios that come with the package, by name."""
     return {path.stem: path for path in sorted((configuration_folder() / "scenarios").glob("*.yaml"))}
+
+
+def _path_of(name_or_path: str | Path) -> Path:
+    shipped = shipped_scenarios()
+    path = shipped.get(str(name_or_path), Path(name_or_path))
+    if not path.exists():
+        raise InputError(
+            f"there is no file {path}, and no scenario of that name comes with it: {', '.join(shipped)} do"
+        )
+    return path
+
+
+def files_of_scenario(name_or_path: str | Path) -> list[Path]:
+    """Return the files that a scenario is read from: its own, and the observatory's that it may name.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        As of `read_scenario`.
+
+    Raises
+    ------
+    InputError
+        When there is none, or it is no YAML.
+    """
+    path = _path_of(name_or_path)
+    with mapping_in(path) as content:
+        drift = content.get("drift")
+    named = drift.get("file") if isinstance(drift, dict) else None
+    return [path, path.parent / named] if isinstance(named, str) else [path]
 
 
 def read_scenario(name_or_path: str | Path) -> Scenario:
@@ -48,12 +79,7 @@ def read_scenario(name_or_path: str | Path) -> Scenario:
     >>> scenario.sample_count, scenario.array.sensor_count, scenario.effects
     (360, 4, ())
     """
-    shipped = shipped_scenarios()
-    path = shipped.get(str(name_or_path), Path(name_or_path))
-    if not path.exists():
-        raise InputError(
-            f"there is no file {path}, and no scenario of that name comes with it: {', '.join(shipped)} do"
-        )
+    path = _path_of(name_or_path)
     with mapping_in(path) as content:
         return scenario_of(content, path.parent)
 
@@ -100,6 +126,8 @@ def _sensors_to_mapping(errors: SensorErrors) -> list[dict[str, Any]]:
         "matrix": errors.matrix,
     }
     return [
-        {"sensor": index + 1, **{name: values[index].tolist() for name, values in columns.items()}}
+        {"sensor": index + 1}
+        | {name: values[index].tolist() for name, values in columns.items()}
+        | orientation_to_mapping(errors, index)
         for index in range(errors.sensor_count)
     ]

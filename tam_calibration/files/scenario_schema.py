@@ -8,35 +8,55 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from tam_calibration.files.array_yaml import ArrayFile
-from tam_calibration.files.calibration_schema import Finite, Tensor, Vector
 from tam_calibration.files.effects_schema import EffectFile
 from tam_calibration.files.iaga2002 import read_iaga2002
+from tam_calibration.files.quantities import (
+    NOT_TURNED,
+    Ampere,
+    Celsius,
+    Degrees,
+    Hertz,
+    Moment,
+    NanoteslaTensor,
+    NanoteslaVector,
+    Orientation,
+    Period,
+    Place,
+    ScaleFactors,
+    Shears,
+    Turns,
+)
 from tam_calibration.files.schema import Bounds, check
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import site_field_T
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, orientation_from_axes
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.simulation import Scenario, attitude, instruments, sources
 from tam_calibration.sources.dipole import Dipole
 
-_Positive = Annotated[float, Bounds(above=0)]
-_NotNegative = Annotated[float, Bounds(least=0)]
+_Intensity = Annotated[float, Bounds(above=0, least=1e-3, most=1e9, unit="nT")]
+"""Of a site: from a shielded room's residual field to one tesla."""
+_Spread = Annotated[float, Bounds(least=0, most=1e9)]
+"""Of noise or a drift, in the unit of its key: more than any channel can read."""
+_Angle = Annotated[float, Bounds(above=0, least=1e-6, most=1e6, unit="deg")]
+"""A standard deviation, or degrees per second: of larger ones nothing but noise is left."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _StatedSensor:
     sensor: int
-    scale_factor: Vector = (1.0, 1.0, 1.0)
-    non_orthogonality_deg: Vector = (0.0, 0.0, 0.0)
-    bias_nT: Vector = (0.0, 0.0, 0.0)
-    misalignment_deg: Vector = (0.0, 0.0, 0.0)
+    scale_factor: ScaleFactors = (1.0, 1.0, 1.0)
+    non_orthogonality_deg: Shears = (0.0, 0.0, 0.0)
+    bias_nT: NanoteslaVector = (0.0, 0.0, 0.0)
+    misalignment_deg: Turns = (0.0, 0.0, 0.0)
+    orientation: Orientation = NOT_TURNED
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Site:
-    intensity_nT: _Positive
+    intensity_nT: _Intensity
     inclination_deg: Annotated[float, Bounds(least=-90, most=90)]
-    declination_deg: Finite = 0.0
+    declination_deg: Degrees = 0.0
 
     def field_T(self) -> FloatArray:
         angles = from_degrees(self.inclination_deg), from_degrees(self.declination_deg)
@@ -57,8 +77,8 @@ class _Place:
 @dataclass(frozen=True, kw_only=True)
 class _Sinusoid:
     kind: Literal["sinusoid"]
-    standard_deviation_nT: _NotNegative
-    period_s: _Positive
+    standard_deviation_nT: _Spread
+    period_s: Period
 
     def build(self, folder: Path) -> sources.Drift:
         return sources.SinusoidDrift(from_nanotesla(self.standard_deviation_nT), self.period_s)
@@ -67,7 +87,7 @@ class _Sinusoid:
 @dataclass(frozen=True, kw_only=True)
 class _Ramp:
     kind: Literal["ramp"]
-    standard_deviation_nT: _NotNegative
+    standard_deviation_nT: _Spread
 
     def build(self, folder: Path) -> sources.Drift:
         return sources.RampDrift(from_nanotesla(self.standard_deviation_nT))
@@ -89,8 +109,8 @@ class _Observatory:
 
 @dataclass(frozen=True, kw_only=True)
 class _Dipole:
-    position_m: Vector
-    moment_Am2: Vector
+    position_m: Place
+    moment_Am2: Moment
 
     def build(self) -> Dipole:
         return Dipole(np.array(self.position_m), np.array(self.moment_Am2))
@@ -107,7 +127,7 @@ class _Random:
 @dataclass(frozen=True, kw_only=True)
 class _RandomEulerAngles:
     kind: Literal["random_euler_angles"]
-    standard_deviation_deg: _Positive = 180.0
+    standard_deviation_deg: _Angle = 180.0
 
     def build(self) -> attitude.Motion:
         return attitude.RandomEulerAngles(from_degrees(self.standard_deviation_deg))
@@ -132,7 +152,7 @@ class _Turntable:
 @dataclass(frozen=True, kw_only=True)
 class _Tumble:
     kind: Literal["tumble"]
-    turn_rate_deg_per_s: _Positive = 90.0
+    turn_rate_deg_per_s: _Angle = 90.0
 
     def build(self) -> attitude.Motion:
         return attitude.Tumble(from_degrees(self.turn_rate_deg_per_s))
@@ -141,9 +161,9 @@ class _Tumble:
 @dataclass(frozen=True, kw_only=True)
 class _Auv:
     kind: Literal["auv"]
-    pitch_limit_deg: float
-    roll_limit_deg: float
-    turn_period_s: float
+    pitch_limit_deg: Degrees
+    roll_limit_deg: Degrees
+    turn_period_s: Period
 
     def build(self) -> attitude.Motion:
         limits = from_degrees(self.pitch_limit_deg), from_degrees(self.roll_limit_deg)
@@ -152,28 +172,28 @@ class _Auv:
 
 @dataclass(frozen=True, kw_only=True)
 class _Scalar:
-    rate_hz: _Positive | None = None
+    rate_hz: Hertz | None = None
     one_error_per_recording: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Temperature:
-    start_C: Finite
-    end_C: Finite
-    noise_C: _NotNegative = 0.0
+    start_C: Celsius
+    end_C: Celsius
+    noise_C: _Spread = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Current:
-    low_A: Finite
-    high_A: Finite
-    period_s: _Positive
-    noise_A: _NotNegative = 0.0
+    low_A: Ampere
+    high_A: Ampere
+    period_s: Period
+    noise_A: _Spread = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Attitude:
-    noise_deg: _NotNegative = 0.0
+    noise_deg: _Spread = 0.0
 
     def build(self) -> instruments.AttitudeChannel:
         return instruments.AttitudeChannel(from_degrees(self.noise_deg))
@@ -193,11 +213,11 @@ class ScenarioFile:
     place: _Place | None = None
     motion: _Motion
     samples: int
-    rate_hz: float
+    rate_hz: Hertz
     seed: Annotated[int, Bounds(least=0)] = 0
     drift: _Drift | None = None
     dipole: _Dipole | None = None
-    site_gradient_nT_per_m: Tensor | None = None
+    site_gradient_nT_per_m: NanoteslaTensor | None = None
     scalar: _Scalar | None = None
     temperature: _Temperature | None = None
     current: _Current | None = None
@@ -265,4 +285,5 @@ def _errors(sensors: list[_StatedSensor]) -> SensorErrors:
         from_degrees(np.array([block.non_orthogonality_deg for block in sensors])),
         from_nanotesla(np.array([block.bias_nT for block in sensors])),
         from_degrees(np.array([block.misalignment_deg for block in sensors])),
+        np.array([orientation_from_axes(block.orientation) for block in sensors]),
     )

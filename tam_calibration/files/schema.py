@@ -3,12 +3,12 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
-from datetime import date, datetime, time
+from datetime import UTC, date, datetime
 from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, quoted
 
 Schema = TypeVar("Schema")
 
@@ -23,28 +23,37 @@ class Bounds:
         The number is greater.
     least, most : float
         The number is not less, and not greater.
+    unit : str
+        Of the number, where a wrong one is what mostly breaks the bounds.
+    may_be_nan : bool
+        Whether it need not be known.
     """
 
     above: float = -math.inf
     least: float = -math.inf
     most: float = math.inf
+    unit: str = ""
+    may_be_nan: bool = False
 
     def broken_by(self, number: float) -> str:
         """Return what a number should be and is not; empty where it keeps to all."""
+        if self.may_be_nan and math.isnan(number):
+            return ""
         if not abs(number) < math.inf:
             return "a finite number"
         if number <= self.above:
             return f"greater than {self.above}"
+        hint = f" {self.unit}, not {number:g}: check the unit" if self.unit else ""
         if number < self.least:
-            return f"greater than or equal to {self.least}"
-        return f"less than or equal to {self.most}" if number > self.most else ""
+            return f"greater than or equal to {self.least}{hint}"
+        return f"less than or equal to {self.most}{hint}" if number > self.most else ""
 
 
 def check(content: Mapping[str, Any], schema: type[Schema]) -> Schema:
     """Return the content as an instance of its schema.
 
-    A key that the schema has not is a fault. Text is a number where it reads as one: in YAML 1.1 ``1e-9`` is text. Of
-    several dataclasses the one is taken whose ``kind`` the mapping states.
+    A key that the schema has not is a fault. Text is no number; dates are read from text. Of several dataclasses the
+    one is taken whose ``kind`` the mapping states.
 
     Parameters
     ----------
@@ -170,7 +179,7 @@ def _of_kind(schemas: list[Any], content: Any, place: str, faults: list[str]) ->
     by_kind = {get_args(_types(schema)["kind"])[0]: schema for schema in schemas}
     kind = content["kind"]
     if not isinstance(kind, str) or kind not in by_kind:
-        faults.append(f"{place}: the kind {kind!r} is none of {', '.join(by_kind)}")
+        faults.append(f"{place}: the kind {quoted(kind)} is none of {', '.join(by_kind)}")
         return None
     return _document(by_kind[kind], content, place, faults)
 
@@ -186,7 +195,7 @@ def _integer(value: Any) -> int:
 
 
 def _no_truth(value: Any) -> Any:
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError
     return value
 
@@ -200,27 +209,23 @@ def _exactly(kind: type) -> Callable[[Any], Any]:
     return convert
 
 
+_text = _exactly(str)
+
+
 def _moment(value: Any) -> datetime:
-    if isinstance(value, datetime):
-        return value
-    if isinstance(value, str):
-        return datetime.fromisoformat(value)
-    return datetime.combine(_day(value), time())
+    moment = datetime.fromisoformat(_text(value))
+    return moment if moment.tzinfo is None else moment.astimezone(UTC)
 
 
 def _day(value: Any) -> date:
-    if isinstance(value, str):
-        return date.fromisoformat(value)
-    if isinstance(value, datetime) or not isinstance(value, date):
-        raise ValueError
-    return value
+    return date.fromisoformat(_text(value))
 
 
 _PLAIN: dict[Any, tuple[Callable[[Any], Any], str]] = {
     float: (_number, "number"),
     int: (_integer, "integer"),
     bool: (_exactly(bool), "boolean"),
-    str: (_exactly(str), "string"),
+    str: (_text, "string"),
     date: (_day, "date"),
     datetime: (_moment, "datetime"),
 }

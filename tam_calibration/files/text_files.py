@@ -6,11 +6,12 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from stat import S_ISDIR, S_ISREG
 from typing import Any
 
 import numpy as np
 
+from tam_calibration.files.whole_files import write_set
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
 
@@ -24,15 +25,49 @@ def in_file(path: Path | str) -> Iterator[None]:
         raise InputError(f"{path}: {problem}") from None
 
 
+MOST_BYTES = 1 << 26
+"""Of a text that is read at once: four times the largest calibration, and a century of an observatory's hours."""
+
+
+def require_regular(path: Path) -> None:
+    """Check that what is to be read is a regular file, or a folder with no other things in it.
+
+    A device may have no end, and a pipe no beginning.
+
+    Parameters
+    ----------
+    path : Path
+        A link stands for what it leads to.
+
+    Raises
+    ------
+    InputError
+        When it is something else, or leads nowhere.
+    """
+    try:
+        mode = path.stat().st_mode
+        parts = list(path.iterdir()) if S_ISDIR(mode) else []
+    except OSError as problem:
+        raise InputError(f"{path} cannot be read: {problem.strerror}") from None
+    for part in parts:
+        if part.exists() and not part.is_dir():
+            require_regular(part)
+    if not (S_ISREG(mode) or S_ISDIR(mode)):
+        raise InputError(f"{path} is no regular file but a device, pipe or socket: copy what it gives into a file")
+
+
 def read_text(path: Path) -> str:
     """Return the text of a file.
 
     Raises
     ------
     InputError
-        When there is no such file, it cannot be read, is empty or is not text.
+        When there is no such file, it cannot be read, is too long, empty or not text.
     """
+    require_regular(path)
     try:
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError(f"{path} has {path.stat().st_size} bytes, and at most {MOST_BYTES} are read of a text")
         text = path.read_text(encoding="utf-8-sig")
     except OSError as problem:
         raise InputError(f"{path} cannot be read: {problem.strerror}") from None
@@ -84,24 +119,8 @@ def write_whole(path: Path) -> Iterator[Path]:
     InputError
         When the target cannot be written.
     """
-    path = Path(path)
-    if path.is_dir():
-        raise InputError(f"{path} is a folder that exists already: choose another name, or remove it")
-    if path.exists() and not path.is_file():
-        raise InputError(f"{path} is not a regular file: choose another name")
-    try:
-        folder = TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent)
-    except OSError as problem:
-        raise InputError(f"{path} cannot be written: {problem.strerror} ({path.parent})") from None
-    with folder as name:
-        beside = Path(name, path.name)
-        try:
-            yield beside
-            os.replace(beside, path)
-        except OSError as problem:
-            if problem.filename is None or str(problem.filename).startswith(name):
-                raise InputError(f"{path} cannot be written: {problem.strerror}") from problem
-            raise
+    with write_set([path]) as [beside]:
+        yield beside
 
 
 def to_json(content: Mapping[str, Any]) -> str:

@@ -10,6 +10,9 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
+_LARGEST_TURN = np.radians(80.0)
+"""Of a sensor whose angle is found by its sine, radians: noise counts six times there, and without bound at 90°."""
+
 
 def field_products(joint: FloatArray, unmix: FloatArray, center: FloatArray) -> FloatArray:
     """Return the sums of the outer products of the restored fields.
@@ -81,12 +84,12 @@ def rotation_by_regression(regression: FloatArray) -> FloatArray:
     Raises
     ------
     InputError
-        When a sensor is turned by more than 90° about z, where the arc sine is wrong.
+        When a sensor is turned by more than 80° about y or z: from 90° on the arc sine is wrong, and near it noise is.
     """
-    beyond = (regression[..., 0, 0] < 0).reshape(-1, regression.shape[-3]).any(axis=0)
+    beyond = (regression[..., 0, 0] < np.cos(_LARGEST_TURN)).reshape(-1, regression.shape[-3]).any(axis=0)
     if beyond.any():
         raise InputError(
-            f"sensor {np.argmax(beyond) + 1} is turned by more than 90° against the reference, "
+            f"sensor {np.argmax(beyond) + 1} is turned by more than 80° against the reference, "
             "beyond what a linear alignment finds: use the method maximum_likelihood"
         )
     beta = -np.arcsin(np.clip(regression[..., 2, 0], -1, 1))

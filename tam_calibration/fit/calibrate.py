@@ -1,12 +1,13 @@
 """One call from a recording to a calibration that was checked before, after, and on samples it has not seen."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.limits import within_limits
 from tam_calibration.fit.artificial_vector import artificial_vector
 from tam_calibration.fit.consistency import find_warnings, require_one_calibration, require_one_sphere
 from tam_calibration.fit.fast_rotation import fast_rotation
@@ -17,6 +18,7 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.simplified_linear import simplified_linear
 from tam_calibration.fit.two_step_linear import two_step_linear
+from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SKETCH, SampleSource
@@ -44,7 +46,12 @@ _BLOCKS_PER_FOLD = 10
 
 
 def calibrate(
-    recording: SampleSource, array: Array, method: str = DEFAULT_METHOD, *, ambient_gradient: bool = False
+    recording: SampleSource,
+    array: Array,
+    method: str = DEFAULT_METHOD,
+    *,
+    ambient_gradient: bool = False,
+    accept: Collection[str] = (),
 ) -> Calibration:
     """Fit the errors of an array's sensors and judge the fit.
 
@@ -60,6 +67,8 @@ def calibrate(
         "two_step_linear" or "simplified_linear".
     ambient_gradient : bool
         Whether the field had a gradient, which the recorded attitude tells from the errors of the sensors.
+    accept : collection of str
+        Names of findings that shall refuse nothing: ``tam_calibration.integrity.ACCEPTABLE``.
 
     Returns
     -------
@@ -72,7 +81,8 @@ def calibrate(
     InputError
         When the recording cannot be used, does not belong to the array or leaves parameters open.
     Refused
-        When the recording is not one calibration.
+        When the recording is not one calibration, its channels are not those of sound sensors, or the calibration is
+        beyond a limit.
 
     Examples
     --------
@@ -90,12 +100,15 @@ def calibrate(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
             "use the array file of this recording"
         )
+    faults = require_sound(recording, array, accept)
     recording.thinned(SKETCH).check_plausible(array.field)
     require_determined(recording, array, is_uniform=not ambient_gradient)
+    require_enough(recording.sample_count, accept)
     calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
-    warnings = find_warnings(uniform, calibration)
-    return replace(calibration, warnings=warnings, held_out=_held_out(recording, array, fit))
+    warnings = (*(fault.sentence for fault in faults), *find_warnings(uniform, calibration))
+    calibration = within_limits(replace(calibration, warnings=warnings), accept)
+    return replace(calibration, held_out=_held_out(recording, array, fit))
 
 
 def accepted(recording: SampleSource, array: Array, fit: Fit) -> Calibration:

@@ -167,12 +167,15 @@ def finish(
     """
     factor = np.ones(len(matrix)) if data.has_scalar else free_scale(matrix)
     bias = data.origin_T + data.radius_T * center
-    every = SensorErrors.from_matrix((matrix * factor[:, None, None, None]).reshape(-1, 3, 3), bias.reshape(-1, 3))
+    matrix = matrix * factor[:, None, None, None]
+    orientation = SensorErrors.from_matrix(matrix[0], bias[0]).orientation
+    orientations = np.tile(orientation, (len(matrix), 1, 1))
+    every = SensorErrors.from_matrix(matrix.reshape(-1, 3, 3), bias.reshape(-1, 3), orientations)
     vectors = every.to_vector().reshape(*bias.shape[:2], 12)
     if frame == FRAME_STATEMENT:
         vectors[:, 0, 9:] = 0
     estimate = Estimate(
-        SensorErrors.from_vector(vectors[0]),
+        SensorErrors.from_vector(vectors[0], orientation),
         jackknife(vectors[1:]),
         covariance_from_noise=False,
         intensity_T=float(data.radius_T / factor[0]),

@@ -1,20 +1,22 @@
 """A batch of the recordings that patterns name: what is done already is kept, the rest is done, all is summed up."""
 
-import fcntl
-import shutil
+import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from glob import glob, has_magic
 from pathlib import Path
 
 from tam_calibration.files.bag_storages import STORAGES
-from tam_calibration.fleet.summary import write_summaries
+from tam_calibration.files.overwriting import require_separate
+from tam_calibration.files.whole_files import hold, remove_left_over
+from tam_calibration.fleet.summary import SUMMARIES, write_summaries
 from tam_calibration.fleet.task import Options, Task
 from tam_calibration.fleet.task_result import Result, read_result
 from tam_calibration.model.exceptions import InputError, Refused
 
 _SUFFIXES = (".csv", ".zstd", *(storage.suffix for storage in STORAGES.values()))
 _METADATA = "metadata.yaml"
+_LOCK, _RECORDINGS = ".lock", "recordings"
 
 
 def find_recordings(patterns: Iterable[str], without: Path) -> list[Path]:
@@ -72,6 +74,24 @@ Progress = Callable[[int, int], None]
 """Called with the number of recordings that are done, and of all."""
 
 
+def require_separate_folder(out: Path, inputs: Iterable[Path]) -> None:
+    """Check that nothing which a batch writes into its folder overwrites what it reads.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the results; inputs may lie in it, but not where results go.
+    inputs : iterable of Path
+        Recordings, array and calibration.
+
+    Raises
+    ------
+    InputError
+        When an input would be overwritten, or the folder is a bag or lies inside one.
+    """
+    require_separate([out / name for name in (*SUMMARIES, _RECORDINGS, _LOCK)], inputs)
+
+
 def run_batch(recordings: list[Path], out: Path, options: Options, run: Run, progress: Progress) -> list[Result]:
     """Do what is left to do of a batch, write its summaries, and return all results in the order of the summaries.
 
@@ -122,17 +142,40 @@ def _order(result: Result) -> tuple[str, float, str]:
 
 @contextmanager
 def _owning(out: Path) -> Iterator[None]:
-    """Hold the folder for one batch at a time, and remove what a batch that was killed left unfinished."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        lock = (out / ".lock").open("w")
-    except OSError as problem:
-        raise InputError(f"{out} cannot be written: {problem.strerror}") from None
-    with lock:
+    """Hold the folder for one batch at a time; what this one or a killed one left unfinished, and the lock, go."""
+    made = [folder for folder in (out, *out.parents) if not folder.exists()]
+    with ExitStack() as stack:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            stack.callback(_remove_empty, made)
+            out.mkdir(parents=True, exist_ok=True)
+            lock = out / _LOCK
+            holder = _hold(lock)
         except BlockingIOError:
             raise Refused(f"another batch is writing into {out}: wait for it, or name another folder") from None
-        for part in (*out.glob(".summary.*"), *out.glob("recordings/*/.*")):
-            shutil.rmtree(part, ignore_errors=True)
+        except OSError as problem:
+            raise InputError(f"{out} cannot be written: {problem.strerror}") from None
+        stack.callback(os.close, holder)
+        stack.callback(lock.unlink)
+        stack.callback(_remove_unfinished, out)
+        _remove_unfinished(out)
         yield
+
+
+def _hold(lock: Path) -> int:
+    """Make a lock and hold it, as `hold` does."""
+    while True:
+        lock.touch()
+        with suppress(FileNotFoundError):  # the batch that held it has just removed it
+            return hold(lock)
+
+
+def _remove_unfinished(out: Path) -> None:
+    for part in (*out.glob(".summary.*"), *out.glob(f"{_RECORDINGS}/*/.*")):
+        remove_left_over(part)
+    _remove_empty([*out.glob(f"{_RECORDINGS}/*"), out / _RECORDINGS])
+
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()

@@ -1,14 +1,13 @@
 """Tasks on the cores of this machine, or on a Dask cluster whose workers see the same paths."""
 
 import os
-import signal
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context, parent_process
-from threading import Thread
+from multiprocessing import get_context
 from typing import Any
 
+from tam_calibration.fleet.processes import processes
 from tam_calibration.fleet.task import Task, process
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.extras import require
@@ -51,30 +50,13 @@ def _in_pool(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, BaseException
     # Forked from a process that has imported everything once, not from this one with its threads.
     context = get_context("forkserver")
     context.set_forkserver_preload(list(_PRELOADED))
-    pool = ProcessPoolExecutor(jobs, context, initializer=_begin)
     try:
-        futures = {pool.submit(process, task): task for task in tasks}
-        for future in as_completed(futures):
-            yield futures[future], future.exception()
+        with processes(jobs, context) as pool:
+            futures = {pool.submit(process, task): task for task in tasks}
+            for future in as_completed(futures):
+                yield futures[future], future.exception()
     except BrokenProcessPool as problem:  # while tasks were handed in
         yield from ((task, problem) for task in tasks)
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
-    pool.shutdown()
-
-
-def _begin() -> None:
-    """Let this process end at an interrupt, without a word, and with the process that started it."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def _process_problem(problem: BaseException | None) -> str:

@@ -1,6 +1,7 @@
 """The summaries of a batch: ``summary.json``, ``summary.csv`` with a row for each recording, and a page."""
 
 import csv
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -12,7 +13,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tam_calibration.files.text_files import to_json, write_whole
+from tam_calibration.files.text_files import to_json
+from tam_calibration.files.whole_files import write_set
 from tam_calibration.fleet.missions import (
     GROUPS,
     Group,
@@ -153,10 +155,16 @@ def _number(value: int, noun: str) -> str:
 
 
 _SCHEMA = "tam_calibration/batch/1"
+SUMMARIES = ("summary.html", "summary.csv", "summary.json")
+"""Names of the summaries: for people, for spreadsheets and for programs."""
+
+_FORMULA = re.compile("(^|[;\t\r\n])(?=[-=+@\t\r\n－＝＋＠])")
+"""Where a spreadsheet would take what follows for a formula (OWASP, CSV injection): at the beginning of a text, or
+behind what some take for the end of a cell."""
 
 
 def write_summaries(out: Path, results: Sequence[Result]) -> None:
-    """Write the summaries into a folder.
+    """Write the summaries into a folder, all or none.
 
     Parameters
     ----------
@@ -170,11 +178,11 @@ def write_summaries(out: Path, results: Sequence[Result]) -> None:
     InputError
         When a file cannot be written.
     """
-    with write_whole(out / "summary.json") as beside:
-        beside.write_text(to_json(_summary_to_mapping(results)), encoding="utf-8")
-    with write_whole(out / "summary.csv") as beside, beside.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows(_summary_rows(results))
-    _write_fleet_page(out / "summary.html", results)
+    with write_set(out / name for name in SUMMARIES) as (page, table, mapping):
+        _write_fleet_page(page, results)
+        with table.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n").writerows(_summary_rows(results))
+        mapping.write_text(to_json(_summary_to_mapping(results)), encoding="utf-8")
 
 
 def _summary_to_mapping(results: Sequence[Result]) -> dict[str, Any]:
@@ -228,11 +236,17 @@ def _columns(sensor: int) -> list[str]:
     return names
 
 
+def _as_text(cell: str) -> str:
+    """Return a text that no spreadsheet takes for a formula: an apostrophe stands before what looks like one."""
+    return _FORMULA.sub(r"\1'", cell)
+
+
 def _csv_row(result: Result, width: int) -> list[Any]:
     gap = result.gap or {"before": "", "after": "", "closed": "", "causes": []}
     row: list[Any] = [result.platform, result.recording, result.path, result.status, result.verdict]
     row += [*(result.time_span_s or ("", "")), result.samples]
     row += [gap["before"], gap["after"], gap["closed"], " ".join(gap["causes"]), result.trouble]
+    row = [_as_text(cell) if isinstance(cell, str) else cell for cell in row]
     for sensor in result.sensors:
         for group in GROUPS:
             row += [*sensor[group.key], *sensor[group.standard_error_key]]

@@ -1,13 +1,10 @@
 """One recording through calibration, diagnosis and correction, into a folder that appears whole."""
 
-import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from tam_calibration import __version__
@@ -26,6 +23,7 @@ from tam_calibration.files import (
 from tam_calibration.files.recording_file import correct_file, is_bag, read_source
 from tam_calibration.files.results_json import gap_to_mapping, write_gap
 from tam_calibration.files.text_files import to_json
+from tam_calibration.files.whole_files import put_in_place, unfinished
 from tam_calibration.fit import calibrate
 from tam_calibration.fleet.task_result import Result, Seal, Status, read_result, state_of, write_result
 from tam_calibration.gap import diagnose
@@ -152,15 +150,13 @@ def process(task: Task) -> None:
 
 @contextmanager
 def _placing(folder: Path) -> Iterator[Path]:
-    """Give a folder to write to that takes its place, and that of an older one, when all is written."""
+    """Give a folder to write to that takes its place when all is written; an older one goes after that."""
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as name:
-        beside = Path(name, folder.name)
+    with unfinished(folder) as parent:
+        beside = parent / folder.name
         beside.mkdir()
         yield beside
-        with suppress(FileNotFoundError):
-            shutil.rmtree(folder)
-        os.rename(beside, folder)
+        put_in_place({beside: folder})
 
 
 @dataclass
@@ -213,7 +209,7 @@ def _work(task: Task, folder: Path) -> Result:
         calibration = calibration or read_calibration(folder / "calibration.yaml")  # what others will correct with
     with notes.step("diagnose", may_refuse=True):
         remarks = () if usage is None else usage.remarks()
-        gap = diagnose(seen.whole(), options.array)
+        gap = diagnose(seen, options.array)
         gap = replace(gap, remarks=(*remarks, *gap.remarks))
         write_gap(folder / "gap.json", gap, origin)
         rest["gap"] = _in_short(gap_to_mapping(gap))

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration, EffectSize
-from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.effects.removal import added_to, on_sensors
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.identifiability import require_determined
@@ -17,6 +17,7 @@ from tam_calibration.gap.joint import Joint
 from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.search import Progress, search
 from tam_calibration.gap.support import LEAST_EVIDENCE
+from tam_calibration.integrity import CHANNEL_FAULTS, require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import FittedEffect
@@ -29,7 +30,12 @@ _AUTO = "auto"
 
 
 def calibrate_with_effects(
-    recording: Recording, array: Array, effects: Collection[str], *, progress: Progress | None = None
+    recording: Recording,
+    array: Array,
+    effects: Collection[str],
+    *,
+    progress: Progress | None = None,
+    accept: Collection[str] = (),
 ) -> Calibration:
     """Fit the errors of an array's sensors together with effects, by maximum likelihood.
 
@@ -43,6 +49,8 @@ def calibrate_with_effects(
         Names of effects, or ``_AUTO`` alone for those that a diagnosis finds.
     progress : callable, optional
         Called with the name of the stage and the part that is done, 0 to 1.
+    accept : collection of str
+        Names of findings that shall refuse nothing: ``tam_calibration.integrity.ACCEPTABLE``.
 
     Returns
     -------
@@ -55,7 +63,7 @@ def calibrate_with_effects(
     InputError
         When the recording cannot be used, an effect is not known or lacks a channel.
     Refused
-        When the recording cannot show an effect, or shows none of it.
+        When the recording cannot show an effect, or shows none of it, or its channels are not those of sound sensors.
     """
     for name in set(effects) - {_AUTO}:
         effect_named(name)
@@ -66,6 +74,7 @@ def calibrate_with_effects(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
             "use the array file of this recording"
         )
+    faults = require_sound(recording, array, accept, sought=installed_effects() if _AUTO in effects else effects)
     recording.check_plausible(array.field)
     require_determined(recording, array)
     if _AUTO in effects:
@@ -76,8 +85,9 @@ def calibrate_with_effects(
     else:
         model, warnings = _with_named(Model.nominal(recording, array), effects)
     if model.parts or model.findings:
-        return _kept(model, array, warnings)
-    calibration = calibrate(recording, array)
+        told = (*(fault.sentence for fault in faults), *warnings)
+        return _kept(model, array, told, accept)
+    calibration = calibrate(recording, array, accept=accept)
     return replace(calibration, warnings=(*calibration.warnings, *warnings))
 
 
@@ -107,10 +117,10 @@ def _with_named(model: Model, names: Collection[str]) -> tuple[Model, tuple[str,
     return model, tuple(warnings)
 
 
-def _kept(model: Model, array: Array, warnings: tuple[str, ...]) -> Calibration:
+def _kept(model: Model, array: Array, warnings: tuple[str, ...], accept: Collection[str]) -> Calibration:
     """Return the calibration of the readings without the effects, with the effects and the uncertainty of both."""
     recording, findings = model.recording, tuple(finding.fitted for finding in model.findings)
-    calibration = calibrate(_without(model), array)
+    calibration = calibrate(_without(model), array, accept={*CHANNEL_FAULTS, *accept})
     at_end = replace(
         model, array=calibration.array, errors=calibration.errors, intensity_T=calibration.intensity_T, world=None
     )
@@ -124,7 +134,7 @@ def _kept(model: Model, array: Array, warnings: tuple[str, ...]) -> Calibration:
         before=measure_residuals(none, array, recording, calibration.intensity_T),
         samples=recording.sample_count,
         time_span_s=(float(recording.time_s[0]), float(recording.time_s[-1])),
-        warnings=(*calibration.warnings, *warnings, *_not_corrected((*joint.effects, *findings))),
+        warnings=tuple(dict.fromkeys((*calibration.warnings, *warnings, *_not_corrected((*joint.effects, *findings))))),
         effects=(*joint.effects, *findings),
         effect_sizes=(*joint.sizes(calibration), *(EffectSize(np.zeros(9), np.zeros(9)) for _ in findings)),
     )

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from numpy.linalg import LinAlgError
 
+from tam_calibration.effects.library import installed_effects
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.refusal import (
@@ -13,32 +14,41 @@ from tam_calibration.gap.refusal import (
     needed_samples,
     open_parameters,
     refusal_of,
-    require_no_copies,
     too_short,
     without_nominal,
 )
 from tam_calibration.gap.result import Gap
 from tam_calibration.gap.search import Progress, search
+from tam_calibration.gap.stretches import in_stretches
+from tam_calibration.integrity import require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.recording import Recording, SampleSource
 
 
 def diagnose(
-    recording: Recording, array: Array, *, without: Collection[str] = (), progress: Progress | None = None
+    recording: SampleSource,
+    array: Array,
+    *,
+    without: Collection[str] = (),
+    progress: Progress | None = None,
+    accept: Collection[str] = (),
 ) -> Gap:
     """Say where a recording departs from its simulation, which effect causes it, and how far the gap then shrinks.
 
     Parameters
     ----------
-    recording : Recording
-        Raw readings (N, K, 3) of one run, tesla; every channel that it has helps.
+    recording : Recording or SampleSource
+        Raw readings (N, K, 3) of one run, tesla; every channel that it has helps. Of more than 100 000 samples it looks
+        at so many, in stretches that are spread over the run.
     array : Array
         Geometry, noise, and what the intensity of the field can be; a noise that is not stated is estimated.
     without : collection of str
         Names of effects that are not tried.
     progress : callable, optional
         Called with the name of the stage and the part that is done, 0 to 1.
+    accept : collection of str
+        Names of findings on the channels that shall refuse nothing: ``tam_calibration.integrity.ACCEPTABLE``.
 
     Returns
     -------
@@ -49,6 +59,8 @@ def diagnose(
     ------
     InputError
         When the recording cannot be used or does not belong to the array.
+    Refused
+        When its channels are not those of sound sensors, by more than effects of the library.
 
     Examples
     --------
@@ -63,10 +75,14 @@ def diagnose(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
             "use the array file of this recording"
         )
-    recording.check_plausible(array.field)
-    refusal = refusal_of(recording, array)
-    remarks = () if refusal is None else (f"tam calibrate would refuse this recording: {refusal}.",)
-    gap = _judged(recording, array, without, progress)
+    faults = require_sound(recording, array, accept, sought=installed_effects())
+    seen, of_stretches = in_stretches(recording)
+    seen.check_plausible(array.field)
+    grave = [fault.sentence for fault in faults if fault.severity == "refusal"]
+    refusals = grave or [refusal for refusal in [refusal_of(seen, array)] if refusal is not None]
+    remarks = [*of_stretches, *(f"tam calibrate would refuse this recording: {refusal}." for refusal in refusals)]
+    remarks += [f"The channels: {fault.sentence}." for fault in faults if fault.severity == "warning"]
+    gap = _judged(seen, array, without, progress)
     return replace(gap, remarks=(*remarks, *gap.remarks))
 
 
@@ -75,7 +91,6 @@ def _judged(recording: Recording, array: Array, without: Collection[str], progre
         return too_short(recording)
     if is_at_rest(recording, array.field):
         return at_rest(recording)
-    require_no_copies(recording)
     # One sensor without attitude has no channel but the intensity, which undetermined parameters absorb.
     alone = recording.sensor_count == 1 and recording.attitude is None
     if alone and (left_open := open_parameters(recording, array)) is not None:

@@ -77,7 +77,9 @@ class Joint:
         def parameters(step: FloatArray) -> FloatArray:
             moved = stepped(errors, step, unit)
             if not has_scalar:
-                moved = SensorErrors.from_matrix(free_scale(moved.matrix) * moved.matrix, moved.bias_T)
+                moved = SensorErrors.from_matrix(
+                    free_scale(moved.matrix) * moved.matrix, moved.bias_T, errors.orientation
+                )
             return moved.to_vector().ravel()
 
         columns = [

@@ -232,4 +232,4 @@ def stepped(errors: SensorErrors, step: FloatArray, unit_T: float) -> SensorErro
     if not (np.isfinite(matrix).all() and np.isfinite(bias).all()):
         raise Refused("the nominal fit does not settle: the readings do not fit one calibration")
     first = SensorErrors.from_matrix(matrix, bias).rotation[0]
-    return SensorErrors.from_matrix(matrix @ first.T, bias)
+    return SensorErrors.from_matrix(matrix @ first.T, bias, errors.orientation)

@@ -19,9 +19,6 @@ from tam_calibration.model.recording import Recording
 ENOUGH_SAMPLES = 8000
 """Samples of a long recording that refusal and search take at most; the final fit takes all."""
 
-_COPIED = 1 - 1e-13
-"""Correlation of two axes that differ by rounding only; noise of a millionth of the readings' spread makes less."""
-
 
 def open_parameters(recording: Recording, array: Array) -> str | None:
     """Return which parameters the attitudes leave open, in one sentence, or None.
@@ -78,21 +75,6 @@ def without_calibration(recording: Recording, objection: str | None) -> str:
     first, last = recording.time_span_s
     best = "" if objection is None else f": the one that fits best has {objection}"
     return f"no calibration that sensors can have fits the readings between {first:.1f} and {last:.1f} s{best}"
-
-
-def require_no_copies(recording: Recording) -> None:
-    """Check that no axis is a copy of another, up to scale and offset.
-
-    Raises
-    ------
-    InputError
-        Names both.
-    """
-    correlation = np.corrcoef(recording.readings_T.reshape(recording.sample_count, -1), rowvar=False)
-    copies = np.argwhere(np.tril(np.abs(correlation) > _COPIED, -1))
-    if len(copies):
-        copy, original = (f"sensor {row // 3 + 1} axis {'xyz'[row % 3]}" for row in copies[0].tolist())
-        raise InputError(f"{copy} repeats {original} but for scale and offset: it is no sensor of its own")
 
 
 _LEAST_REDUNDANCY = 60

@@ -6,6 +6,7 @@ The header's stamp is the exact time of a row.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.conversion import ATTITUDE_COLUMNS, reading_columns
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.limits import LARGEST, SHORTEST_ATTITUDE
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
@@ -124,11 +126,17 @@ class SampleLayout:
         return widened
 
     def are_samples(self, rows: FloatArray) -> NDArray[np.bool_]:
-        """Return which of (N, columns) rows a recording can hold: readings finite, channels not infinite."""
-        first = 1 + 3 * self.sensor_count
-        has_readings = np.isfinite(rows[:, :first]).all(axis=1)
-        has_attitude = rows[:, -4:].any(axis=1) | (not self.attitude)
-        return np.asarray(has_readings & has_attitude & ~np.isinf(rows[:, first:]).any(axis=1))
+        """Return which of (N, columns) rows a recording can hold: of sizes that can be, the readings known."""
+        first, sizes = 1 + 3 * self.sensor_count, np.abs(rows)
+        has_readings = (sizes[:, :first] <= self._largest[:first]).all(axis=1)
+        has_attitude = ~(sizes[:, -4:] < SHORTEST_ATTITUDE).all(axis=1) | (not self.attitude)
+        return np.asarray(has_readings & has_attitude & ~(sizes[:, first:] > self._largest[first:]).any(axis=1))
+
+    @cached_property
+    def _largest(self) -> FloatArray:
+        """(columns,) sizes that no value goes beyond."""
+        channels = [LARGEST[channel] for channel in self.channels for _ in CHANNEL_COLUMNS[channel]]
+        return np.array([LARGEST["time"], *[LARGEST["readings"]] * 3 * self.sensor_count, *channels])
 
     def are_partial(self, rows: FloatArray) -> NDArray[np.bool_]:
         """Return which of (N, columns) rows would be samples but for sensors that are missing, all three axes NaN."""

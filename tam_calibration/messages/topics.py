@@ -89,7 +89,7 @@ def find_topics(connections: Sequence["Connection"], sensor_count: int | None) -
     """
     namespace = _namespace(connections)
     by_topic = {connection.topic: connection for connection in connections}
-    pattern = re.compile(re.escape(namespace) + sensor_topic(0).replace("0", r"(\d+)"))
+    pattern = re.compile(re.escape(namespace) + sensor_topic(0).replace("0", r"(\d{1,9})"))
     highest = max(int(match[1]) for topic in by_topic if (match := pattern.fullmatch(topic)))
     if sensor_count and highest > sensor_count:
         raise InputError(f"the bag has {highest} sensors, the array {sensor_count}: use the array file of this bag")

@@ -7,7 +7,9 @@ import numpy as np
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
+from tam_calibration.model.limits import BASELINE, DELAY, LENGTH, NOISE
 from tam_calibration.model.mounting import NOT_TURNED, Mounting
+from tam_calibration.model.recording import require_sensor_count
 from tam_calibration.model.units import FloatArray
 
 OUTPUT_NAMES = ("bx", "by", "bz", "gxx", "gxy", "gxz", "gyy", "gyz", "gzz")
@@ -62,7 +64,7 @@ class Array:
     Raises
     ------
     InputError
-        When a position or noise is not finite, not positive or has the wrong shape.
+        When a position or noise is not finite, not positive, has the wrong shape or is beyond what can be (`limits`).
 
     Examples
     --------
@@ -96,6 +98,7 @@ class Array:
         positions = np.asarray(self.positions_m, dtype=float)
         if positions.ndim != 2 or positions.shape[0] < 1 or positions.shape[1] != 3:
             raise InputError(f"positions_m must be K rows of x, y, z; its shape is {positions.shape}")
+        require_sensor_count(len(positions))
         if not np.isfinite(positions).all():
             raise InputError("positions_m holds a value that is not finite")
         object.__setattr__(self, "positions_m", positions)
@@ -133,6 +136,20 @@ class Array:
         if not np.isfinite(self.scalar_delay_s):
             raise InputError(f"scalar_delay_s must be a finite number of seconds, not {self.scalar_delay_s}")
         self.mounting.require_sensors(len(positions))
+        self._check_sizes()
+
+    def _check_sizes(self) -> None:
+        for name, limits, values in (
+            ("the position of a sensor", LENGTH, self.positions_m),
+            ("the noise of a sensor", NOISE, self.vector_noise_T),
+            ("the noise of the scalar magnetometer", NOISE, self.scalar_noise_T or None),
+            ("the position of the scalar magnetometer", LENGTH, self.scalar_position_m),
+            ("the offset of an axis", LENGTH, self.axis_offsets_m),
+            ("the delay of a sensor", DELAY, self.delay_s),
+            ("the delay of the scalar magnetometer", DELAY, self.scalar_delay_s),
+        ):
+            if values is not None:
+                limits.require(name, values)
 
     @classmethod
     def cross(
@@ -157,10 +174,11 @@ class Array:
         Raises
         ------
         InputError
-            When the baseline is not a positive number of metres.
+            When the baseline is not a positive number of metres, or not that of an array.
         """
         if not (np.isfinite(baseline_m) and baseline_m > 0):
             raise InputError(f"the baseline must be a positive number of metres, not {baseline_m}")
+        BASELINE.require("the baseline", baseline_m)
         half = baseline_m / 2
         positions = np.array([[half, 0, 0], [0, half, 0], [-half, 0, 0], [0, -half, 0]])
         return cls(positions, None if vector_noise_T is None else np.full(4, vector_noise_T), scalar_noise_T)

@@ -1,4 +1,7 @@
-"""The two ways in which a user's request can end without a result."""
+"""The two ways in which a user's request can end without a result, and how their sentences quote what was read."""
+
+from reprlib import Repr
+from typing import Any
 
 
 class InputError(ValueError):
@@ -33,3 +36,15 @@ class Refused(RuntimeError):
     ...     print(str(reason).split(":")[0])
     the recording is not one calibration
     """
+
+
+MOST_QUOTED = 60
+"""Characters of what was read that a sentence repeats: a line of a terminal has 80, and the rest says nothing new."""
+
+_REPR = Repr()
+_REPR.maxstring = _REPR.maxother = _REPR.maxlong = MOST_QUOTED
+
+
+def quoted(value: Any) -> str:
+    """Return what was read as a sentence quotes it: on one line, its middle left out where it is long."""
+    return _REPR.repr(value)

@@ -6,7 +6,7 @@ from math import sqrt
 
 import numpy as np
 
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.igrf import igrf_T
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
@@ -177,7 +177,7 @@ def field_at(place: str) -> FloatArray:
         where = float(latitude), float(longitude)
         when = date.fromisoformat(day.strip())
     except ValueError:
-        raise InputError(f"a place must be LAT,LON,DATE such as 47.37,8.54,2025-06-30, not {place!r}") from None
+        raise InputError(f"a place must be LAT,LON,DATE such as 47.37,8.54,2025-06-30, not {quoted(place)}") from None
     return site_field_T(*where, 0.0, when)
 
 

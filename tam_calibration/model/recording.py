@@ -9,6 +9,7 @@ import numpy as np
 from tam_calibration.model import conversion
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
+from tam_calibration.model.limits import LARGEST, LEAST_SPREAD_T, SHORTEST_ATTITUDE
 from tam_calibration.model.units import FloatArray
 
 if TYPE_CHECKING:
@@ -23,6 +24,22 @@ BLOCK = 16_384
 
 SKETCH = 100_000
 """Samples at most that are looked at where more would not change the judgement."""
+
+
+MOST_SENSORS = 64
+"""Of an array: the covariance of their errors is then a table of 768 by 768 numbers."""
+
+
+def require_sensor_count(count: int) -> None:
+    """Check that so many sensors are not too many for one array.
+
+    Raises
+    ------
+    InputError
+        When they are.
+    """
+    if count > MOST_SENSORS:
+        raise InputError(f"there are {count} sensors, and an array has at most {MOST_SENSORS}")
 
 
 class Block(NamedTuple):
@@ -87,7 +104,8 @@ class Recording:
     Raises
     ------
     InputError
-        When a shape is wrong, a value that is needed is not finite, or time does not increase.
+        When a shape is wrong, a value that is needed is not finite, one is beyond what can be (`limits.LARGEST`), or
+        time does not increase.
 
     Examples
     --------
@@ -116,10 +134,11 @@ class Recording:
                 object.__setattr__(self, field.name, None if is_absent else array)
         if self.readings_T.ndim != 3 or self.readings_T.shape[2] != 3 or self.readings_T.shape[1] < 1:
             raise InputError(f"readings must have the shape (samples, sensors, 3), not {self.readings_T.shape}")
+        require_sensor_count(self.sensor_count)
         self._check_shapes()
         if self.sample_count == 0:
             raise InputError("the recording holds no sample")
-        self._check_finite()
+        self._check_sizes()
         self._check_attitude()
         self._check_time()
 
@@ -130,26 +149,24 @@ class Recording:
             if value is not None and value.shape != shape:
                 raise InputError(f"{name} must have the shape {shape} to match the readings, not {value.shape}")
 
-    def _check_finite(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is None:
-                continue
-            is_channel = field.name in CHANNELS
-            bad = np.isinf(value) if is_channel else ~np.isfinite(value)
+    def _check_sizes(self) -> None:
+        for name, value in self._values().items():
+            is_channel, largest = name in CHANNELS, LARGEST[name.partition("_")[0]]
+            bad = np.abs(value) > largest if is_channel else ~(np.abs(value) <= largest)
             if bad.any():
                 index = np.argwhere(bad)[0]
-                where = f"sensor {index[1] + 1} axis {'xyz'[index[2]]}" if field.name == "readings_T" else field.name
-                count = int(bad.reshape(len(bad), -1).any(axis=1).sum())
-                raise InputError(
-                    f"{count} of {self.sample_count} samples hold {'' if is_channel else 'NaN or '}infinite values, "
-                    f"first {where} in sample {index[0] + 1}: remove them"
-                )
+                where = f"sensor {index[1] + 1} axis {'xyz'[index[2]]}" if name == "readings_T" else name
+                count, first = int(bad.reshape(len(bad), -1).any(axis=1).sum()), value[tuple(index)]
+                kind, mend = f"{'' if is_channel else 'NaN or '}infinite values", "remove them"
+                if np.isfinite(first):
+                    kind, mend = f"values beyond {largest:g}", f"{first:g} is of another unit, or damage"
+                samples = f"{count} of {self.sample_count} samples"
+                raise InputError(f"{samples} hold {kind}, first {where} in sample {index[0] + 1}: {mend}")
 
     def _check_attitude(self) -> None:
         if self.attitude is None:
             return
-        is_zero = ~self.attitude.any(axis=1)
+        is_zero = (np.abs(self.attitude) < SHORTEST_ATTITUDE).all(axis=1)
         if is_zero.any():
             raise InputError(
                 f"{int(is_zero.sum())} of {self.sample_count} attitudes are four zeros, first in sample "
@@ -372,8 +389,8 @@ class Recording:
             When a sensor's axis is constant, or sizes betray another unit than the one stated.
         """
         spread = np.ptp(self.readings_T, axis=0)
-        if self.sample_count > 1 and (spread == 0).any():
-            sensor, axis = np.argwhere(spread == 0)[0]
+        if self.sample_count > 1 and (spread < LEAST_SPREAD_T).any():
+            sensor, axis = np.argwhere(spread < LEAST_SPREAD_T)[0]
             raise InputError(
                 f"sensor {sensor + 1} axis {'xyz'[axis]} reads the same value in all {self.sample_count} samples: "
                 "it is not connected, or was not turned"

@@ -2,11 +2,15 @@
 
 Wu 2025 eqs. 1 to 5: a field b in the array frame makes sensor i read ``D_i Λ_i b + o_i``, with D_i upper
 triangular (scale factors, non-orthogonality) and Λ_i the passive rotation Rx(α) Ry(β) Rz(γ) from the array
-frame to the sensor's own orthogonal frame.
+frame to the sensor's own orthogonal frame. At β = ±90° the angles α and γ turn about one axis and neither is
+determined; Λ_i is therefore Rx(α) Ry(β) Rz(γ) Q_i with an orientation Q_i, of which a sensor that is mounted as the
+array has none: a rotation that exchanges and reverses axes.
 """
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
 from functools import cached_property
+from itertools import permutations, product
 
 import numpy as np
 from numpy.linalg import inv, norm
@@ -21,6 +25,19 @@ PARAMETER_NAMES = (
     "misalignment α", "misalignment β", "misalignment γ",
 )  # fmt: skip
 """Names of the twelve parameters of one sensor, in the order of ``SensorErrors.to_vector``."""
+
+ORIENTATIONS = np.array(
+    [
+        np.diag(signs)[:, list(axes)]
+        for axes in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+        if np.linalg.det(np.diag(signs)[:, list(axes)]) > 0
+    ]
+)
+"""(24, 3, 3) the rotations that exchange and reverse axes, that without effect first."""
+
+_STEEPEST = np.pi / 4
+"""Largest β without an orientation, radians: half way to where α and γ are one; their errors grow by 1.4 there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,29 +55,36 @@ class SensorErrors:
     misalignment : (K, 3) array
         α, β, γ; zero for sensor 1 where its own frame serves as the array frame, which is all that a
         uniform field can determine.
+    orientation : (K, 3, 3) array, optional
+        One of the 24 rotations that exchange and reverse axes, from the array frame, for each sensor; by default none.
 
     Raises
     ------
     InputError
-        When shapes differ, a value is not finite or a scale factor is not positive.
+        When shapes differ, a value is not finite, a scale factor is not positive, or an orientation is none.
     """
 
     scale_factor: FloatArray
     non_orthogonality: FloatArray
     bias_T: FloatArray
     misalignment: FloatArray
+    orientation: FloatArray = field(default_factory=lambda: ORIENTATIONS[0])
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
-        for field in fields(self):
-            value = np.atleast_2d(np.asarray(getattr(self, field.name), dtype=float))
-            object.__setattr__(self, field.name, value)
+        for each in fields(self)[:4]:
+            value = np.atleast_2d(np.asarray(getattr(self, each.name), dtype=float))
+            object.__setattr__(self, each.name, value)
             if value.shape != self.scale_factor.shape or value.shape[1] != 3:
-                raise InputError(f"{field.name} must have the shape (sensors, 3) of the others, not {value.shape}")
+                raise InputError(f"{each.name} must have the shape (sensors, 3) of the others, not {value.shape}")
             if not np.isfinite(value).all():
-                raise InputError(f"{field.name} holds a value that is not finite")
+                raise InputError(f"{each.name} holds a value that is not finite")
         if not (self.scale_factor > 0).all():
             raise InputError("scale factors must be positive: turn a reversed axis round before")
+        orientation = np.asarray(self.orientation, dtype=float)
+        if not _are_orientations(orientation):
+            raise InputError("an orientation exchanges and reverses axes, and stays right-handed")
+        object.__setattr__(self, "orientation", np.broadcast_to(orientation, (self.sensor_count, 3, 3)))
 
     @classmethod
     def none(cls, sensor_count: int) -> "SensorErrors":
@@ -69,7 +93,9 @@ class SensorErrors:
         return cls(np.ones((sensor_count, 3)), zero, zero, zero)
 
     @classmethod
-    def from_matrix(cls, matrix: FloatArray, bias_T: FloatArray) -> "SensorErrors":
+    def from_matrix(
+        cls, matrix: FloatArray, bias_T: FloatArray, orientation: FloatArray | None = None
+    ) -> "SensorErrors":
         """Split matrices D Λ into scale factors, non-orthogonality and misalignment.
 
         Parameters
@@ -78,6 +104,8 @@ class SensorErrors:
             From the field in the array frame to the readings without bias; right-handed.
         bias_T : (K, 3) array
             Reading in zero field, tesla.
+        orientation : (K, 3, 3) array, optional
+            Of the sensors, where it is known; by default there is none but where β would exceed 45°.
 
         Raises
         ------
@@ -96,15 +124,19 @@ class SensorErrors:
         theta = np.arcsin(upper[:, 0, 2] / scale[:, 0])
         phi = np.arctan2(upper[:, 0, 1], upper[:, 0, 0])
         psi = np.arctan2(upper[:, 1, 2], upper[:, 1, 1])
+        if orientation is None:
+            orientation = _orientations_of(rotation)
+        rotation = rotation @ np.swapaxes(orientation, 1, 2)
         alpha = np.arctan2(rotation[:, 1, 2], rotation[:, 2, 2])
         beta = -np.arcsin(np.clip(rotation[:, 0, 2], -1, 1))
         gamma = np.arctan2(rotation[:, 0, 1], rotation[:, 0, 0])
-        return cls(scale, np.stack([theta, phi, psi], 1), bias_T, np.stack([alpha, beta, gamma], 1))
+        return cls(scale, np.stack([theta, phi, psi], 1), bias_T, np.stack([alpha, beta, gamma], 1), orientation)
 
     @classmethod
-    def from_vector(cls, vector: FloatArray) -> "SensorErrors":
-        """Make the errors from K rows of twelve parameters, the inverse of ``to_vector``."""
-        return cls(*np.split(np.asarray(vector, dtype=float).reshape(-1, 12), 4, axis=1))
+    def from_vector(cls, vector: FloatArray, orientation: FloatArray = ORIENTATIONS[0]) -> "SensorErrors":
+        """Make the errors from K rows of twelve parameters, the inverse of ``to_vector``, and orientations."""
+        scale, angles, bias_T, misalignment = np.split(np.asarray(vector, dtype=float).reshape(-1, 12), 4, axis=1)
+        return cls(scale, angles, bias_T, misalignment, orientation)
 
     def to_vector(self) -> FloatArray:
         """Return the (K, 12) parameters in the order of ``PARAMETER_NAMES``."""
@@ -131,6 +163,10 @@ class SensorErrors:
     @cached_property
     def rotation(self) -> FloatArray:
         """(K, 3, 3) passive rotations Λ from the array frame to each sensor's orthogonal frame."""
+        return self._misaligned @ self.orientation
+
+    @cached_property
+    def _misaligned(self) -> FloatArray:
         alpha, beta, gamma = self.misalignment.T
         rotation: FloatArray = _rotate(0, alpha) @ _rotate(1, beta) @ _rotate(2, gamma)
         return rotation
@@ -170,11 +206,11 @@ class SensorErrors:
         matrix[:, :6] = matrix[:, :6] @ rotation[:, None]
         derivative[:, 6:9, :, 3] = np.eye(3)
         alpha, beta, gamma = self.misalignment.T
-        about_x, about_yz = _rotate(0, alpha), _rotate(1, beta) @ _rotate(2, gamma)
+        about_x, about_yz = _rotate(0, alpha), _rotate(1, beta) @ _rotate(2, gamma) @ self.orientation
         # A passive rotation by an angle has the derivative -[axis]× times itself.
         matrix[:, 9] = measurement @ -_CROSS[0] @ rotation
         matrix[:, 10] = measurement @ about_x @ -_CROSS[1] @ about_yz
-        matrix[:, 11] = measurement @ rotation @ -_CROSS[2]
+        matrix[:, 11] = measurement @ self._misaligned @ -_CROSS[2] @ self.orientation
         return np.moveaxis(derivative, 1, 3)
 
 
@@ -182,6 +218,44 @@ _CROSS = np.array(
     [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]],
     dtype=float,
 )
+
+
+def orientation_to_axes(orientation: FloatArray) -> list[str]:
+    """Return which axis of the array each axis of a sensor points along: for none ``x``, ``y``, ``z``.
+
+    Parameters
+    ----------
+    orientation : (3, 3) array
+        One of `ORIENTATIONS`.
+    """
+    return [f"{'-' if row.sum() < 0 else ''}{'xyz'[np.abs(row).argmax()]}" for row in orientation]
+
+
+def orientation_from_axes(axes: Sequence[str]) -> FloatArray:
+    """Return the (3, 3) orientation of a sensor from what `orientation_to_axes` says of it.
+
+    Parameters
+    ----------
+    axes : sequence of str
+        Three of ``x``, ``y``, ``z``, ``-x``, ``-y``, ``-z``.
+    """
+    rows = np.zeros((3, 3))
+    for row, axis in zip(rows, axes, strict=True):
+        row["xyz".index(axis[-1])] = -1 if len(axis) > 1 else 1
+    return rows
+
+
+def _are_orientations(rotations: FloatArray) -> bool:
+    nearest = ORIENTATIONS[None] == rotations.reshape(-1, 1, 3, 3)
+    return bool(nearest.all(axis=(2, 3)).any(axis=1).all())
+
+
+def _orientations_of(rotation: FloatArray) -> FloatArray:
+    """Return the orientations (K, 3, 3) nearest to rotations where their β is steep, and none elsewhere."""
+    overlap = np.einsum("kij,oij->ko", rotation, ORIENTATIONS)
+    is_steep = np.abs(rotation[:, 0, 2]) > np.sin(_STEEPEST)
+    chosen: FloatArray = ORIENTATIONS[np.where(is_steep, overlap.argmax(axis=1), 0)]
+    return chosen
 
 
 def _rotate(axis: int, angle: FloatArray) -> FloatArray:

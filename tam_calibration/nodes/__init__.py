@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 
 from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.model import signals
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.nodes import signals
 
 
 def configure_fast_dds() -> None:

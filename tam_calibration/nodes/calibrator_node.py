@@ -12,11 +12,13 @@ from std_srvs.srv import Trigger
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files import calibration_to_yaml, read_calibration, write_calibration
+from tam_calibration.files.overwriting import require_separate
 from tam_calibration.files.results_json import write_gap
 from tam_calibration.files.text_files import check_writable
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.result import Gap
+from tam_calibration.integrity import require_names
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.extras import require
@@ -40,9 +42,13 @@ RULES = (
     ),
     Rule("gap_file", "", "Gap JSON: written by ~/diagnose where a file is named.", read_only=False),
     Rule("gap_report_file", "", "HTML page: written by ~/diagnose where a file is named.", read_only=False),
+    Rule("accept", "", "Findings that refuse no calibration, separated by commas.", read_only=False),
     Rule("autosave", False, "Whether ~/calibrate writes calibration_file too.", read_only=False),
     *KEPT,
 )
+
+_WRITTEN = ("calibration_file", "gap_file", "gap_report_file")
+"""Parameters that name a file to write."""
 
 _TURN_S = 0.05
 """Time from one look for samples to the next, seconds."""
@@ -75,7 +81,8 @@ class Calibrator(TamNode):
         self.serve("save", partial(self._logged, self._save))
         self._collector = self.create_client(Trigger, "collector/usage")
         self.create_steady_timer(SAVE_S, self._kept.save)
-        self.on_change(dict.fromkeys(("calibration_file", "gap_file", "gap_report_file"), check_writable))
+        _check_accept(self.value("accept"))
+        self.on_change({**dict.fromkeys(_WRITTEN, check_writable), "accept": _check_accept})
         told = introduce(self._calibration, self.value("calibration_file"), self.now_s)
         self.say_start(told, self._kept.remark, "waits for samples")
 
@@ -155,7 +162,7 @@ class Calibrator(TamNode):
         warnings = usage.warnings() if usage else ()
         samples = self._store.recording()
         fitted = usage.with_each_reading_once(samples) if usage else samples
-        calibration = calibrate(fitted, self._array, self.value("method"))
+        calibration = calibrate(fitted, self._array, self.value("method"), accept=self._accepted())
         if usage:
             warnings += usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
         calibration = replace(calibration, warnings=(*warnings, *calibration.warnings))
@@ -166,14 +173,18 @@ class Calibrator(TamNode):
     def _diagnose(self) -> str:
         if self.value("gap_report_file"):
             require("report", "gap_report_file")
+        self._require_separate()
         usage = self._usage()
         remarks = usage.remarks() if usage else ()
         samples = self._store.recording()
-        seen = usage.with_each_reading_once(samples).whole() if usage else samples
-        gap = diagnose(seen, self._array, progress=self._go_on)
+        seen = usage.with_each_reading_once(samples) if usage else samples
+        gap = diagnose(seen, self._array, progress=self._go_on, accept=self._accepted())
         self._gap = replace(gap, remarks=(*remarks, *gap.remarks))
         written = self._write(self._gap)
         return " ".join([gap.headline, *(remarks or [f"{_in_words(usage)}."])]) + written
+
+    def _accepted(self) -> list[str]:
+        return _listed(self.value("accept"))
 
     def _usage(self) -> Usage | None:
         """Ask the collector how many of sensor 1's samples it used; None where none answers."""
@@ -206,8 +217,15 @@ class Calibrator(TamNode):
         path: str = self.value("calibration_file")
         if not path:
             raise Refused(f"no file is named: set the parameter calibration_file of {self.get_name()}")
+        self._require_separate()
         write_calibration(Path(path), self._calibration)
         return f"saved to {path}"
+
+    def _require_separate(self) -> None:
+        """Check that what the node writes costs neither its array file, nor a bag, nor one another."""
+        array_file = self.value("array_file")
+        written = [Path(path) for name in _WRITTEN if (path := self.value(name))]
+        require_separate(written, [Path(array_file)] if array_file else [])
 
     def _autosave(self) -> list[str]:
         """Save where that is asked for; a file that cannot be written costs no calibration."""
@@ -221,6 +239,21 @@ class Calibrator(TamNode):
     def _hand_on(self, calibration: Calibration) -> None:
         self._calibration = calibration
         self._publisher.publish(String(data=calibration_to_yaml(calibration)))
+
+
+def _listed(names: str) -> list[str]:
+    return [name.strip() for name in names.split(",") if name.strip()]
+
+
+def _check_accept(names: str) -> None:
+    """Check the names of what is accepted.
+
+    Raises
+    ------
+    InputError
+        When one is no name of a finding.
+    """
+    require_names(_listed(names))
 
 
 def _in_words(usage: Usage | None) -> str:

@@ -9,8 +9,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
+from tam_calibration.model import signals
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.nodes import bound, signals
+from tam_calibration.nodes import bound
 
 _GRACE_S = 5.0
 """Time that a process has to end after SIGINT before it is killed."""

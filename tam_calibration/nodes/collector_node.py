@@ -26,6 +26,7 @@ from tam_calibration.messages.topics import CHANNEL_TOPICS, sensor_topic
 from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.limits import LARGEST, SHORTEST_ATTITUDE
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import cloud_writer, make_cloud, to_stamp
 from tam_calibration.nodes.frames import FrameCheck
@@ -226,7 +227,8 @@ class Collector(TamNode):
     def _take_attitude(self, message: bytes) -> None:
         stamp_ns, doubles = read_stamp_and_doubles(message, 5)
         quaternion, first_of_covariance = doubles[:4], doubles[4]
-        if first_of_covariance != -1 and any(quaternion):  # else the driver says that it has none
+        is_known = any(abs(component) >= SHORTEST_ATTITUDE for component in quaternion)
+        if first_of_covariance != -1 and is_known:  # else the driver says that it has none
             self._push("attitude", stamp_ns, quaternion)
 
     def _take_temperature(self, message: bytes) -> None:
@@ -236,8 +238,9 @@ class Collector(TamNode):
         self._push(stream, None, (read_float64(message),))
 
     def _push(self, stream: str, stamp_ns: int | None, values: Sequence[float]) -> None:
-        if any(map(math.isinf, values)):
-            raise InputError("a value is infinite")
+        largest = LARGEST.get(stream, LARGEST["readings"])
+        if any(abs(value) > largest for value in values):
+            raise InputError(f"a value is infinite, or beyond {largest:g}")
         if self._synchroniser is None:
             self._synchroniser = self._make_synchroniser()
         if stream in self._turns:

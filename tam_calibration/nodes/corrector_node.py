@@ -12,6 +12,7 @@ from sensor_msgs.msg import MagneticField, PointCloud2
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, String
 from visualization_msgs.msg import Marker
 
+from tam_calibration.correction.agreement import ScalarAgreement
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.partial import missing_codes, sensors_of
 from tam_calibration.correction.streaming import Correction, why_left_in
@@ -25,7 +26,7 @@ from tam_calibration.messages.point_cloud import (
 )
 from tam_calibration.messages.run import Run
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import FloatArray, IntArray, to_nanotesla
+from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.calibration_figures import figures, introduce
 from tam_calibration.nodes.cloud import CloudReader, MessageWriter, Rows, cloud_writer, from_stamp, layout_of
@@ -45,9 +46,6 @@ _WINDOW_BATCHES = 500
 """Batches, most of a single sample, whose |B| is compared with the scalar."""
 
 _SILENCE_S = 2.0
-
-_DOUBTFUL_RATIO = 3.0
-"""Residual over the noise floor, or over what the fit left, above which a new calibration is advised."""
 
 
 class Corrector(TamNode):
@@ -81,12 +79,12 @@ class Corrector(TamNode):
 
     def health(self) -> Health:
         """Return whether samples are corrected, and how far |B| is from the scalar reference."""
-        residual_T = self._residual()
-        level, message = self._judge(residual_T)
+        agreement = self._agreement()
+        level, message = self._judge(agreement)
         values = {
             "received": self._received,
             "corrected": self._corrected,
-            "center_residual_T": f"{residual_T:.4g}",
+            "center_residual_T": f"{agreement.residual_T:.4g}",
             "center_floor_T": f"{self._calibration.floor.center_intensity_T:.4g}" if self._calibration else "nan",
             "partial": self._partial_count,
             "missing_sensors": " ".join(map(str, sensors_of(self._missing))),
@@ -97,16 +95,15 @@ class Corrector(TamNode):
         }
         return Health(level, message, values | figures(self._calibration, self._newest_s))
 
-    def _residual(self) -> float:
-        """Return the root mean square of |B| − scalar over the newest samples; NaN where there is none, tesla."""
-        if not self._lengths:
-            return np.nan
-        fields, scalars = (np.concatenate(parts) for parts in zip(*self._lengths, strict=True))
-        squares = (np.linalg.norm(fields, axis=1) - scalars) ** 2
-        known = squares[np.isfinite(squares)]
-        return float(np.sqrt(known.mean())) if len(known) else np.nan
+    def _agreement(self) -> ScalarAgreement:
+        """Return the residuals |B| − scalar of the newest samples."""
+        agreement = ScalarAgreement()
+        if self._lengths:
+            fields, scalars = (np.concatenate(parts) for parts in zip(*self._lengths, strict=True))
+            agreement.add(fields, scalars)
+        return agreement
 
-    def _judge(self, residual_T: float) -> tuple[bytes, str]:
+    def _judge(self, agreement: ScalarAgreement) -> tuple[bytes, str]:
         if self._problem_of_samples:
             return ERROR, self._problem_of_samples
         if self._calibration is None:
@@ -120,13 +117,10 @@ class Corrector(TamNode):
         if self._left_in:
             reasons = "; ".join(map(why_left_in, self._left_in))
             return WARN, f"an effect stays in, the standard errors hold its size: {reasons}"
-        if np.isnan(residual_T):
+        if not agreement.samples:
             return OK, "samples are corrected; no scalar reference to compare with"
-        floor_T = self._calibration.floor.center_intensity_T
-        compared = f"|B| − scalar is {to_nanotesla(residual_T):.3g} nT, noise floor {to_nanotesla(floor_T):.3g} nT"
-        if residual_T > _DOUBTFUL_RATIO * max(floor_T, self._calibration.in_sample.center_intensity_T):
-            return WARN, f"{compared}: calibrate again"
-        return OK, compared
+        doubtful = WARN if agreement.is_doubtful(self._calibration) else OK
+        return ERROR if agreement.is_wrong else doubtful, agreement.sentence(self._calibration)
 
     def _judge_partial(self) -> tuple[bytes, str]:
         """Return level and sentence while sensors are missing: an error where not even the field is determined."""

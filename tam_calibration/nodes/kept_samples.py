@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tam_calibration.files.array_yaml import array_to_mapping
+from tam_calibration.files.overwriting import require_outside_bags
 from tam_calibration.files.sample_file import SampleFile
 from tam_calibration.files.text_files import to_json
 from tam_calibration.messages.point_cloud import SampleLayout
@@ -65,6 +66,7 @@ class KeptSamples:
         if given == _NOWHERE:
             return "samples are not kept for a restart"
         path = Path(given) if given else self._default_path()
+        require_outside_bags(path)
         shaped_by = array_to_mapping(replace(array, vector_noise_T=None, scalar_noise_T=None))
         self._file = SampleFile(path, to_json({"array": shaped_by, "columns": list(self.store.layout.columns)}))
         if self._file.set_aside:

@@ -10,9 +10,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
+from tam_calibration.model import signals
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.nodes import signals
-from tam_calibration.nodes.signals import Ending
+from tam_calibration.model.signals import Ending
 
 _TURN_S = 0.1
 """Longest time without a look for the word to end, seconds: an executor that waits in C++ hears no signal."""
@@ -56,7 +56,7 @@ def _spin(ending: Ending, make_nodes: Sequence[Callable[[], Node]]) -> None:
             nodes.append(make_node())
             executor.add_node(nodes[-1])
         ending.made()
-        while not ending.is_told:
+        while ending.told is None:
             executor.spin_once(timeout_sec=_TURN_S)
     finally:
         signals.ignore()

@@ -7,8 +7,8 @@ import sys
 from importlib import import_module
 
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.signals import Ending
 from tam_calibration.nodes import configure_fast_dds
-from tam_calibration.nodes.signals import Ending
 
 
 def calibrator() -> int:
@@ -47,7 +47,7 @@ def _run(*names: str) -> int:
     int
         The exit code: 0 when the nodes were told to end, 2 when a parameter or file is not usable (said on stderr).
     """
-    ending = Ending()
+    ending = Ending(exit_code=0)
     try:
         configure_fast_dds()
         nodes = [getattr(import_module(f"tam_calibration.nodes.{name.lower()}_node"), name) for name in names]

@@ -3,7 +3,7 @@
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.library import units_of
 from tam_calibration.model.array import OUTPUT_NAMES
-from tam_calibration.model.sensor_errors import PARAMETER_NAMES
+from tam_calibration.model.sensor_errors import PARAMETER_NAMES, orientation_to_axes
 from tam_calibration.model.units import to_degrees, to_nanotesla
 from tam_calibration.report.formatting import number, with_error
 from tam_calibration.report.gap_rows import number_rows
@@ -20,6 +20,9 @@ def parameter_rows(calibration: Calibration) -> list[list[str]]:
         unit, factor, decimals = _KINDS[index // 3]
         pairs = zip(values[:, index] * factor, standard_errors[:, index] * factor, strict=True)
         rows.append([name + unit, *(with_error(float(value), float(error), decimals) for value, error in pairs)])
+    mounted = [" ".join(orientation_to_axes(orientation)) for orientation in calibration.errors.orientation]
+    if set(mounted) != {"x y z"}:
+        rows.append(["mounted with its axes along the array's", *mounted])
     return rows
 
 

@@ -14,6 +14,9 @@ from tam_calibration.simulation.instruments import AttitudeChannel, Current, Sca
 from tam_calibration.simulation.sources import Drift
 from tam_calibration.sources.dipole import Dipole
 
+MOST_READINGS = 8_000_000
+"""Of a simulated run, all sensors together: they take some 1.5 GiB."""
+
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
@@ -87,6 +90,11 @@ class Scenario:
             raise InputError(f"the scenario has errors of {errors} sensors and an array of {sensors}: make them match")
         if self.sample_count < 1:
             raise InputError(f"a scenario needs at least one sample, not {self.sample_count}")
+        if self.sample_count * sensors > MOST_READINGS:
+            raise InputError(
+                f"a scenario has at most {MOST_READINGS // sensors} samples of {sensors} sensors, not "
+                f"{self.sample_count}: simulate parts, each with a seed of its own"
+            )
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
             raise InputError(f"the rate must be a positive number of samples per second, not {self.rate_hz}")
         gradient = self.site_gradient_T_per_m

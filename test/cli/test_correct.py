@@ -103,3 +103,27 @@ def test_readings_in_another_unit_are_refused_after_some_that_are_none(folder, r
     result = CliRunner().invoke(main, ["correct", "most", "--calibration", "c.yaml", "-o", "most_out"])
     assert result.exit_code == 2 and "nT given as T" in result.stderr
     assert not (folder / "most_out").exists()
+
+
+def test_a_calibration_of_another_array_is_refused_by_the_scalar(folder):
+    """Where |B| contradicts the scalar beside it nothing is written, unless that is accepted; the figures are told."""
+    calibration = read_calibration("c.yaml")
+    wrong = replace(calibration.errors, bias_T=calibration.errors.bias_T + np.array([10e-6, 0, 0]))
+    write_calibration("wrong.yaml", replace(calibration, errors=wrong))
+    arguments = ["correct", "run.csv", "--calibration", "wrong.yaml", "-o", "out.csv"]
+    refused = CliRunner().invoke(main, arguments)
+    assert refused.exit_code == 1 and not (folder / "out.csv").exists()
+    assert "nothing is written, |B| − scalar is" in refused.stderr and "accept residual" in refused.stderr
+    accepted = run(*arguments[1:], "--accept", "residual", "--json")
+    assert (folder / "out.csv").exists() and json.loads(accepted.stdout)["scalar_residual_nT"] > 1000
+    assert "warning: |B| − scalar is" in accepted.stderr
+
+
+def test_a_calibration_that_has_aged_is_a_warning(folder):
+    """A bias that has drifted by some nT is told, with the residual beside the noise floor."""
+    calibration = read_calibration("c.yaml")
+    aged = replace(calibration.errors, bias_T=calibration.errors.bias_T + np.array([40e-9, 0, 0]))
+    write_calibration("aged.yaml", replace(calibration, errors=aged))
+    result = run("run.csv", "--calibration", "aged.yaml", "-o", "out.csv")
+    assert "nT: calibrate again" in result.stderr
+    assert run("run.csv", "--calibration", "c.yaml", "-o", "again.csv").stderr == ""

@@ -1,11 +1,13 @@
 """Interference at a fixed frequency."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.effects import periodic_interference
 from tam_calibration.effects.periodic_interference import PeriodicInterference, _lattice, _motion_band
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 
@@ -39,6 +41,30 @@ def test_a_line_of_the_size_of_the_noise_is_found(turning, left_by, kind, where)
     tried = [shape["frequency_hz"] for shape in EFFECT.shapes(covariates, residuals)]
     assert len(tried) <= 4
     assert np.abs(np.array(tried) - 3.217).min() < 0.1 / np.ptp(covariates.time_s)
+
+
+@pytest.mark.parametrize("where", [(2, 0), (SCALAR, None)])
+def test_a_line_is_found_through_many_holes(turning, left_by, where, monkeypatch):
+    """Where holes are most of the record its frequency is as exact as its length allows."""
+    monkeypatch.setattr(periodic_interference, "_MOST_STEPS", 10_000)
+    finer = turning(samples=24_000, step_s=0.05)
+    starts = 1000 * np.arange(24) + np.random.default_rng(3).integers(0, 900, 24)
+    covariates = finer.take((starts[:, None] + np.arange(100)).ravel())
+    residuals = left_by(EFFECT, covariates, SHAPE, (*where, "line", LINE))
+    tried = [shape["frequency_hz"] for shape in EFFECT.shapes(covariates, residuals)]
+    assert np.abs(np.array(tried) - 3.217).min() < 0.1 / np.ptp(covariates.time_s)
+
+
+def test_a_hole_of_decades_costs_no_memory(turning, left_by):
+    """Two blocks 1e9 s apart; what is between them is not computed."""
+    whole = turning(samples=1200)
+    covariates = replace(whole, time_s=whole.time_s + 1e9 * (np.arange(1200) >= 600))
+    residuals = left_by(EFFECT, covariates, SHAPE, (2, 0, "line", LINE))
+    tracemalloc.start()
+    tried = [shape["frequency_hz"] for shape in EFFECT.shapes(covariates, residuals)]
+    assert tracemalloc.get_traced_memory()[1] < 100e6
+    tracemalloc.stop()
+    assert np.abs(np.array(tried) - 3.217).min() < 1 / np.ptp(whole.time_s)
 
 
 def test_lines_of_the_motion_are_not_proposed(turning, left_by):

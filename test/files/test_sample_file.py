@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
+from tam_calibration.files import write_recording
 from tam_calibration.files.sample_file import SampleFile
 from tam_calibration.messages.sample_store import StoredSample, Unsaved
 from tam_calibration.model.exceptions import InputError
@@ -71,6 +72,16 @@ def test_a_damaged_file_is_set_aside(tmp_path, content):
     assert file.set_aside == tmp_path / "samples.1" and file.set_aside.read_bytes() == content
     file.save(Unsaved(True, 1, samples(0, 5)))
     assert len(file.read()) == 5
+
+
+def test_a_bag_is_set_aside_unchanged(tmp_path, recording):
+    """A recorded file that is named by mistake keeps every byte."""
+    write_recording(tmp_path / "run", recording)
+    path = (tmp_path / "run/run.db3").rename(tmp_path / "samples")
+    content = path.read_bytes()
+    file = SampleFile(path, "array")
+    file.save(Unsaved(True, 1, samples(0, 5)))
+    assert file.set_aside is not None and file.set_aside.read_bytes() == content
 
 
 def test_samples_of_another_array_are_set_aside(tmp_path):

@@ -192,7 +192,7 @@ def test_truth_is_written_in_the_units_of_files(tmp_path):
         (("samples: 20\n", ""), "the key 'samples' is missing"),
         (("samples: 20", "samples: 0"), "at least one sample, not 0"),
         (("samples: 20", "samples: many"), "samples: input should be a valid integer"),
-        (("rate_hz: 10", "rate_hz: -1"), "positive number of samples per second, not -1"),
+        (("rate_hz: 10", "rate_hz: -1"), "rate_hz: input should be greater than 0"),
         (("kind: random", "kind: dance"), "motion: .*'dance'"),
         (("kind: random", "kind: random, turn_rate_deg_per_s: 4"), "turn_rate_deg_per_s' is not known"),
         (("kind: random", "kind: auv, pitch_limit_deg: 95, roll_limit_deg: 0, turn_period_s: 9"), "less than 90"),

@@ -22,10 +22,11 @@ def test_regression_gives_a_rotation_back():
 
 
 def test_regression_says_what_it_cannot_find():
-    """A sensor that is turned by more than 90 degrees is named, not given a wrong angle."""
-    turned = np.stack([np.eye(3), Rotation.from_euler("z", 2.0).as_matrix()])
-    with pytest.raises(InputError, match="sensor 2 is turned by more than 90°"):
-        rotation_by_regression(turned)
+    """A sensor that is turned by more than 80 degrees is named, not given a wrong angle."""
+    most, more = (Rotation.from_euler("z", angle, degrees=True).as_matrix()[None] for angle in (79.9, 80.1))
+    assert_allclose(rotation_by_regression(np.swapaxes(most, 1, 2)), most, atol=1e-14)
+    with pytest.raises(InputError, match="sensor 1 is turned by more than 80°"):
+        rotation_by_regression(more)
 
 
 def test_the_common_frame_becomes_that_of_the_first():

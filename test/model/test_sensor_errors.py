@@ -9,12 +9,18 @@ from numpy.linalg import inv
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
+from tam_calibration.model.sensor_errors import (
+    ORIENTATIONS,
+    PARAMETER_NAMES,
+    SensorErrors,
+    orientation_from_axes,
+    orientation_to_axes,
+)
 
 
 @st.composite
 def sensor_errors(draw, largest_deg=80.0):
-    """Draw the errors of one to five sensors with angles up to a limit."""
+    """Draw the errors of one to five sensors in any orientation with angles up to a limit."""
     count = draw(st.integers(1, 5))
     angle = arrays(float, (count, 3), elements=st.floats(-largest_deg, largest_deg).map(np.radians))
     return SensorErrors(
@@ -22,6 +28,7 @@ def sensor_errors(draw, largest_deg=80.0):
         draw(angle),
         draw(arrays(float, (count, 3), elements=st.floats(-1e-4, 1e-4))),
         draw(angle),
+        ORIENTATIONS[draw(arrays(int, count, elements=st.integers(0, 23)))],
     )
 
 
@@ -44,9 +51,46 @@ def test_uniform_field_goes_to_every_sensor(errors):
 
 @given(sensor_errors())
 def test_parameters_come_back_from_the_matrix(errors):
-    """Scale factors and angles below 80° are found again in their product."""
-    found = SensorErrors.from_matrix(errors.matrix, errors.bias_T)
+    """Scale factors and angles below 80° are found again in their product, where the orientation is known."""
+    found = SensorErrors.from_matrix(errors.matrix, errors.bias_T, errors.orientation)
     assert_allclose(found.to_vector(), errors.to_vector(), rtol=1e-9, atol=1e-10)
+
+
+@given(sensor_errors())
+def test_orientation_keeps_the_angles_determined(errors):
+    """The matrix is the same whatever was chosen; there is an orientation where β would exceed 45°, and only there."""
+    found = SensorErrors.from_matrix(errors.matrix, errors.bias_T)
+    assert_allclose(found.matrix, errors.matrix, atol=1e-9)
+    is_turned = (found.orientation != np.eye(3)).any(axis=(1, 2))
+    steep_deg = np.degrees(np.arcsin(np.abs(errors.rotation[:, 0, 2]).clip(0, 1)))
+    assert_array_equal(is_turned[np.abs(steep_deg - 45) > 1e-6], (steep_deg > 45)[np.abs(steep_deg - 45) > 1e-6])
+    assert (np.abs(found.misalignment[:, 1]) < np.radians(63)).all()
+
+
+@pytest.mark.parametrize("orientation", ORIENTATIONS)
+def test_small_angles_in_any_orientation_stay_small(orientation):
+    """A sensor that is mounted with exchanged axes has the misalignment that it has beside that, or none is steep."""
+    angles = np.radians([[2.0, -3.0, 1.5]])
+    none = SensorErrors.none(1)
+    true = SensorErrors(none.scale_factor, none.non_orthogonality, none.bias_T, angles, orientation[None])
+    found = SensorErrors.from_matrix(true.matrix, true.bias_T)
+    if np.abs(true.rotation[0, 0, 2]) > 0.8:
+        assert_array_equal(found.orientation, true.orientation)
+        assert_allclose(found.misalignment, angles, atol=1e-12)
+    else:
+        assert_array_equal(found.orientation[0], np.eye(3))
+
+
+@pytest.mark.parametrize("orientation", ORIENTATIONS)
+def test_orientation_has_names(orientation):
+    """Which axis of the array each axis of the sensor points along says it all."""
+    axes = orientation_to_axes(orientation)
+    assert_array_equal(orientation_from_axes(axes), orientation)
+    assert_array_equal(orientation @ np.array([1.0, 2.0, 3.0]), [_value(axis) for axis in axes])
+
+
+def _value(axis):
+    return {"x": 1.0, "y": 2.0, "z": 3.0}[axis[-1]] * (-1 if axis.startswith("-") else 1)
 
 
 @given(sensor_errors())
@@ -54,7 +98,9 @@ def test_parameters_come_back_from_the_vector(errors):
     """The vector holds the parameters of each sensor in the order of their names."""
     vector = errors.to_vector()
     assert vector.shape == (errors.sensor_count, len(PARAMETER_NAMES))
-    assert_array_equal(SensorErrors.from_vector(vector.ravel()).to_vector(), vector)
+    again = SensorErrors.from_vector(vector.ravel(), errors.orientation)
+    assert_array_equal(again.to_vector(), vector)
+    assert_array_equal(again.matrix, errors.matrix)
     assert_array_equal(vector[:, PARAMETER_NAMES.index("bias x")], errors.bias_T[:, 0])
 
 
@@ -67,7 +113,7 @@ def test_jacobian_is_the_slope_of_matrix_and_bias(errors):
     for parameter in range(12):
         change = np.zeros_like(vector)
         change[:, parameter] = step
-        ends = [SensorErrors.from_vector(vector + sign * change) for sign in (1, -1)]
+        ends = [SensorErrors.from_vector(vector + sign * change, errors.orientation) for sign in (1, -1)]
         above, below = (np.concatenate([end.matrix, end.bias_T[:, :, None]], axis=2) for end in ends)
         assert_allclose(jacobian[..., parameter], (above - below) / (2 * step), atol=1e-8)
 

@@ -70,27 +70,12 @@ def test_every_call_of_a_storm_is_answered(bench, recording):
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
     bench.play(recording, publish, samples)
-    answers = storm(bench, "calibrator/calibrate")
+    answers = bench.storm("calibrator/calibrate")
     done = [answer for answer in answers if answer.success]
     busy = [answer for answer in answers if answer.message == "busy with calibrate: call again when that is answered"]
     assert len(done) >= 1 and len(done) + len(busy) == len(answers) == 200
-    assert {answer.success for answer in storm(bench, "collector/usage")} == {True}
-    assert {answer.success for answer in storm(bench, "calibrator/save")} == {False}
-
-
-def storm(bench, service):
-    """Call a service 200 times at once and return the answers."""
-    from rclpy.qos import QoSProfile
-    from std_srvs.srv import Trigger
-
-    client = bench.node.create_client(Trigger, service, qos_profile=QoSProfile(depth=1000))
-    bench.spin_until(client.service_is_ready, f"{service} is there")
-    known = client.call_async(Trigger.Request())
-    bench.spin_until(known.done, f"{service} knows the client")
-    futures = [client.call_async(Trigger.Request()) for _ in range(200)]
-    bench.spin_until(lambda: all(future.done() for future in futures), "every call is answered")
-    bench.node.destroy_client(client)
-    return [future.result() for future in futures]
+    assert {answer.success for answer in bench.storm("collector/usage")} == {True}
+    assert {answer.success for answer in bench.storm("calibrator/save")} == {False}
 
 
 def test_who_asks_during_a_diagnosis_is_told_how_far_it_is(bench, recording, tmp_path):

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from tam_calibration.files import write_whole
+from tam_calibration.files.text_files import read_text
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.validation.blind.case import Case
 from tam_calibration.validation.blind.outcome import Outcome
@@ -62,7 +64,8 @@ def write_case(folder: Path, case: Case) -> None:
 
 def write_json(path: Path, content: Any) -> None:
     """Write a JSON file."""
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    with write_whole(path) as beside:
+        beside.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def read_json(path: Path) -> Any:
@@ -74,10 +77,8 @@ def read_json(path: Path) -> Any:
         When it is none.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path} does not exist") from None
-    except (json.JSONDecodeError, UnicodeDecodeError):
+        return json.loads(read_text(path))
+    except json.JSONDecodeError:
         raise InputError(f"{path} is not a JSON file") from None
 
 

@@ -5,9 +5,13 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import current_thread, main_thread
 from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+_CODE_OF_SHELLS = 128
+"""What shells add to the number of a signal for the exit code: 130 after Ctrl-C, 143 after SIGTERM."""
 
 _LAST_MOMENTS_S = 5
 """Time within which a process that puts itself in order ends."""
@@ -30,8 +34,12 @@ def held_back() -> Iterator[None]:
 def postponed() -> Iterator[None]:
     """Have a signal that comes in the block come when it is over.
 
-    A mask would not do that: it holds for one thread, and a signal comes to any that does not block it.
+    A mask would not do that: it holds for one thread, and a signal comes to any that does not block it. Python handles
+    signals in the main thread alone: any other has nothing to postpone.
     """
+    if current_thread() is not main_thread():
+        yield
+        return
     came: list[int] = []
     before = {each: signal.signal(each, lambda number, frame: came.append(number)) for each in ENDING}
     try:
@@ -44,16 +52,28 @@ def postponed() -> Iterator[None]:
 
 
 class Ending:
-    """What the signals do to a process of nodes: they end it with exit code 0.
+    """What the signals do to a process: they end it.
 
     While it loads its libraries, at once: there is nothing to put in order yet, and an exception could get lost in the
-    libraries. While it makes its nodes, by SystemExit. While these spin, by a word that is looked for between their
-    callbacks: a context that ends in the middle of one, as with rclpy's own handlers, fails it in many ways, and while
-    the executor of events takes on a node it even aborts the process.
+    libraries. While it makes its nodes or does what a command shall do, by SystemExit. While nodes spin, by a word that
+    is looked for between their callbacks: a context that ends in the middle of one, as with rclpy's own handlers, fails
+    it in many ways, and while the executor of events takes on a node it even aborts the process.
+
+    Parameters
+    ----------
+    exit_code : int, optional
+        Of the process; by default that of shells, 128 and the number of the signal.
+
+    Attributes
+    ----------
+    told : int or None
+        The exit code, once a signal has come.
     """
 
-    def __init__(self) -> None:
-        self.is_told = False
+    def __init__(self, exit_code: int | None = None) -> None:
+        self.told: int | None = None
+        self._exit_code = exit_code
+        self._before = {number: signal.getsignal(number) for number in ENDING}
         self._exit: Callable[[int], object] | None = os._exit
         _handle(self._end)
 
@@ -62,13 +82,19 @@ class Ending:
         self._exit = sys.exit
 
     def made(self) -> None:
-        """Have a signal only be told by ``is_told`` from now on."""
+        """Have a signal only be told by ``told`` from now on."""
         self._exit = None
 
+    def release(self) -> None:
+        """Have the signals do what they did before, where they still end this process."""
+        for number, handler in self._before.items():
+            if signal.getsignal(number) == self._end:
+                signal.signal(number, handler)
+
     def _end(self, number: int, frame: FrameType | None) -> None:
-        self.is_told = True
+        self.told = _CODE_OF_SHELLS + number if self._exit_code is None else self._exit_code
         if self._exit is not None:
-            self._exit(0)
+            self._exit(self.told)
 
 
 def raise_exit(exit_code: int) -> None:

@@ -1,0 +1,69 @@
+"""Standard streams that are closed, full, or of an encoding without our letters: at most a sentence, no traceback."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from io import TextIOWrapper
+
+
+@contextmanager
+def usable_streams() -> Iterator[None]:
+    """Run a command with standard streams that it can write to.
+
+    What is closed is as if led to ``/dev/null``. Where standard output can take nothing, the command does not begin;
+    where it is full in the end, that is told. What an encoding lacks is written as Python writes it, as \\u03bb.
+
+    Raises
+    ------
+    SystemExit
+        With code 2, when standard output cannot be written.
+    """
+    _open_what_is_closed()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        if sys.stdout is sys.__stdout__:
+            os.write(sys.stdout.fileno(), b"")  # a device that is full says so
+        yield
+        sys.stdout.flush()
+    except SystemExit as end:
+        try:
+            sys.stdout.flush()
+        except OSError as problem:
+            if end.code:
+                _forget_output()
+                raise
+            _end(problem)
+        raise
+    except OSError as problem:
+        _end(problem)
+
+
+def tell(sentence: str) -> None:
+    """Write a sentence to standard error, where that can be written."""
+    with suppress(OSError):
+        print(f"tam: {sentence}", file=sys.stderr, flush=True)
+
+
+def _end(problem: OSError) -> None:
+    _forget_output()
+    if isinstance(problem, BrokenPipeError):
+        sys.exit(1)
+    tell(f"standard output cannot be written: {problem.strerror}")
+    sys.exit(2)
+
+
+def _open_what_is_closed() -> None:
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            descriptor = os.open(os.devnull, os.O_RDWR)  # the lowest that is free, else a file would get its number
+            if descriptor != number:
+                os.dup2(descriptor, number)
+            setattr(sys, name, open(number, "r" if number == 0 else "w", encoding="utf-8"))  # noqa: SIM115
+
+
+def _forget_output() -> None:
+    """Lead standard output, and what waits to be written to it, nowhere, so that the interpreter can end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

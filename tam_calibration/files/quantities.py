@@ -1,0 +1,58 @@
+"""The quantities of our files: what a number can be in the unit of its key; beyond, it is of another unit or damage."""
+
+from typing import Annotated, Literal
+
+from tam_calibration.files.schema import Bounds
+
+Finite = Annotated[float, Bounds()]
+Vector = tuple[Finite, Finite, Finite]
+Tensor = tuple[Vector, Vector, Vector]
+
+ScaleFactor = Annotated[float, Bounds(least=1e-4, most=1e4, unit="nT per nT")]
+"""Gauss that are taken for nanotesla, the largest mistake that a fit can make, give 1e-5; µT give 1e-3."""
+ScaleFactors = tuple[ScaleFactor, ScaleFactor, ScaleFactor]
+
+Nanotesla = Annotated[float, Bounds(least=-1e9, most=1e9, unit="nT")]
+"""Of a field, a bias, or a field per metre: one tesla, which only magnets in a laboratory make."""
+NanoteslaVector = tuple[Nanotesla, Nanotesla, Nanotesla]
+NanoteslaTensor = tuple[NanoteslaVector, NanoteslaVector, NanoteslaVector]
+
+NanoteslaOrNone = Annotated[float, Bounds(least=-1e12, most=1e12, unit="nT", may_be_nan=True)]
+"""Of a residual or a standard error; NaN where the array does not determine it."""
+
+Degrees = Annotated[float, Bounds(least=-360, most=360, unit="deg")]
+"""Of a turn."""
+Turns = tuple[Degrees, Degrees, Degrees]
+
+Shear = Annotated[float, Bounds(least=-85, most=85, unit="deg")]
+"""Of an axis from its right angle: at 90 degrees it is another one, and the matrix of the sensor has no inverse."""
+Shears = tuple[Shear, Shear, Shear]
+
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+Orientation = tuple[Axis, Axis, Axis]
+"""Of a sensor: which axis of the array each of its axes points along."""
+
+NOT_TURNED: Orientation = ("x", "y", "z")
+
+Metres = Annotated[float, Bounds(least=-1e6, most=1e6, unit="m")]
+"""From the array to a source: a thousand kilometres."""
+Place = tuple[Metres, Metres, Metres]
+
+AmpereSquareMetres = Annotated[float, Bounds(least=-1e12, most=1e12, unit="Am²")]
+"""Of a moment: a large ship has 1e6 Am²."""
+Moment = tuple[AmpereSquareMetres, AmpereSquareMetres, AmpereSquareMetres]
+
+Seconds = Annotated[float, Bounds(least=-9.2e9, most=9.2e9, unit="s")]
+"""Since 1970, in 64 bits of nanoseconds."""
+
+Period = Annotated[float, Bounds(above=0, least=1e-6, most=1e9, unit="s")]
+"""From a megahertz to thirty years."""
+
+Hertz = Annotated[float, Bounds(above=0, least=1e-9, most=1e6, unit="Hz")]
+"""Of samples or of a field: the same."""
+
+Celsius = Annotated[float, Bounds(least=-273.15, most=1e4, unit="°C")]
+"""From the absolute zero to where all is gas."""
+
+Ampere = Annotated[float, Bounds(least=-1e6, most=1e6, unit="A")]
+"""Of a current on the vehicle."""

@@ -1,0 +1,230 @@
+"""Files and folders that appear whole, several together or none, whatever ends the process that writes them.
+
+Each is written in a folder beside its path, is on the disk before it is moved there, and that folder goes in the end.
+What a process that was killed left there is removed by the next one that writes to the same path.
+"""
+
+import errno
+import fcntl
+import os
+import shutil
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from tempfile import mkdtemp
+
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.signals import postponed
+
+UNFINISHED = ".unfinished"
+"""End of the names of folders for what is being written: no other software has it, and no file of a user."""
+
+_OLDER = ".older"
+"""End of the name of what had the place before, until all that is written together is in place."""
+
+
+@contextmanager
+def write_set(paths: Iterable[Path]) -> Iterator[list[Path]]:
+    """Give places to write files or folders to, and move all to their paths, or none, when that went well.
+
+    A file that was there is replaced at once; a folder that was there is never replaced. After a failure everything
+    is as it was.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+        Where the files or folders shall be.
+
+    Yields
+    ------
+    list of Path
+        For each a path of the same name in a folder beside it.
+
+    Raises
+    ------
+    InputError
+        When one cannot be written.
+    """
+    targets = [Path(path) for path in paths]
+    for path in targets:
+        _require_replaceable(path)
+    with ExitStack() as folders:
+        moves = {folders.enter_context(_beside(path)) / path.name: path for path in targets}
+        try:
+            yield list(moves)
+            put_in_place(moves)
+        except InputError as problem:
+            told = str(problem)
+            for place, path in moves.items():
+                told = told.replace(str(place), str(path))
+            raise InputError(told) from problem
+        except OSError as problem:
+            if where := _written_where(problem, moves):
+                raise InputError(f"{where} cannot be written: {problem.strerror or problem}") from problem
+            raise
+
+
+def _require_replaceable(path: Path) -> None:
+    if path.is_dir():
+        raise InputError(f"{path} is a folder that exists already: choose another name, or remove it")
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path} is not a regular file: choose another name")
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[Path]:
+    """Give a folder as `unfinished` does, or say that there can be none."""
+    with ExitStack() as stack:
+        try:
+            folder = stack.enter_context(unfinished(path))
+        except OSError as problem:
+            raise InputError(f"{path} cannot be written: {problem.strerror} ({path.parent})") from None
+        yield folder
+
+
+def _written_where(problem: OSError, moves: Mapping[Path, Path]) -> str:
+    """Return the paths to which writing failed; empty where the error is of another file."""
+    if problem.filename is None:
+        return " or ".join(map(str, moves.values()))
+    return next((str(path) for place, path in moves.items() if str(problem.filename).startswith(str(place.parent))), "")
+
+
+@contextmanager
+def unfinished(path: Path) -> Iterator[Path]:
+    """Give an empty folder beside a path, which goes with the block; what killed processes left there goes first.
+
+    Parameters
+    ----------
+    path : Path
+        Of what will be written in the folder.
+
+    Raises
+    ------
+    OSError
+        When no folder can be made there.
+    """
+    for name in os.listdir(path.parent):
+        if name.startswith(f".{path.name}.") and name.endswith(UNFINISHED):
+            remove_left_over(path.with_name(name))
+    folder, holder = _make_folder(path)
+    try:
+        yield folder
+    finally:
+        with postponed():
+            shutil.rmtree(folder, ignore_errors=True)
+            os.close(holder)
+
+
+def _make_folder(path: Path) -> tuple[Path, int]:
+    """Return a new folder, and the descriptor that holds it."""
+    while True:
+        folder = Path(mkdtemp(prefix=f".{path.name}.", suffix=UNFINISHED, dir=path.parent))
+        # Before it is held, another process that writes to the same path may take it for left over.
+        with suppress(BlockingIOError, FileNotFoundError):
+            return folder, hold(folder)
+
+
+def remove_left_over(folder: Path) -> None:
+    """Remove a folder in which a process that is gone has written; one that a process still holds stays.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder; an older folder that was moved into it, to make room for a newer one that never came, goes back.
+    """
+    with suppress(OSError):
+        holder = hold(folder)
+        try:
+            for older in folder.glob(f"*{_OLDER}"):
+                place = folder.with_name(older.name.removesuffix(_OLDER))
+                if older.is_dir() and not os.path.lexists(place):
+                    os.rename(older, place)
+            shutil.rmtree(folder)
+        finally:
+            os.close(holder)
+
+
+def hold(path: Path) -> int:
+    """Hold a file or folder until the descriptor that is returned is closed, or this process ends.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file or folder.
+
+    Raises
+    ------
+    BlockingIOError
+        When another process holds it.
+    FileNotFoundError
+        When it is not there, or was replaced.
+    """
+    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if not os.path.samestat(os.fstat(descriptor), os.stat(path)):
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def put_in_place(moves: Mapping[Path, Path]) -> None:
+    """Move files or folders to their places, all or none, once all that they hold is on the disk.
+
+    What was there is gone only when all are in place; a signal waits until then.
+
+    Parameters
+    ----------
+    moves : mapping of Path to Path
+        Of each where it is, in a folder of its own that `unfinished` gave, and where it shall be.
+
+    Raises
+    ------
+    OSError
+        When one cannot be moved; all is then as it was.
+    """
+    with postponed(), ExitStack() as undo:
+        for place in moves:
+            _sync(place)
+        for place, path in moves.items():
+            if os.path.lexists(path):
+                undo.callback(os.replace, _set_aside(path, place.parent), path)
+            os.replace(place, path)
+            undo.callback(os.replace, path, place)
+        for folder in {path.parent for path in moves.values()}:
+            _sync_alone(folder)
+        undo.pop_all()
+
+
+def _set_aside(path: Path, folder: Path) -> Path:
+    """Keep a file in a folder, or move a folder there, which nothing can replace at once; return where it is."""
+    aside = folder / f"{path.name}{_OLDER}"
+    if path.is_dir() and not path.is_symlink():
+        os.rename(path, aside)
+        return aside
+    try:
+        os.link(path, aside, follow_symlinks=False)
+    except OSError:  # a file system without hard links
+        shutil.copy2(path, aside, follow_symlinks=False)
+    return aside
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file, or a folder with all that it holds, is on the disk."""
+    if path.is_dir():
+        for part in path.iterdir():
+            _sync(part)
+    _sync_alone(path)
+
+
+def _sync_alone(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError as problem:
+        if problem.errno != errno.EINVAL:  # as of a file system that cannot wait
+            raise
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,46 @@
+"""Processes that end with the block that uses them, however that ends."""
+
+import os
+import signal
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from multiprocessing.context import ForkServerContext, SpawnContext
+from threading import Thread
+
+
+@contextmanager
+def processes(jobs: int, context: ForkServerContext | SpawnContext) -> Iterator[ProcessPoolExecutor]:
+    """Give processes that are done with their tasks when the block ends, and end at once when it fails.
+
+    Parameters
+    ----------
+    jobs : int
+        Number of processes that work at once.
+    context : multiprocessing context
+        How they are started; not forked from this one, whose end they would miss.
+    """
+    told, telling = context.Pipe(
+        duplex=False
+    )  # closed at this end, also by the end of this process, it tells the other
+    with told, telling:
+        pool = ProcessPoolExecutor(jobs, context, initializer=_begin, initargs=(told,))
+        try:
+            yield pool
+        except BaseException:
+            telling.close()
+            pool.shutdown(cancel_futures=True)
+            raise
+        pool.shutdown()
+
+
+def _begin(told: Connection) -> None:
+    """Let this process end at an interrupt, without a word, and when it is told."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    Thread(target=_end_when_told, args=(told,), daemon=True).start()
+
+
+def _end_when_told(told: Connection) -> None:
+    told.poll(None)
+    os._exit(1)

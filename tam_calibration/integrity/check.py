@@ -1,0 +1,113 @@
+"""The check of the channels of a recording before any fit, in one pass and from some of its samples."""
+
+from collections.abc import Collection, Iterable
+
+import numpy as np
+
+from tam_calibration.integrity.copies import Copies
+from tam_calibration.integrity.fault import Fault, refuse, require_names
+from tam_calibration.integrity.handedness import left_handed
+from tam_calibration.integrity.holds import Holds
+from tam_calibration.integrity.overview import Overview
+from tam_calibration.integrity.stuck_bits import with_stuck_bits
+from tam_calibration.integrity.units import in_other_units
+from tam_calibration.integrity.values import at_ends, in_steps
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import SampleSource
+
+ENOUGH_TO_CHECK = 23
+"""Samples: of fewer the fifth that is held out leaves less than two for each of the nine parameters of an ellipsoid."""
+
+
+def faults_of(source: SampleSource, array: Array) -> list[Fault]:
+    """Return what a recording holds that no sound sensors read.
+
+    A fault that makes others is told alone: what a sensor that is in another unit, say, looks like beside the others.
+
+    Parameters
+    ----------
+    source : SampleSource
+        Raw readings of K sensors, and the scalar where there is one.
+    array : Array
+        Noise of these sensors where it is stated, and what the intensity of the field can be.
+    """
+    if source.sample_count < ENOUGH_TO_CHECK:
+        return []
+    overview = Overview.of(source)
+    holds, copies = Holds(source.sensor_count), Copies(source.sensor_count)
+    for block in source.blocks():
+        holds.add(block)
+        copies.add(block)
+    with np.errstate(all="ignore"):
+        faults = holds.faults(source)
+        faults += _new(faults, copies.faults(overview))
+        faults += _new(faults, in_other_units(overview, array))
+        faults += _new(faults, at_ends(overview))
+        faults += _new(faults, with_stuck_bits(overview))
+        faults += _new(faults, in_steps(overview, array))
+        faults += _new(faults, left_handed(overview))
+    return faults
+
+
+def _new(known: list[Fault], found: Iterable[Fault]) -> list[Fault]:
+    """Return the faults of axes and sensors that have no other yet."""
+    taken = {(fault.sensor, fault.axis) for fault in known if fault.severity == "refusal"}
+    return [fault for fault in found if (fault.sensor, "") not in taken and (fault.sensor, fault.axis) not in taken]
+
+
+def require_sound(
+    source: SampleSource, array: Array, accept: Collection[str] = (), *, sought: Collection[str] = ()
+) -> list[Fault]:
+    """Refuse a recording whose channels are not those of sound sensors, and return what is to be known of it.
+
+    Parameters
+    ----------
+    source : SampleSource
+        Raw readings of K sensors, and the scalar where there is one.
+    array : Array
+        Noise of these sensors where it is stated, and what the intensity of the field can be.
+    accept : collection of str
+        Names of faults that refuse nothing.
+    sought : collection of str
+        Names of the effects that will be fitted beside the errors: what they are found by refuses nothing.
+
+    Returns
+    -------
+    list of Fault
+        Those that refuse nothing.
+
+    Raises
+    ------
+    InputError
+        When a name to accept is not known.
+    Refused
+        It names sensors, axes and times.
+    """
+    require_names(accept)
+    faults = faults_of(source, array)
+    refuse(
+        fault
+        for fault in faults
+        if fault.severity == "refusal" and fault.name not in accept and fault.effect not in sought
+    )
+    return faults
+
+
+def require_enough(sample_count: int, accept: Collection[str] = ()) -> None:
+    """Refuse a recording of which too few samples are left to check a fit on.
+
+    Parameters
+    ----------
+    sample_count : int
+        Number of samples.
+    accept : collection of str
+        Names of faults that refuse nothing.
+
+    Raises
+    ------
+    Refused
+        When there are too few.
+    """
+    if sample_count < ENOUGH_TO_CHECK and "few_samples" not in accept:
+        sentence = f"{sample_count} samples leave none to check a fit on: record {ENOUGH_TO_CHECK} or more, better 50"
+        refuse([Fault("few_samples", None, "", (0.0, 0.0), sentence)])

@@ -1,0 +1,106 @@
+"""A fault of a channel, and which faults a person may accept."""
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+from tam_calibration.correction.limits import LIMITS
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.units import to_nanotesla
+
+CHANNEL_FAULTS = {
+    "few_samples": "fewer samples than leave some to check a fit on",
+    "frozen": "a sensor or axis that holds one value while the others move",
+    "mirrored": "a sensor whose axes are left-handed, or two of which are exchanged",
+    "quantised": "steps of the readings far above the stated noise",
+    "repeated": "a sensor or axis that repeats another, at once or later",
+    "saturated": "an axis that stays at an end of its range",
+    "stuck_bits": "an axis whose values leave out every second band of equal width",
+    "unit": "an axis, a sensor or the scalar in another unit than the others",
+    "zero": "readings that are exactly zero",
+}
+"""The names by which faults of channels are told and accepted, and what each is."""
+
+ACCEPTABLE = {**CHANNEL_FAULTS, **LIMITS}
+"""The names of all that may be accepted: of the channels, and of the calibration that was fitted."""
+
+MOST_TOLD = 3
+"""Faults that a refusal tells in full: one cause, such as a dead converter, shows in the three axes of a sensor."""
+
+Severity = Literal["refusal", "warning"]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something in the channels that no sound sensor reads.
+
+    Parameters
+    ----------
+    name : str
+        One of ``CHANNEL_FAULTS``.
+    sensor : int or None
+        From 1; None where it is the scalar, or cannot be told.
+    axis : str
+        x, y or z; empty where it is the whole sensor.
+    time_s : tuple of float
+        First and last time, seconds.
+    sentence : str
+        What it is, where and when, for people.
+    severity : str
+        Whether the numbers of a fit would be wrong ("refusal") or hardly ("warning").
+    effect : str
+        The effect of the library by which a diagnosis finds it; empty where there is none.
+    """
+
+    name: str
+    sensor: int | None
+    axis: str
+    time_s: tuple[float, float]
+    sentence: str
+    severity: Severity = "refusal"
+    effect: str = ""
+
+
+def channel(sensor: int, axis: str = "") -> str:
+    """Return a sensor, numbered from 1, or one of its axes for people."""
+    return f"sensor {sensor} axis {axis}" if axis else f"sensor {sensor}"
+
+
+def between(time_s: tuple[float, float]) -> str:
+    """Return a span of time for people."""
+    return f"between {time_s[0]:.2f} and {time_s[1]:.2f} s"
+
+
+def in_nanotesla(tesla: float) -> str:
+    """Return a field for people."""
+    return f"{to_nanotesla(tesla):.6g} nT"
+
+
+def require_names(accept: Collection[str]) -> None:
+    """Check that all names are those of faults.
+
+    Raises
+    ------
+    InputError
+        When one is not.
+    """
+    for name in accept:
+        if name not in ACCEPTABLE:
+            raise InputError(f"there is no finding {name!r} to accept: choose among {', '.join(ACCEPTABLE)}")
+
+
+def refuse(faults: Iterable[Fault]) -> None:
+    """Refuse a recording for its faults, if any.
+
+    Raises
+    ------
+    Refused
+        It tells them, and the names by which they are accepted.
+    """
+    told = list(faults)
+    if not told:
+        return
+    more = f"; and {len(told) - MOST_TOLD} more such findings" if len(told) > MOST_TOLD else ""
+    sentences = "; ".join(fault.sentence for fault in told[:MOST_TOLD])
+    names = " and ".join(dict.fromkeys(fault.name for fault in told))
+    raise Refused(f"{sentences}{more}; where that is so, accept {names}")

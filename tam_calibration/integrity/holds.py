@@ -1,0 +1,190 @@
+"""Axes that hold one value for a while, and readings that are exactly zero, in one pass through all samples."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tam_calibration.integrity.chance import is_chance
+from tam_calibration.integrity.fault import Fault, between, channel, in_nanotesla
+from tam_calibration.model.recording import Block, SampleSource
+from tam_calibration.model.units import FloatArray
+
+SHORTEST = 10
+"""Samples of a hold: readings up to eight samples late are stale samples, an effect that is fitted beside the errors."""
+
+FINE = 0.1
+"""Share of samples that repeat the one before below which an axis shows its noise, so that none can stand still."""
+
+MOVED = 0.1
+"""Part of their whole range through which others move at least where an axis of coarse steps should have moved too."""
+
+SAME = 0.8
+"""Part of the longest hold in which all axes of a sensor hold at once where the sensor holds, not an axis alone."""
+
+LONE_ZEROS = 0.01
+"""Share of samples that are zero up to which a diagnosis finds them as outliers."""
+
+
+@dataclass(frozen=True)
+class _Hold:
+    """Columns of one sensor, one or all three, that hold a value; whether they show their noise elsewhere."""
+
+    columns: tuple[int, ...]
+    time_s: tuple[float, float]
+    value_T: float
+    is_fine: bool
+
+    @property
+    def is_of_sensor(self) -> bool:
+        return len(self.columns) == 3
+
+
+class Holds:
+    """The longest hold of each axis, and what is zero.
+
+    Parameters
+    ----------
+    sensor_count : int
+        Number of sensors K.
+    """
+
+    def __init__(self, sensor_count: int) -> None:
+        self._sensors, columns = sensor_count, 3 * sensor_count
+        self._count, self._equal = 0, np.zeros(columns, dtype=int)
+        self._last: FloatArray | None = None
+        self._open, self._open_since = np.ones(columns, dtype=int), np.zeros(columns)
+        self._longest, self._value = np.ones(columns, dtype=int), np.zeros(columns)
+        self._since, self._until = np.zeros(columns), np.zeros(columns)
+        self._zeros, self._zero_s = np.zeros(sensor_count, dtype=int), np.zeros((sensor_count, 2))
+
+    def add(self, block: Block) -> None:
+        """Add the samples of a block."""
+        values = block.readings_T.reshape(len(block.readings_T), -1)
+        self._count += len(values)
+        self._add_zeros(block)
+        goes_on = np.zeros(values.shape[1], dtype=bool) if self._last is None else values[0] == self._last
+        same = values[1:] == values[:-1]
+        repeats = same.sum(axis=0) if same.any() else np.zeros(values.shape[1], dtype=int)
+        self._equal += repeats + goes_on
+        self._open_since = np.where(goes_on, self._open_since, block.time_s[0])
+        self._open = np.where(goes_on, self._open + 1, 1)
+        for column in np.flatnonzero(repeats | goes_on):
+            self._add_column(int(column), values[:, column], same[:, column], block.time_s)
+        moves_on = (repeats | goes_on) == 0
+        self._open[moves_on], self._open_since[moves_on] = 1, block.time_s[-1]
+        self._last = values[-1].copy()
+
+    def _add_zeros(self, block: Block) -> None:
+        for sensor in np.flatnonzero((block.readings_T[:, :, 0] == 0).any(axis=0)):
+            zero = np.flatnonzero(~block.readings_T[:, sensor].any(axis=1))
+            if len(zero):
+                first = self._zero_s[sensor, 0] if self._zeros[sensor] else block.time_s[zero[0]]
+                self._zero_s[sensor] = first, block.time_s[zero[-1]]
+                self._zeros[sensor] += len(zero)
+
+    def _add_column(self, column: int, values: FloatArray, same: np.ndarray, time_s: FloatArray) -> None:
+        starts = np.append(0, np.flatnonzero(~same) + 1)
+        lengths = np.diff(np.append(starts, len(values)))
+        since_s = time_s[starts]
+        lengths[0] += self._open[column] - 1
+        since_s[0] = self._open_since[column]
+        best = int(lengths.argmax())
+        if lengths[best] > self._longest[column]:
+            end = starts[best + 1] - 1 if best + 1 < len(starts) else len(values) - 1
+            self._longest[column], self._value[column] = lengths[best], values[starts[best]]
+            self._since[column], self._until[column] = since_s[best], time_s[end]
+        self._open[column], self._open_since[column] = lengths[-1], since_s[-1]
+
+    def faults(self, source: SampleSource) -> list[Fault]:
+        """Return what is wrong; the recording is read once more where something may be.
+
+        Parameters
+        ----------
+        source : SampleSource
+            What was added.
+        """
+        zeros = self._zero_faults()
+        held = [hold for hold in self._holds() if not (hold.value_T == 0 and self._zeros[hold.columns[0] // 3])]
+        return zeros + (_frozen(_by_sensor(held), source) if held else [])
+
+    def _zero_faults(self) -> list[Fault]:
+        faults = []
+        for sensor in np.flatnonzero(self._zeros):
+            count, time_s = int(self._zeros[sensor]), (float(self._zero_s[sensor, 0]), float(self._zero_s[sensor, 1]))
+            sentence = (
+                f"sensor {sensor + 1} reads exactly zero on all axes in {count} samples {between(time_s)}, which no "
+                "sensor in a field does: its driver had no reading"
+            )
+            effect = "outliers" if count <= LONE_ZEROS * self._count else ""
+            faults.append(Fault("zero", int(sensor) + 1, "", time_s, sentence, effect=effect))
+        return faults
+
+    def _holds(self) -> list[_Hold]:
+        """Return holds that are longer than chance makes them."""
+        others = self._equal - (self._longest - 1)
+        share = (others + 1) / (self._count - self._longest + 2)
+        found = []
+        for column in np.flatnonzero(self._longest >= SHORTEST):
+            if not is_chance(int(self._longest[column]) - 1, float(share[column]), self._count):
+                time_s = float(self._since[column]), float(self._until[column])
+                is_fine = bool(share[column] < FINE or self._longest[column] == self._count)
+                found.append(_Hold((int(column),), time_s, float(self._value[column]), is_fine))
+        return found
+
+
+def _by_sensor(holds: list[_Hold]) -> list[_Hold]:
+    """Return holds with those of all three axes of a sensor at one time as one."""
+    found = []
+    for sensor in sorted({hold.columns[0] // 3 for hold in holds}):
+        own = [hold for hold in holds if hold.columns[0] // 3 == sensor]
+        first, last = max(hold.time_s[0] for hold in own), min(hold.time_s[1] for hold in own)
+        longest = max(hold.time_s[1] - hold.time_s[0] for hold in own)
+        if len(own) == 3 and last - first >= SAME * longest:
+            columns = tuple(hold.columns[0] for hold in own)
+            own = [_Hold(columns, (first, last), own[0].value_T, any(hold.is_fine for hold in own))]
+        found += own
+    return found
+
+
+def _frozen(holds: list[_Hold], source: SampleSource) -> list[Fault]:
+    """Return those holds during which other axes move."""
+    low, high = _ranges(holds, source)
+    whole = high[-1] - low[-1]
+    faults = []
+    for hold, least, most in zip(holds, low, high, strict=False):
+        if not hold.is_of_sensor and (not hold.is_fine or _is_at_end(hold, low[-1], high[-1])):
+            continue  # it may have turned about an axis of coarse steps; and the end of a range is saturation
+        moved = np.divide(most - least, whole, out=np.zeros_like(whole), where=whole > 0)
+        others = np.delete(moved, hold.columns)
+        if hold.is_fine if not len(others) else others.max() > (0 if hold.is_fine else MOVED):
+            faults.append(_fault(hold, "the others move" if len(others) else "its noise would show"))
+    return faults
+
+
+def _is_at_end(hold: _Hold, low: FloatArray, high: FloatArray) -> bool:
+    """Whether an axis holds an end of its range (3K,), and has one."""
+    (column,) = hold.columns
+    return bool(low[column] < high[column] and hold.value_T in (low[column], high[column]))
+
+
+def _fault(hold: _Hold, whose: str) -> Fault:
+    sensor, axis = divmod(hold.columns[0], 3)
+    name = "" if hold.is_of_sensor else "xyz"[axis]
+    what = "the same on all axes" if hold.is_of_sensor else f"the same value, {in_nanotesla(hold.value_T)},"
+    sentence = f"{channel(sensor + 1, name)} reads {what} {between(hold.time_s)}, where {whose}: it is frozen"
+    return Fault("frozen", sensor + 1, name, hold.time_s, sentence)
+
+
+def _ranges(holds: list[_Hold], source: SampleSource) -> tuple[FloatArray, FloatArray]:
+    """Return lowest and highest readings (holds + 1, 3K) of all axes during each hold, and last at all times."""
+    columns = 3 * source.sensor_count
+    low, high = np.full((len(holds) + 1, columns), np.inf), np.full((len(holds) + 1, columns), -np.inf)
+    spans = [hold.time_s for hold in holds] + [source.time_span_s]
+    for block in source.blocks():
+        values = block.readings_T.reshape(len(block.readings_T), -1)
+        for number, (first, last) in enumerate(spans):
+            start, stop = np.searchsorted(block.time_s, first), np.searchsorted(block.time_s, last, side="right")
+            if start < stop:
+                low[number] = np.minimum(low[number], values[start:stop].min(axis=0))
+                high[number] = np.maximum(high[number], values[start:stop].max(axis=0))
+    return low, high

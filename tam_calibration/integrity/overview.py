@@ -1,0 +1,71 @@
+"""Some samples of a recording, from which what does not depend on their order is told."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tam_calibration.model.recording import SKETCH, Recording, SampleSource
+from tam_calibration.model.units import FloatArray
+
+ENOUGH = 2000
+"""Samples at most: a share of one per cent of them is 20 samples, which no chance makes of a sound axis."""
+
+_LONE = 0.01
+"""Share of the samples at either end that may be spikes, and do not count for the spread of an axis."""
+
+
+@dataclass(frozen=True, eq=False)
+class Overview:
+    """Some samples (n, K, 3) of a recording of K sensors, in the order of time."""
+
+    recording: Recording
+    time_s: tuple[float, float]
+
+    @classmethod
+    def of(cls, source: SampleSource) -> "Overview":
+        """Return that of a whole recording, however large."""
+        return cls(source.thinned(SKETCH).thinned(ENOUGH), source.time_span_s)
+
+    @property
+    def sensor_count(self) -> int:
+        """Number of sensors K."""
+        return self.recording.sensor_count
+
+    @cached_property
+    def values_T(self) -> FloatArray:
+        """(3K, n) readings of all axes, in the order of time."""
+        return np.ascontiguousarray(self.recording.readings_T.reshape(self.recording.sample_count, -1).T)
+
+    @cached_property
+    def sorted_T(self) -> FloatArray:
+        """(3K, n) readings of each axis, in increasing order."""
+        return np.sort(self.values_T, axis=1)
+
+    @cached_property
+    def without_spikes_T(self) -> FloatArray:
+        """(3K, n) readings about their mean, those beyond all but one per cent moved to there."""
+        count = self.sorted_T.shape[1]
+        lone = int(_LONE * count)
+        low, high = self.sorted_T[:, lone : lone + 1], self.sorted_T[:, count - 1 - lone : count - lone]
+        clipped = np.clip(self.values_T, low, high)
+        return clipped - clipped.mean(axis=1, keepdims=True)
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(K, K, 3, 3) covariances of the sensors, without spikes, T²."""
+        values, count = self.without_spikes_T, self.sensor_count
+        covariance: FloatArray = (values @ values.T / values.shape[1]).reshape(count, 3, count, 3).swapaxes(1, 2)
+        return covariance
+
+    @cached_property
+    def spread_T(self) -> FloatArray:
+        """(K, 3) standard deviations of the axes, without spikes."""
+        own = self.covariance[range(self.sensor_count), range(self.sensor_count)]
+        return np.sqrt(np.diagonal(own, axis1=1, axis2=2))
+
+    @cached_property
+    def principal_T(self) -> FloatArray:
+        """(K, 3) standard deviations of each sensor's readings along their principal directions, increasing."""
+        own = self.covariance[range(self.sensor_count), range(self.sensor_count)]
+        return np.sqrt(np.maximum(np.linalg.eigvalsh(own), 0))

@@ -1,0 +1,108 @@
+"""Axes, sensors or a scalar in another unit than the others, told by how far the readings spread."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tam_calibration.integrity.fault import Fault, between, channel, in_nanotesla
+from tam_calibration.integrity.overview import Overview
+from tam_calibration.model.array import Array
+from tam_calibration.model.geomagnetic_field import FieldBounds
+from tam_calibration.model.units import FloatArray
+
+APART = 4.5
+"""Times another spread that is another unit: between the 2 that scale factors make at most and the 10 of units."""
+
+TURNED = 0.02
+"""Of the field, that readings vary along any direction at least, before axes are compared: one degree of turning."""
+
+ALONE_APART = 300.0
+"""Times the spread of an axis that those beside it have, where no other sensor tells how the array was turned: within
+a fifth of a degree no turntable stands."""
+
+ALL_ROUND = 0.25
+"""Least over largest variance of readings whose spread is that of the whole field: those of half a sphere."""
+
+
+def in_other_units(overview: Overview, array: Array) -> Iterator[Fault]:
+    """Yield what is in another unit than the rest; nothing where all is.
+
+    Parameters
+    ----------
+    overview : Overview
+        Of K sensors.
+    array : Array
+        What the intensity of the field can be.
+    """
+    field, scalar_T = array.field, _scalar(overview)
+    spread, size = overview.spread_T, np.sqrt(np.sum(overview.spread_T**2, axis=1))
+    wrong = _of_sensors(overview, field if scalar_T is None or not field.hold(scalar_T) else scalar_T)
+    sound = np.flatnonzero(~wrong.all(axis=1) & (wrong == 0).all(axis=1))
+    usual = float(np.median(size[sound])) if len(sound) else np.nan
+    if wrong.all():
+        if scalar_T is not None and field.hold(scalar_T):
+            yield _fault(overview, None, "", float(np.median(size)), scalar_T)
+        return
+    for sensor, each in enumerate(wrong):
+        if each.all():
+            yield _fault(overview, sensor, "", float(size[sensor]), usual)
+            continue
+        for axis in np.flatnonzero(each):
+            others = np.delete(spread[sensor], axis).max() if overview.sensor_count == 1 else usual / np.sqrt(3)
+            yield _fault(overview, sensor, "xyz"[axis], float(spread[sensor, axis]), float(others))
+    if scalar_T is not None and not field.hold(scalar_T) and len(sound) and _is_of(usual, field):
+        yield Fault(
+            "unit",
+            None,
+            "",
+            overview.time_s,
+            f"the scalar reads {in_nanotesla(scalar_T)} {between(overview.time_s)}, where the sensors vary by "
+            f"{in_nanotesla(usual)}: it is in another unit",
+        )
+
+
+def _scalar(overview: Overview) -> float | None:
+    scalar = overview.recording.scalar_T
+    return None if scalar is None else float(np.nanmedian(scalar))
+
+
+def _is_of(size_T: float, field: FieldBounds) -> bool:
+    """Whether readings that spread so far may be those of a field within bounds."""
+    return field.low_T * TURNED < size_T < field.high_T * 2
+
+
+def _of_sensors(overview: Overview, reference: FieldBounds | float) -> FloatArray:
+    """Return (K, 3) whether each axis is too small (-1), too large (1) or neither (0) for the other sensors."""
+    low_T, high_T = (reference, reference) if isinstance(reference, float) else (reference.low_T, reference.high_T)
+    spread, principal = overview.spread_T, overview.principal_T
+    wrong = np.zeros_like(spread)
+    for sensor, own in enumerate(spread):
+        least, most = np.delete(principal[:, 0], sensor), np.delete(principal[:, 2], sensor)
+        is_turned = (least > TURNED * np.delete(principal[:, 2], sensor)) & (least > TURNED * low_T)
+        small = (own[:, None] * APART < least) & is_turned
+        large = own[:, None] > APART * most
+        wrong[sensor] -= 2 * small.sum(axis=1) > len(least)
+        wrong[sensor] += 2 * large.sum(axis=1) > len(least)
+    whole = np.sqrt(np.sum(spread**2, axis=1))
+    # No field spreads further than it is strong, whatever it is added to.
+    too_large = spread > APART * high_T
+    if overview.sensor_count == 2 and (np.abs(wrong.sum(axis=1)) == 3).all():
+        right = 0 if (not too_large[0].any() and whole[0] > whole[1]) or too_large[1].any() else 1
+        wrong[right] = 0
+    wrong[too_large] = 1
+    if overview.sensor_count == 1:
+        wrong[0][spread[0] * ALONE_APART < np.median(spread[0])] = -1
+    is_round = principal[:, 0] ** 2 > ALL_ROUND * principal[:, 2] ** 2
+    wrong[is_round & (whole * APART < low_T) & (wrong == 0).all(axis=1)] = -1
+    return wrong
+
+
+def _fault(overview: Overview, sensor: int | None, axis: str, own_T: float, usual_T: float) -> Fault:
+    ratio = np.log10(own_T / usual_T) if own_T > 0 else -np.inf
+    times = f"about {10 ** abs(round(ratio)):.0f} times too {'much' if ratio > 0 else 'little'}"
+    subject = "every sensor" if sensor is None else channel(sensor + 1, axis)
+    sentence = (
+        f"{subject} varies by {in_nanotesla(own_T)} {between(overview.time_s)}, {times}: it is in another unit than "
+        f"{'the scalar' if sensor is None else 'the rest'}"
+    )
+    return Fault("unit", None if sensor is None else sensor + 1, axis, overview.time_s, sentence)

@@ -1,0 +1,79 @@
+"""What no measurement of an array goes beyond: a larger number is of another unit, or damage, and may overflow."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray
+
+LARGEST = {
+    "time": 9.2e9,
+    "readings": 1e9,
+    "scalar": 1e9,
+    "temperature": 1e4,
+    "current": 1e6,
+    "attitude": 10.0,
+}
+"""Size of a value of each channel, SI. Nanoseconds in 64 bits end at 9.2e9 s, in the year 2262. A field in picotesla
+that is taken for tesla is 5e7, and told as such by the check of units. No sensor is as hot as 10 000 °C, and no current
+near it a million amperes. A quaternion has length 1, and drivers that do not divide by it are near that."""
+
+LEAST_SPREAD_T = 1e-15
+"""Of the readings of an axis that is turned in a field: the noise of the best SQUIDs alone is more."""
+
+SHORTEST_ATTITUDE = 1e-3
+"""Of at least one of the four numbers of a quaternion: of smaller ones the direction is rounding."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Between what sizes a quantity lies.
+
+    Parameters
+    ----------
+    least, most : float
+        Sizes, whatever the sign.
+    unit : str
+        Their unit, SI.
+    """
+
+    least: float
+    most: float
+    unit: str
+
+    def require(self, name: str, values: float | FloatArray) -> None:
+        """Check values.
+
+        Parameters
+        ----------
+        name : str
+            Of one of them, for the sentence.
+        values : float or array
+            NaN lies nowhere.
+
+        Raises
+        ------
+        InputError
+            When one lies beyond.
+        """
+        sizes = np.abs(np.ravel(values))
+        beyond = sizes[~((sizes >= self.least) & (sizes <= self.most))]
+        if len(beyond):
+            raise InputError(
+                f"{name} is {beyond[0]:g} {self.unit}, and lies within {self.least:g} to {self.most:g} {self.unit}: "
+                "check the unit"
+            )
+
+
+LENGTH = Limits(0.0, 1e3, "m")
+"""From the centre of an array to a sensor: vehicles carry arrays, and millimetres taken for metres make more."""
+
+BASELINE = Limits(1e-4, 1e3, "m")
+"""Between opposite sensors: those on one chip are a millimetre apart."""
+
+NOISE = Limits(1e-25, 1e-3, "T")
+"""Standard deviation of a reading: rounding to 64 bits makes 1e-21 T of the Earth's field; 1 mT is twenty times it."""
+
+DELAY = Limits(0.0, 60.0, "s")
+"""Of a stamp: topics are joined within such a time."""

@@ -1,0 +1,1 @@
+"""The battery of bad inputs: see ``python -m battery --help``."""

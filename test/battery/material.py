@@ -1,0 +1,98 @@
+"""The good inputs, made by the commands themselves in one folder, which each case gets a copy of."""
+
+import shutil
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import yaml
+import zstandard
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.cli.main import main
+from tam_calibration.files import read_array, read_calibration, write_recording
+from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.model.recording import Recording
+from tam_calibration.sources.dipole import Dipole
+
+_SAMPLES = 400
+
+
+def _tam(*line: str) -> None:
+    said = StringIO()
+    with redirect_stdout(said), redirect_stderr(said):
+        code = main.main(list(line), prog_name="tam", standalone_mode=False)
+    if code:
+        raise RuntimeError(f"tam {' '.join(line)}: {said.getvalue()}")
+
+
+def make(folder: Path) -> None:
+    """Make what the lines of `recipes` read.
+
+    Parameters
+    ----------
+    folder : Path
+        That is there and empty.
+    """
+    scenario = yaml.safe_load((configuration_folder() / "scenarios" / "warming_up.yaml").read_text())
+    del scenario["effects"]
+    (folder / "scenario.yaml").write_text(yaml.safe_dump(scenario | {"samples": _SAMPLES}, sort_keys=False))
+    for name, storage in (("run.csv", "mcap"), ("run.mcap", "mcap"), ("run_mcap", "mcap"), ("run_sqlite3", "sqlite3")):
+        _tam("simulate", str(folder / "scenario.yaml"), "-o", str(folder / name), "--storage", storage)
+    (folder / "run.array.yaml").rename(folder / "array.yaml")
+    for path in (*folder.glob("run*.array.yaml"), *folder.glob("run*.truth.yaml")):
+        path.unlink()
+    _tam(
+        *("calibrate", str(folder / "run.csv"), "--array", str(folder / "array.yaml")),
+        *("-o", str(folder / "calibration.yaml")),
+    )
+    _pack(folder / "run_sqlite3", folder / "run_zstd")
+    _write_pass(folder)
+    shutil.copy(configuration_folder() / "tam.yaml", folder / "parameters.yaml")
+    missions = folder / "missions" / "auv"
+    missions.mkdir(parents=True)
+    shutil.copy(folder / "run.csv", missions)
+    (missions / "damaged.mcap").write_bytes((folder / "run.mcap").read_bytes()[:999])
+    shutil.copy(folder / "run.mcap", folder / "cut.mcap")
+    _make_blind(folder)
+
+
+def _pack(bag: Path, packed: Path) -> None:
+    """Write a bag anew, its file compressed."""
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+
+    writer = Writer(packed, version=8, storage_plugin=StoragePlugin.SQLITE3)
+    writer.set_compression(CompressionMode.FILE, CompressionFormat.ZSTD)
+    with Reader(bag) as reader, writer:
+        connections = {}
+        for each in reader.connections:
+            connections[each.id] = writer.add_connection(
+                each.topic, each.msgtype, msgdef=each.msgdef.data, rihs01=each.digest
+            )
+        for connection, time_ns, message in reader.messages():
+            writer.write(connections[connection.id], time_ns, message)
+    [path] = packed.glob("*.zstd")  # anew, with a checksum, without which nobody could tell what was damaged
+    content = zstandard.ZstdDecompressor().decompress(path.read_bytes(), max_output_size=1 << 26)
+    path.write_bytes(zstandard.ZstdCompressor(write_checksum=True).compress(content))
+
+
+def _write_pass(folder: Path) -> None:
+    """Write the recording of a platform that passes a dipole."""
+    time = np.arange(_SAMPLES) / 20
+    turns = Rotation.from_euler("zyx", np.stack([0.6 * np.sin(time / 3), 0.1 * np.sin(time), 0.2 * np.cos(time)], 1))
+    array, matrix = read_array(folder / "array.yaml"), turns.as_matrix()
+    places = np.outer(time, [1.5, 0, 0])[:, None] + np.einsum("nij,kj->nki", matrix, array.positions_m)
+    world = np.array([1e-6, 21e-6, -43e-6]) + Dipole(np.array([15.0, 2.5, -2.3]), np.array([40.0, -60, 150])).field_T(
+        places
+    )
+    fields = np.einsum("nji,nkj->nki", matrix, world) + 1e-9 * np.random.default_rng(30).normal(size=(_SAMPLES, 4, 3))
+    readings = read_calibration(folder / "calibration.yaml").errors.distort(fields)
+    write_recording(folder / "pass.csv", Recording(1.7e9 + time, readings, attitude=turns.as_quat()))
+
+
+def _make_blind(folder: Path) -> None:
+    """Make one case of the check on withheld effects, answered."""
+    _tam("blind", "make", str(folder / "cases"), "--cases", "1", "--seed", "5", "--kinds", "single", "--jobs", "1")
+    [case] = (path for path in (folder / "cases").iterdir() if path.is_dir())
+    (case / "answer.json").write_text('{"verdict": "error", "why": "not tried"}')

@@ -1,0 +1,141 @@
+"""The command lines that the battery spoils: of each what it reads and what it writes, in the folder of `material`."""
+
+from dataclasses import dataclass
+
+from tam_calibration.cli.main import SUBCOMMANDS
+
+_ARRAY = ("--array", "array.yaml")
+_CALIBRATION = ("--calibration", "calibration.yaml")
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A command line that works.
+
+    Parameters
+    ----------
+    name : str
+        Tells lines of one command apart.
+    line : tuple of str
+        The words after ``tam``.
+    reads : tuple of str
+        Those of its words that name what is read.
+    writes : tuple of str
+        What is there when it has ended well.
+    tells_after_writing : bool
+        Whether it may print, or write outputs that hold, before it ends with a sentence and exit 1.
+    ends : bool
+        Whether it ends by itself; another is ended after some seconds, and that it runs until then is no fault.
+    """
+
+    name: str
+    line: tuple[str, ...]
+    reads: tuple[str, ...] = ()
+    writes: tuple[str, ...] = ()
+    tells_after_writing: bool = False
+    ends: bool = True
+
+    @property
+    def command(self) -> str:
+        """The first word, by which results are summed up."""
+        return self.line[0]
+
+
+BAGS = ("run.mcap", "run_sqlite3", "run_mcap", "run_zstd")
+
+
+def _calibrate(recording: str) -> Recipe:
+    line = ("calibrate", recording, *_ARRAY, "-o", "new.yaml", "--json", "new.json")
+    return Recipe(f"calibrate {recording}", line, (recording, "array.yaml"), ("new.yaml", "new.json"))
+
+
+def _correct(recording: str, output: str = "new.csv") -> Recipe:
+    line = ("correct", recording, *_CALIBRATION, "-o", output)
+    return Recipe(f"correct {recording} {output}", line, (recording, "calibration.yaml"), (output,))
+
+
+_INJECT = ("blind", "inject", "run.csv", *_ARRAY, "--effect", "bias_jump", "-o", "new.csv")
+
+_RECIPES = (
+    Recipe(
+        "simulate",
+        ("simulate", "scenario.yaml", "-o", "new.csv"),
+        ("scenario.yaml",),
+        ("new.csv", "new.array.yaml", "new.truth.yaml"),
+    ),
+    Recipe(
+        "simulate a bag",
+        ("simulate", "scenario.yaml", "-o", "new.mcap", "--seed", "3"),
+        ("scenario.yaml",),
+        ("new.mcap", "new.array.yaml", "new.truth.yaml"),
+    ),
+    Recipe(
+        "simulate a twin",
+        ("simulate", "--from-calibration", "calibration.yaml", "--recording", "run.csv", "-o", "new.csv"),
+        ("calibration.yaml", "run.csv"),
+        ("new.csv", "new.array.yaml"),
+    ),
+    _calibrate("run.csv"),
+    *(_calibrate(bag) for bag in BAGS),
+    Recipe(
+        "calibrate with a page",
+        ("calibrate", "run.csv", *_ARRAY, "-o", "new.yaml", "--report", "new.html"),
+        ("run.csv", "array.yaml"),
+        ("new.yaml", "new.html"),
+    ),
+    Recipe(
+        "diagnose",
+        ("diagnose", "run.csv", *_ARRAY, "--json", "new.json"),
+        ("run.csv", "array.yaml"),
+        ("new.json",),
+    ),
+    Recipe(
+        "diagnose a bag",
+        ("diagnose", "run.mcap", *_ARRAY, *_CALIBRATION, "--json", "new.json"),
+        ("run.mcap", "array.yaml", "calibration.yaml"),
+        ("new.json",),
+    ),
+    Recipe(
+        "plan",
+        ("plan", *_ARRAY, "--turntable", "60", "--inclination-deg", "60", "--intensity-nT", "50000", "--poses", "9"),
+        ("array.yaml",),
+    ),
+    Recipe(
+        "plan after a recording",
+        ("plan", "run.csv", *_ARRAY, "--turntable", "90", "--inclination-deg", "60", "--poses", "2", "--json"),
+        ("run.csv", "array.yaml"),
+    ),
+    _correct("run.csv"),
+    *(_correct(bag) for bag in BAGS),
+    _correct("run.mcap", "new.mcap"),
+    _correct("run_sqlite3", "new"),
+    Recipe(
+        "locate",
+        ("locate", "pass.csv", *_CALIBRATION, "--velocity", "1.5,0,0", "--json", "--report", "new.html"),
+        ("pass.csv", "calibration.yaml"),
+        ("new.html",),
+    ),
+    Recipe("batch", ("batch", "missions/*/*", *_ARRAY, "--out", "new", "--jobs", "1"), ("array.yaml",), ("new",)),
+    Recipe("nodes", ("nodes", *_ARRAY, *_CALIBRATION), ("array.yaml", "calibration.yaml"), (), True, False),
+    Recipe(
+        "nodes with parameters", ("nodes", "--params-file", "parameters.yaml"), ("parameters.yaml",), (), True, False
+    ),
+    Recipe("play", ("play", "run.mcap", "--rate", "1000"), ("run.mcap",)),
+    Recipe("play sqlite3", ("play", "run_sqlite3", "--rate", "1000"), ("run_sqlite3",)),
+    Recipe("call", ("call", "calibrator/calibrate")),
+    Recipe("demo", ("demo", "--output-dir", "new"), (), ("new",)),
+    Recipe("blind inject", _INJECT, ("run.csv", "array.yaml"), ("new.csv", "new.key.json")),
+    Recipe("blind make", ("blind", "make", "new", "--cases", "2", "--seed", "7", "--jobs", "1"), (), ("new",)),
+    Recipe("blind score", ("blind", "score", "cases", "--json", "new.json"), ("cases",), ("new.json",)),
+    Recipe(
+        "reproduce",
+        ("reproduce", "chi2017", "--output-dir", "."),
+        (),
+        ("reproduce_chi2017.csv",),
+        tells_after_writing=True,
+    ),
+    Recipe("recover", ("recover", "cut.mcap", "-o", "new.mcap"), ("cut.mcap",), ("new.mcap",)),
+)
+
+RECIPES = {recipe.name: recipe for recipe in _RECIPES if recipe.command in SUBCOMMANDS}
+"""By their names, of the commands that there are."""
