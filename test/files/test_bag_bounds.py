@@ -3,16 +3,19 @@
 import struct
 import tracemalloc
 
+import numpy as np
 import pytest
 from bag_recorder import STORE, TEXT, message
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from zstandard import ZstdCompressor
 
-from tam_calibration.files import bag_folder
+from tam_calibration.files import read_recording, write_recording
 from tam_calibration.files.bag import open_bag, raw_messages
 from tam_calibration.files.bag_bounds import check_expansion, check_piece, unpack
 from tam_calibration.files.bag_digests import write_digests
+from tam_calibration.files.bag_recovery import recover
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
 
 ZEROS = 200 << 20
 """Bytes of which a bomb is made: what is unpacked of them is measured."""
@@ -136,22 +139,33 @@ def test_a_chunk_gives_what_it_claims_or_nothing(compression):
 
 
 @pytest.mark.parametrize("name", ["metadata.yaml", "bag.mcap"])
-def test_what_is_no_file_is_refused(tmp_path, name):
+@pytest.mark.parametrize("function", [open_bag, lambda path: recover(path, path.with_name("new"))])
+def test_what_is_no_file_is_refused(tmp_path, name, function):
     """A device in the place of a file of a bag is never read."""
     write(tmp_path / "bag", CompressionMode.NONE)
     (tmp_path / "bag" / name).unlink()
     (tmp_path / "bag" / name).symlink_to("/dev/zero")
-    refuse(tmp_path / "bag", name)
+    with pytest.raises(InputError, match=f"{name} is no regular file"), function(tmp_path / "bag"):
+        pass
 
 
-def test_metadata_are_bounded(tmp_path):
-    """To 16 MiB."""
-    write(tmp_path / "bag", CompressionMode.NONE)
+def test_metadata_that_count_too_much_take_no_memory(tmp_path):
+    """Numbers of messages are what the files hold, whatever the metadata tell."""
+    write_recording(tmp_path / "bag", Recording(np.arange(20.0), np.ones((20, 1, 3)) * 5e-5))
+    (tmp_path / "bag" / "digests.json").unlink()
     metadata = tmp_path / "bag" / "metadata.yaml"
-    with metadata.open("ab") as file:
-        file.truncate((1 << 24) + 1)
-    refuse(tmp_path / "bag", f"no metadata of a bag: not a file of less than {1 << 24} bytes")
-    assert bag_folder._LARGEST_METADATA == 1 << 24
+    metadata.write_text(metadata.read_text().replace("message_count: 20", f"message_count: {10**15}"))
+    assert read_recording(tmp_path / "bag").sample_count == 20
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "a: &a [1, 1]\nb: [" + "*a, " * 1000 + "]", "no: [metadata", ""])
+def test_hostile_metadata_are_left_out(tmp_path, caplog, text):
+    """The messages are in the files."""
+    write(tmp_path / "bag", CompressionMode.NONE)
+    (tmp_path / "bag" / "metadata.yaml").write_text(text)
+    with open_bag(tmp_path / "bag") as reader:
+        assert reader.message_count == 20
+    assert "20 whole messages are recovered" in caplog.text
 
 
 def test_digests_are_bounded(tmp_path):
