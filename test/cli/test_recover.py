@@ -103,6 +103,17 @@ def test_commands_go_on_with_what_is_whole(folder, caplog, gap, monkeypatch, nam
     assert 400 < samples == read_recording("out").sample_count < 600
 
 
+def test_a_refusal_tells_in_one_sentence_that_the_recording_is_unfinished(folder):
+    """As it may be the reason; a command that succeeds says it once on stderr."""
+    file = Path("run.mcap")
+    file.write_bytes(file.read_bytes()[:9000])
+    refused = run("calibrate", "run.mcap", "--array", "array.yaml", "-o", "new.yaml", code=1)
+    assert refused.stderr.count("\n") == 1 and refused.stderr.startswith("tam: ")
+    assert "(run.mcap: the recording was left unfinished: " in refused.stderr
+    told = run("correct", "run.mcap", "--calibration", "c.yaml", "-o", "out").stderr
+    assert told.startswith("run.mcap: the recording was left unfinished: ") and told.count("unfinished") == 1
+
+
 @pytest.mark.parametrize("name", ["run.mcap", "run"])
 def test_a_batch_goes_on_too(folder, gap, monkeypatch, name):
     """The recording is calibrated, with the warning, and corrected."""
