@@ -133,9 +133,7 @@ def _kept(model: Model, array: Array, warnings: tuple[str, ...]) -> Calibration:
         before=measure_residuals(none, array, recording, calibration.intensity_T),
         samples=recording.sample_count,
         time_span_s=(float(recording.time_s[0]), float(recording.time_s[-1])),
-        warnings=tuple(
-            dict.fromkeys((*calibration.warnings, *warnings, *_not_corrected((*joint.effects, *findings))))
-        ),
+        warnings=tuple(dict.fromkeys((*calibration.warnings, *warnings, *_not_corrected((*joint.effects, *findings))))),
         effects=(*joint.effects, *findings),
         effect_sizes=(*joint.sizes(calibration), *(EffectSize(np.zeros(9), np.zeros(9)) for _ in findings)),
     )

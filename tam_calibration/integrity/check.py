@@ -52,11 +52,7 @@ def faults_of(source: SampleSource, array: Array) -> list[Fault]:
 def _new(known: list[Fault], found: Iterable[Fault]) -> list[Fault]:
     """Return the faults of axes and sensors that have no other yet."""
     taken = {(fault.sensor, fault.axis) for fault in known if fault.severity == "refusal"}
-    return [
-        fault
-        for fault in found
-        if (fault.sensor, "") not in taken and (fault.sensor, fault.axis) not in taken
-    ]
+    return [fault for fault in found if (fault.sensor, "") not in taken and (fault.sensor, fault.axis) not in taken]
 
 
 def require_sound(

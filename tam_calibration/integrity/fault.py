@@ -98,5 +98,5 @@ def refuse(faults: Iterable[Fault]) -> None:
         return
     more = f"; and {len(told) - MOST_TOLD} more such findings" if len(told) > MOST_TOLD else ""
     sentences = "; ".join(fault.sentence for fault in told[:MOST_TOLD])
-    names = " and ".join(dict.fromkeys(fault.name for fault in told))
-    raise Refused(f"{sentences}{more}; who knows better accepts {names} by name")
+    names = ", ".join(dict.fromkeys(fault.name for fault in told))
+    raise Refused(f"{sentences}{more}; mend that, or accept it by name: {names}")

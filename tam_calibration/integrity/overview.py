@@ -11,6 +11,9 @@ from tam_calibration.model.units import FloatArray
 ENOUGH = 2000
 """Samples at most: a share of one per cent of them is 20 samples, which no chance makes of a sound axis."""
 
+SHARED = 0.9
+"""Least canonical correlation of sensors that both show the motion in all directions, and not their noise."""
+
 _LONE = 0.01
 """Share of the samples at either end that may be spikes, and do not count for the spread of an axis."""
 
@@ -57,6 +60,17 @@ class Overview:
         values, count = self.without_spikes_T, self.sensor_count
         covariance: FloatArray = (values @ values.T / values.shape[1]).reshape(count, 3, count, 3).swapaxes(1, 2)
         return covariance
+
+    def shared_motion(self, one: int, other: int) -> float:
+        """Return the smallest canonical correlation of two sensors: 1 where the same motion is all that both read."""
+        roots = []
+        for sensor in (one, other):
+            values, vectors = np.linalg.eigh(self.covariance[sensor, sensor])
+            if not values[0] > 0:
+                return 0.0
+            roots.append(vectors / np.sqrt(values))
+        shared = roots[0].T @ self.covariance[one, other] @ roots[1]
+        return float(np.linalg.svd(shared, compute_uv=False)[-1])
 
     @cached_property
     def spread_T(self) -> FloatArray:
