@@ -104,7 +104,7 @@ class Copies:
 
 def _lags(numbers: FloatArray) -> list[tuple[int, int, int]]:
     """Return copy, original and how many samples later, where several probes (K, n) are met again."""
-    sensors, count = numbers.shape
+    count = numbers.shape[1]
     if count < 2 * PROBES:
         return []
     place = np.linspace(0, count - 1, PROBES + 2).astype(int)[1:-1]

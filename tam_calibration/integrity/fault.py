@@ -72,6 +72,11 @@ def in_nanotesla(tesla: float) -> str:
     return f"{to_nanotesla(tesla):.6g} nT"
 
 
+def names_in(text: str) -> list[str]:
+    """Return the names in a text that separates them by commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
 def require_names(accept: Collection[str]) -> None:
     """Check that all names are those of faults.
 

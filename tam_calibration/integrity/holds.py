@@ -10,7 +10,7 @@ from tam_calibration.model.recording import Block, SampleSource
 from tam_calibration.model.units import FloatArray
 
 SHORTEST = 10
-"""Samples of a hold: readings up to eight samples late are stale samples, an effect that is fitted beside the errors."""
+"""Samples of a hold: readings up to eight samples late are stale samples, an effect that is fitted beside errors."""
 
 FINE = 0.1
 """Share of samples that repeat the one before below which an axis shows its noise, so that none can stand still."""
@@ -104,7 +104,7 @@ class Holds:
             What was added.
         """
         zeros = self._zero_faults()
-        held = [hold for hold in self._holds() if not (hold.value_T == 0 and self._zeros[hold.columns[0] // 3])]
+        held = [hold for hold in self._holds() if hold.value_T != 0 or not self._zeros[hold.columns[0] // 3]]
         return zeros + (_frozen(_by_sensor(held), source) if held else [])
 
     def _zero_faults(self) -> list[Fault]:
@@ -112,8 +112,8 @@ class Holds:
         for sensor in np.flatnonzero(self._zeros):
             count, time_s = int(self._zeros[sensor]), (float(self._zero_s[sensor, 0]), float(self._zero_s[sensor, 1]))
             sentence = (
-                f"sensor {sensor + 1} reads exactly zero on all axes in {count} sample{'s' * (count > 1)} {between(time_s)}, which no "
-                "sensor in a field does: its driver had no reading"
+                f"sensor {sensor + 1} reads exactly zero on all axes in {count} sample{'s' * (count > 1)} "
+                f"{between(time_s)}, which no sensor in a field does: its driver had no reading"
             )
             effect = "outliers" if count < self._count else ""
             faults.append(Fault("zero", int(sensor) + 1, "", time_s, sentence, effect=effect))
@@ -206,9 +206,8 @@ class _Around:
         """Return it of a recording, which is read once."""
         spans = [*spans, source.time_span_s]
         shape = len(spans), 3 * source.sensor_count
-        found = cls(
-            np.full(shape, np.inf), np.full(shape, -np.inf), *np.full((2, *shape), np.nan), np.full(shape[1], np.inf)
-        )
+        low_T, before_T, after_T = np.full(shape, np.inf), np.full(shape, np.nan), np.full(shape, np.nan)
+        found = cls(low_T, -low_T, before_T, after_T, np.full(shape[1], np.inf))
         last: FloatArray | None = None
         for block in source.blocks():
             values = block.readings_T.reshape(len(block.readings_T), -1)

@@ -38,12 +38,14 @@ class Overview:
     @cached_property
     def values_T(self) -> FloatArray:
         """(3K, n) readings of all axes, in the order of time."""
-        return np.ascontiguousarray(self.recording.readings_T.reshape(self.recording.sample_count, -1).T)
+        values: FloatArray = np.ascontiguousarray(self.recording.readings_T.reshape(self.recording.sample_count, -1).T)
+        return values
 
     @cached_property
     def sorted_T(self) -> FloatArray:
         """(3K, n) readings of each axis, in increasing order."""
-        return np.sort(self.values_T, axis=1)
+        ordered: FloatArray = np.sort(self.values_T, axis=1)
+        return ordered
 
     @cached_property
     def without_spikes_T(self) -> FloatArray:
@@ -52,7 +54,8 @@ class Overview:
         lone = int(_LONE * count)
         low, high = self.sorted_T[:, lone : lone + 1], self.sorted_T[:, count - 1 - lone : count - lone]
         clipped = np.clip(self.values_T, low, high)
-        return clipped - clipped.mean(axis=1, keepdims=True)
+        centered: FloatArray = clipped - clipped.mean(axis=1, keepdims=True)
+        return centered
 
     @cached_property
     def covariance(self) -> FloatArray:
@@ -76,10 +79,12 @@ class Overview:
     def spread_T(self) -> FloatArray:
         """(K, 3) standard deviations of the axes, without spikes."""
         own = self.covariance[range(self.sensor_count), range(self.sensor_count)]
-        return np.sqrt(np.diagonal(own, axis1=1, axis2=2))
+        spread: FloatArray = np.sqrt(np.diagonal(own, axis1=1, axis2=2))
+        return spread
 
     @cached_property
     def principal_T(self) -> FloatArray:
         """(K, 3) standard deviations of each sensor's readings along their principal directions, increasing."""
         own = self.covariance[range(self.sensor_count), range(self.sensor_count)]
-        return np.sqrt(np.maximum(np.linalg.eigvalsh(own), 0))
+        principal: FloatArray = np.sqrt(np.maximum(np.linalg.eigvalsh(own), 0))
+        return principal

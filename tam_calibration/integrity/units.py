@@ -99,7 +99,7 @@ def _of_sensors(overview: Overview, reference: FieldBounds | float) -> FloatArra
     # No field spreads further than it is strong, whatever it is added to.
     too_large = spread > APART * high_T
     if overview.sensor_count == 2 and (np.abs(wrong.sum(axis=1)) == 3).all():
-        right = 0 if not too_large[0].any() and whole[0] > whole[1] or too_large[1].any() else 1
+        right = 0 if (not too_large[0].any() and whole[0] > whole[1]) or too_large[1].any() else 1
         wrong[right] = 0
     wrong[too_large] = 1
     if overview.sensor_count == 1:

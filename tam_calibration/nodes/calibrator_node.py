@@ -17,6 +17,7 @@ from tam_calibration.files.text_files import check_writable
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.result import Gap
+from tam_calibration.integrity.fault import names_in, require_names
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.extras import require
@@ -76,7 +77,8 @@ class Calibrator(TamNode):
         self.serve("save", partial(self._logged, self._save))
         self._collector = self.create_client(Trigger, "collector/usage")
         self.create_steady_timer(SAVE_S, self._kept.save)
-        self.on_change(dict.fromkeys(("calibration_file", "gap_file", "gap_report_file"), check_writable))
+        files = dict.fromkeys(("calibration_file", "gap_file", "gap_report_file"), check_writable)
+        self.on_change({**files, "accept": lambda text: require_names(names_in(text))})
         told = introduce(self._calibration, self.value("calibration_file"), self.now_s)
         self.say_start(told, self._kept.remark, "waits for samples")
 
@@ -156,7 +158,7 @@ class Calibrator(TamNode):
         warnings = usage.warnings() if usage else ()
         samples = self._store.recording()
         fitted = usage.with_each_reading_once(samples) if usage else samples
-        calibration = calibrate(fitted, self._array, self.value("method"), accept=self._accepted())
+        calibration = calibrate(fitted, self._array, self.value("method"), accept=names_in(self.value("accept")))
         if usage:
             warnings += usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
         calibration = replace(calibration, warnings=(*warnings, *calibration.warnings))
@@ -171,13 +173,10 @@ class Calibrator(TamNode):
         remarks = usage.remarks() if usage else ()
         samples = self._store.recording()
         seen = usage.with_each_reading_once(samples).whole() if usage else samples
-        gap = diagnose(seen, self._array, progress=self._go_on, accept=self._accepted())
+        gap = diagnose(seen, self._array, progress=self._go_on, accept=names_in(self.value("accept")))
         self._gap = replace(gap, remarks=(*remarks, *gap.remarks))
         written = self._write(self._gap)
         return " ".join([gap.headline, *(remarks or [f"{_in_words(usage)}."])]) + written
-
-    def _accepted(self) -> list[str]:
-        return [name.strip() for name in self.value("accept").split(",") if name.strip()]
 
     def _usage(self) -> Usage | None:
         """Ask the collector how many of sensor 1's samples it used; None where none answers."""

@@ -188,5 +188,5 @@ def test_a_left_handed_sensor_is_refused(run):
     """An axis of the wrong sign is named with its sensor and whom it contradicts, as a calibration names it."""
     made = run(400)
     sign = np.where(np.arange(12).reshape(4, 3) == 4, -1, 1)
-    with pytest.raises(Refused, match="sensor 2 is left-handed .* against sensor 1 and .* axis y is reversed"):
+    with pytest.raises(Refused, match=r"sensor 2 is left-handed .* against sensor 1 and .* axis y is reversed"):
         diagnose(replace(made.recording, readings_T=made.recording.readings_T * sign), made.array)

@@ -64,7 +64,7 @@ def test_steps_are_no_stuck_bits(run):
 
 def test_constants(run):
     """A mean of phases of 2 / pi lies above the threshold, one of none below, and half a period is empty."""
-    assert stuck_bits.COHERENT < 2 / np.pi
+    assert 2 / np.pi > stuck_bits.COHERENT
     assert stuck_bits.EMPTY[0] < 0.5 < 0.75 < stuck_bits.EMPTY[1]
     values = np.sort(np.random.default_rng(1).uniform(0, 1, 2000))
     assert stuck_bits._bands(values) is None
