@@ -16,8 +16,8 @@ from pathlib import Path
 
 from battery.surroundings import NOBODY, PLAIN, Ended, Surroundings
 
-LIMIT_S = 30.0
-"""After which a command hangs: the good ones take a tenth of it on a busy machine."""
+LIMIT_S = 60.0
+"""After which a command hangs: the good ones take a twentieth of it."""
 MEMORY_BYTES = 3 << 29
 """1.5 GiB, more than which no command may take for inputs of some hundred kilobytes."""
 _ADDRESSES_BYTES = 4 << 30
