@@ -255,6 +255,8 @@ def _redirect(number: int, target: str, flags: int) -> None:
 def _run_here(line: list[str]) -> int:
     """Do what ``python -m tam_calibration`` does, to the end of the interpreter, and return its exit code."""
     sys.argv = ["tam", *line]
+    sys.stdin, sys.stdout = os.fdopen(0, closefd=False), os.fdopen(1, "w", closefd=False)
+    sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace", closefd=False)
     code: object = 0
     try:
         runpy.run_module("tam_calibration", run_name="__main__")
