@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
+from os.path import realpath
 from pathlib import Path
 from typing import Any
 
@@ -109,7 +110,8 @@ class Task:
             What is asked for every recording.
         """
         digest = sha256(str(path).encode()).hexdigest()[:_DIGEST_LETTERS]
-        return cls(path, out.resolve() / "recordings" / path.parent.name / f"{path.name}-{digest}", options)
+        folder = Path(realpath(out), "recordings", path.parent.name, f"{path.name}-{digest}")
+        return cls(path, folder, options)
 
     def result(self, status: Status, problems: dict[str, str], **rest: Any) -> Result:
         """Return a result of this recording.
