@@ -7,6 +7,8 @@ from typing import Any
 import click
 
 from tam_calibration import __version__
+from tam_calibration.cli.held_warnings import HeldWarnings
+from tam_calibration.cli.streams import tell, usable_streams
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.signals import Ending
 
@@ -39,13 +41,14 @@ class LazyGroup(click.Group):
         *args, **extra
             As of click.
         """
-        ending = Ending()
-        try:
-            return super().main(*args, obj=ending, **extra)
-        finally:
-            if ending.told is not None:
-                sys.exit(ending.told)  # also where Python could not raise it, or a library took it for a failure
-            ending.release()
+        with usable_streams():
+            ending = Ending()
+            try:
+                return super().main(*args, obj=ending, **extra)
+            finally:
+                if ending.told is not None:
+                    sys.exit(ending.told)  # also where Python could not raise it, or a library took it for a failure
+                ending.release()
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order in which they are used."""
@@ -82,22 +85,26 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(SUBCOMMANDS.items()))
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a subcommand; what the user can mend becomes one sentence and an exit code."""
+        """Run a subcommand; what the user can mend becomes one sentence, with what was warned of, and an exit code."""
+        held = HeldWarnings()
         try:
-            return super().invoke(ctx)
+            with held:
+                return super().invoke(ctx)
         except Refused as problem:
-            _end(ctx, str(problem), code=1)
+            _end(ctx, held.after(problem), code=1)
         except InputError as problem:
-            _end(ctx, str(problem), code=2)
+            _end(ctx, held.after(problem), code=2)
         except BrokenPipeError:
             raise
         except OSError as problem:
             where = "" if problem.filename is None else f"{problem.filename}: "
             _end(ctx, where + (problem.strerror or str(problem)), code=2)
+        except MemoryError:
+            _end(ctx, "this needs more memory than there is: give fewer samples or sensors", code=2)
 
 
 def _end(ctx: click.Context, sentence: str, code: int) -> None:
-    click.echo(f"tam: {sentence}", err=True)
+    tell(sentence)
     ctx.exit(code)
 
 

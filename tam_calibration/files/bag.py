@@ -23,7 +23,6 @@ from tam_calibration.messages.cdr import NO_TIME, RawMessages
 from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS
 from tam_calibration.messages.run import Run
 from tam_calibration.messages.samples import Progress, Samples, seconds_of
-from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.topics import StreamTopics, find_topics
 from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
@@ -173,20 +172,12 @@ def read_bag(
     """
     with open_bag(path) as reader, in_file(path):
         topics = find_topics(reader.connections, sensor_count)
-        # Where sensor 1 is silent another sets the pace; not every storage counts the messages of a topic.
-        pacing = range(1, 1 + (topics.layout.sensor_count if with_partial else 1))
-        most = sum(topics.connections[sensor_stream(sensor)].msgcount for sensor in pacing) or reader.message_count
-        rows = np.empty((most, len(topics.layout.columns)))
-        stamps = np.empty(len(rows), dtype=np.int64)
-        count, usage = 0, None
+        stamps, rows, usage = [], [], None
         joined = _join(reader, topics, tolerance_ns, progress, array, with_partial)
         for stamps_ns, times_ns, values, usage in joined:  # noqa: B007
-            chosen = slice(count, count + len(stamps_ns))
-            if chosen.stop > len(rows):
-                raise InputError("the bag holds more messages than its metadata say: `ros2 bag reindex` counts them")
-            stamps[chosen], rows[chosen, 0], rows[chosen, 1:] = stamps_ns, seconds_of(times_ns), values
-            count = chosen.stop
-        return _samples(topics, stamps[:count], rows[:count], usage, reader.unfinished)
+            stamps.append(stamps_ns)
+            rows.append(np.column_stack([seconds_of(times_ns), values]))
+        return _samples(topics, np.concatenate(stamps), np.concatenate(rows), usage, reader.unfinished)
 
 
 def read_bag_pieces(

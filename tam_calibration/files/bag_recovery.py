@@ -16,9 +16,11 @@ from rosbags.interfaces import Connection
 from tam_calibration.files.bag_bounds import ZSTD_BEGINNING, unpack_file, unpack_message
 from tam_calibration.files.bag_damage import damage_named
 from tam_calibration.files.bag_digests import DIGESTS, are_complete, changed_files
-from tam_calibration.files.bag_folder import INFORMATION, METADATA, PACKED, check_regular, data_files, read_metadata
+from tam_calibration.files.bag_folder import INFORMATION, METADATA, PACKED, data_files, read_metadata
 from tam_calibration.files.bag_storages import guard_of, storage_of
 from tam_calibration.files.bag_writing import BlockWriter, copy_connection, write_bag
+from tam_calibration.files.sqlite3_guard import LOGS
+from tam_calibration.files.text_files import require_regular
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.model.exceptions import InputError
@@ -81,14 +83,16 @@ class ReadableBag:
             files = _unpack(path, files, self.path)
         if is_proven:
             return
-        files = [file for file in files if file.exists()]
-        if _is_without_metadata(path) or any(guard_of(file).is_unfinished() for file in files):
+        present = [file for file in files if file.exists()]
+        with damage_named(path):
+            is_unfinished = any(guard_of(file).is_unfinished() for file in present)
+        if is_unfinished or _is_without_metadata(path):
             target = self._folder() / "bag"
             self.unfinished = f"the recording was left unfinished: {_recover(path, files, target)}"
             self.path = target
             return
         with damage_named(path):
-            for file in files:
+            for file in present:
                 if damage := guard_of(file).find_damage():
                     raise InputError(f"{damage}; {_mend(path)}")
 
@@ -107,8 +111,8 @@ def readable(path: Path) -> ReadableBag:
     InputError
         When it is no bag, damaged, or nothing in it is whole.
     """
-    check_regular(path)
-    parts = path.iterdir() if path.is_dir() else path.parent.glob(f"{path.name}*")
+    require_regular(path)
+    parts = path.iterdir() if path.is_dir() else [path, *(path.with_name(path.name + suffix) for suffix in LOGS)]
     states = [(part.name, part.stat()) for part in parts if part.is_file()]
     return _readable(path, tuple(sorted((name, state.st_size, state.st_mtime_ns) for name, state in states)))
 
@@ -183,7 +187,7 @@ def recover(path: Path, target: Path) -> Recovered:
     InputError
         When it is no bag, no message of it is whole, or the new one cannot be written.
     """
-    check_regular(path)
+    require_regular(path)
     files = data_files(path)
     with TemporaryDirectory(prefix="tam_bag_") as folder:
         return _recover(path, _unpack(path, files, Path(folder)) if _is_packed(files) else files, target)
@@ -191,7 +195,7 @@ def recover(path: Path, target: Path) -> Recovered:
 
 def _recover(path: Path, files: list[Path], target: Path) -> Recovered:
     """Recover the bag of a path from its files, which may have been unpacked."""
-    faults: list[str] = []
+    faults = [f"{file.name} is missing" for file in files if not file.exists()]
     count, first_ns, last_ns = 0, sys.maxsize, 0
     with write_bag(target, storage_of(path)) as writer:
         for block in _whole_blocks(path, files, writer, faults):

@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tam_calibration.files.bag_digests import write_digests
 from tam_calibration.files.bag_storages import DEFAULT, STORAGES, storage_alone
-from tam_calibration.files.text_files import write_whole
+from tam_calibration.files.text_files import printable, write_whole
 from tam_calibration.messages.cdr import ByteArray, RawMessages, fill, interleave
 from tam_calibration.messages.point_cloud import FRAME_ID
 from tam_calibration.messages.samples import pieces, stamps_of
@@ -75,8 +75,10 @@ def write_bag(path: Path, storage: str) -> Iterator[BlockWriter]:
     InputError
         When the bag cannot be written.
     """
+    alone = storage_alone(path)
+    if not alone and printable(path.name) != path.name:
+        raise InputError(f"{path} is no name for a bag, whose metadata.yaml holds it as UTF-8: choose another")
     with write_whole(path) as beside:
-        alone = storage_alone(path)
         folder = beside.with_name("bag") if alone else beside
         try:
             with BlockWriter(folder, alone.name if alone else storage) as writer:

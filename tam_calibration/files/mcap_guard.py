@@ -142,11 +142,16 @@ class McapGuard:
     def _walk(
         self, stream: BinaryIO, begin: int, end: int, faults: list[str], in_chunk: bool = False
     ) -> Iterator[tuple[Connection, int, bytes]]:
+        """Yield messages; the last not where room follows that was never written to, as its end may lack too."""
+        held: list[tuple[Connection, int, bytes]] = []
+        reached = begin
         for kind, place, size in records(stream, begin, end):
+            yield from held
+            held, reached = [], place + size
             if kind == _CHUNK and not in_chunk:
                 content = _whole_part(_read_chunk(stream, place, min(size, end - place)), place, faults)
                 yield from self._walk(BytesIO(content), 0, len(content), faults, in_chunk=True)
-            if kind == _DATA_END or place + size > end:
+            if kind == _DATA_END or reached > end:
                 return
             if kind == _SCHEMA:
                 schema = _parse_schema(_content(stream, place, size))
@@ -158,7 +163,9 @@ class McapGuard:
                 content = _content(stream, place, size)
                 channel, _, recorded_ns, _ = _MESSAGE_HEAD.unpack_from(content)
                 if channel in self._connections:
-                    yield self._connections[channel], recorded_ns, content[_MESSAGE_HEAD.size :]
+                    held = [(self._connections[channel], recorded_ns, content[_MESSAGE_HEAD.size :])]
+        if reached + RECORD_HEAD > end:
+            yield from held
 
     def _connect(self, channel: int, schema_id: int, topic: str, encoding: str, metadata: bytes) -> Connection:
         schema = self._schemas.get(schema_id)

@@ -18,7 +18,7 @@ from tam_calibration.files.csv_files import (
     write_csv_recording,
 )
 from tam_calibration.files.recording_stream import RecordingStream
-from tam_calibration.files.text_files import in_file, require_regular
+from tam_calibration.files.text_files import in_file, printable, require_regular
 from tam_calibration.messages.samples import Progress, Samples, stamps_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
@@ -43,7 +43,7 @@ def provenance(path: Path) -> Provenance:
             while block := file.read(1 << 20):
                 digest.update(block)
                 size += len(block)
-    return Provenance(path.name, size, digest.hexdigest())
+    return Provenance(printable(path.name), size, digest.hexdigest())
 
 
 _BAG_BEGINNINGS = tuple(storage.beginning for storage in STORAGES.values())

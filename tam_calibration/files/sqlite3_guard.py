@@ -26,7 +26,7 @@ _DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM mes
 _NO_MESSAGE = "SELECT 1 FROM messages WHERE typeof(data) != 'blob' OR typeof(timestamp) != 'integer' LIMIT 1"
 _BEGINNING = b"SQLite format 3\0"
 _HEAD = 100
-_LOGS = ("-wal", "-journal")
+LOGS = ("-wal", "-journal")
 """Suffixes of what SQLite has beside a file as long as it is written to."""
 
 
@@ -92,7 +92,7 @@ class Sqlite3Guard:
 
     def _logs(self) -> list[Path]:
         """Return what SQLite left beside the file; a journal that begins with zeros is done with."""
-        logs = [self._path.with_name(self._path.name + suffix) for suffix in _LOGS]
+        logs = [self._path.with_name(self._path.name + suffix) for suffix in LOGS]
         return [log for log in logs if log.is_file() and _begin(log, 1) > b"\0"]
 
     def find_damage(self) -> str:

@@ -25,6 +25,11 @@ def in_file(path: Path | str) -> Iterator[None]:
         raise InputError(f"{path}: {problem}") from None
 
 
+def printable(path: Path | str) -> str:
+    r"""Return a path as text for files: of a name that is no UTF-8 the bytes that are none, as \udcff."""
+    return str(path).encode("utf-8", "backslashreplace").decode("utf-8")
+
+
 MOST_BYTES = 1 << 26
 """Of a text that is read at once: four times the largest calibration, and a century of an observatory's hours."""
 

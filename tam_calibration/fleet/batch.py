@@ -88,8 +88,10 @@ def require_separate_folder(out: Path, inputs: Iterable[Path]) -> None:
     Raises
     ------
     InputError
-        When an input would be overwritten, or the folder is a bag or lies inside one.
+        When an input would be overwritten, or the folder is none, a bag or lies inside one.
     """
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} cannot be written: it is no folder")
     require_separate([out / name for name in (*SUMMARIES, _RECORDINGS, _LOCK)], inputs)
 
 

@@ -1,10 +1,10 @@
 """One recording through calibration, diagnosis and correction, into a folder that appears whole."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
-from os.path import realpath
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +23,8 @@ from tam_calibration.files import (
 )
 from tam_calibration.files.recording_file import correct_file, is_bag, read_source
 from tam_calibration.files.results_json import gap_to_mapping, write_gap
-from tam_calibration.files.text_files import to_json
-from tam_calibration.files.whole_files import put_in_place, unfinished
+from tam_calibration.files.text_files import printable, to_json
+from tam_calibration.files.whole_files import replace_folder, unfinished
 from tam_calibration.fit import calibrate
 from tam_calibration.fleet.task_result import Result, Seal, Status, read_result, state_of, write_result
 from tam_calibration.gap import diagnose
@@ -109,9 +109,9 @@ class Task:
         options : Options
             What is asked for every recording.
         """
-        digest = sha256(str(path).encode()).hexdigest()[:_DIGEST_LETTERS]
-        folder = Path(realpath(out), "recordings", path.parent.name, f"{path.name}-{digest}")
-        return cls(path, folder, options)
+        digest = sha256(os.fsencode(path)).hexdigest()[:_DIGEST_LETTERS]
+        own = Path("recordings", printable(path.parent.name), f"{printable(path.name)}-{digest}")
+        return cls(path, Path(os.path.realpath(out)) / own, options)
 
     def result(self, status: Status, problems: dict[str, str], **rest: Any) -> Result:
         """Return a result of this recording.
@@ -125,8 +125,8 @@ class Task:
         **rest
             Further fields of `Result`.
         """
-        names = self.path.name, self.path.parent.name, str(self.path)
-        return Result(*names, status, problems, self.options.digest, **rest)
+        name, group, path = (printable(str(part)) for part in (self.path.name, self.path.parent.name, self.path))
+        return Result(name, group, path, status, problems, self.options.digest, **rest)
 
     def is_done(self) -> bool:
         """Whether its result is there, of this recording as it is now and of these options."""
@@ -158,7 +158,7 @@ def _placing(folder: Path) -> Iterator[Path]:
         beside = parent / folder.name
         beside.mkdir()
         yield beside
-        put_in_place({beside: folder})
+        replace_folder(beside, folder)
 
 
 @dataclass
