@@ -1,5 +1,6 @@
 """`tam recover`: from a bag that its recorder left unfinished, or that is damaged, to a clean one."""
 
+from os.path import realpath
 from pathlib import Path
 
 import click
@@ -22,7 +23,7 @@ def command(bag: Path, output: Path, as_json: bool) -> None:
     """
     if not is_bag(bag):
         raise InputError(f"{bag} is no bag: only bags can be recovered, a rosbag2 folder, an .mcap or a .db3 file")
-    if output.resolve().is_relative_to(bag.resolve()):
+    if Path(realpath(output)).is_relative_to(realpath(bag)):
         raise InputError(f"{output} is, or lies in, the bag that is read: choose another name for the output")
     require("bags", "recovering bags")
     from tam_calibration.files.bag_recovery import recover

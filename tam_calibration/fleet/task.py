@@ -111,7 +111,7 @@ class Task:
         """
         digest = sha256(os.fsencode(path)).hexdigest()[:_DIGEST_LETTERS]
         own = Path("recordings", printable(path.parent.name), f"{printable(path.name)}-{digest}")
-        return cls(path, out.resolve() / own, options)
+        return cls(path, Path(os.path.realpath(out)) / own, options)
 
     def result(self, status: Status, problems: dict[str, str], **rest: Any) -> Result:
         """Return a result of this recording.
