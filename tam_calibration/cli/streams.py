@@ -9,10 +9,10 @@ from io import TextIOWrapper
 
 @contextmanager
 def usable_streams() -> Iterator[None]:
-    """Run a command with standard streams that it can write to.
+    r"""Run a command with standard streams that it can write to.
 
     What is closed is as if led to ``/dev/null``. Where standard output can take nothing, the command does not begin;
-    where it is full in the end, that is told. What an encoding lacks is written as Python writes it, as \\u03bb.
+    where it is full in the end, that is told. What an encoding lacks is written as Python writes it, as \u03bb.
 
     Raises
     ------
@@ -24,7 +24,7 @@ def usable_streams() -> Iterator[None]:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        if sys.stdout is sys.__stdout__:
+        if sys.stdout is sys.__stdout__ and sys.stdout is not None:
             os.write(sys.stdout.fileno(), b"")  # a device that is full says so
         yield
         sys.stdout.flush()

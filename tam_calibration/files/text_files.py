@@ -27,7 +27,7 @@ def in_file(path: Path | str) -> Iterator[None]:
 
 
 def printable(path: Path | str) -> str:
-    """Return a path as text for files: of a name that is no UTF-8 the bytes that are none, as \\udcff."""
+    r"""Return a path as text for files: of a name that is no UTF-8 the bytes that are none, as \udcff."""
     return str(path).encode("utf-8", "backslashreplace").decode("utf-8")
 
 

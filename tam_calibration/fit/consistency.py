@@ -123,7 +123,7 @@ def find_warnings(recording: SampleSource, calibration: Calibration) -> tuple[st
     """
     warnings = []
     if calibration.array.sensor_count >= _FEWEST_FOR_GRADIENT and not calibration.array.has_gradient:
-        warnings.append("the sensors stand in one line, which determines no gradient tensor: that of the outputs is NaN")
+        warnings.append("the sensors stand in one line, which determines no gradient tensor: the outputs have none")
     names = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
     chance = 6 * np.sqrt(2 / max(1, calibration.samples - FEWEST_SAMPLES))
     for channel, value in calibration.reduced_chi_square.items():

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tam_calibration.integrity.fault import Fault, between, channel, in_nanotesla
 from tam_calibration.integrity.overview import Overview
@@ -35,25 +36,22 @@ PREDICTED = 0.2
 """Share of the readings that the other sensors predict to lie in what is left out: of half a period it is half."""
 
 NEAR = 160
-"""Values that lie nearest to each other, in which short periods are looked for: the mean of their phases errs by 0.08."""
+"""Values nearest to each other, in which short periods are looked for: the mean of their phases errs by 0.08."""
 
 
 @dataclass(frozen=True)
 class _Bands:
-    """Where values lie: from the phase ``first`` on, a part ``filled`` of each period, tesla, counted from an origin."""
+    """Where values lie: from the phase ``first`` on, in a part ``filled`` of each period, counted from an origin."""
 
     period_T: float
     origin_T: float
     first: float
     filled: float
 
-    def left_out(self, values: FloatArray) -> FloatArray:
+    def left_out(self, values: FloatArray) -> NDArray[np.bool_]:
         """Return which values (n,) lie where none should."""
-        after: FloatArray = (self._phase(values) - self.first) % 1.0
-        return after > self.filled
-
-    def _phase(self, values: FloatArray) -> FloatArray:
-        return (values - self.origin_T) / self.period_T % 1.0
+        phase = (values - self.origin_T) / self.period_T
+        return np.asarray((phase - self.first) % 1.0 > self.filled)
 
     @classmethod
     def of(cls, values: FloatArray, period_T: float) -> "_Bands | None":

@@ -5,13 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from tam_calibration.integrity.fault import Fault, between, channel, in_nanotesla
-from tam_calibration.integrity.overview import Overview
+from tam_calibration.integrity.overview import SHARED, Overview
 from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import FieldBounds
 from tam_calibration.model.units import FloatArray
 
-APART = 4.5
-"""Times another spread that is another unit: between the 2 that scale factors make at most and the 10 of units."""
+APART = 30.0
+"""Times another spread that is another unit: between the 10 of another range and the 100 of microtesla to gauss."""
 
 TURNED = 0.02
 """Of the field, that readings vary along any direction at least, before axes are compared: one degree of turning."""
@@ -40,9 +41,11 @@ def in_other_units(overview: Overview, array: Array) -> Iterator[Fault]:
     sound = np.flatnonzero(~wrong.all(axis=1) & (wrong == 0).all(axis=1))
     usual = float(np.median(size[sound])) if len(sound) else np.nan
     if wrong.all():
-        if scalar_T is not None and field.hold(scalar_T):
+        if scalar_T is not None and field.hold(scalar_T) and _may_be_read(overview, field):
             yield _fault(overview, None, "", float(np.median(size)), scalar_T)
         return
+    if not len(sound):
+        usual = field.middle_T if scalar_T is None or not field.hold(scalar_T) else scalar_T
     for sensor, each in enumerate(wrong):
         if each.all():
             yield _fault(overview, sensor, "", float(size[sensor]), usual)
@@ -64,6 +67,15 @@ def in_other_units(overview: Overview, array: Array) -> Iterator[Fault]:
 def _scalar(overview: Overview) -> float | None:
     scalar = overview.recording.scalar_T
     return None if scalar is None else float(np.nanmedian(scalar))
+
+
+def _may_be_read(overview: Overview, field: FieldBounds) -> bool:
+    """Whether no reading is so large or small that its unit is told beside the field's bounds."""
+    try:
+        field.require_readings(np.median(np.linalg.norm(overview.recording.readings_T, axis=2), axis=0))
+    except InputError:
+        return False
+    return True
 
 
 def _is_of(size_T: float, field: FieldBounds) -> bool:
@@ -93,7 +105,10 @@ def _of_sensors(overview: Overview, reference: FieldBounds | float) -> FloatArra
     if overview.sensor_count == 1:
         wrong[0][spread[0] * ALONE_APART < np.median(spread[0])] = -1
     is_round = principal[:, 0] ** 2 > ALL_ROUND * principal[:, 2] ** 2
-    wrong[is_round & (whole * APART < low_T) & (wrong == 0).all(axis=1)] = -1
+    is_small = is_round & (whole * APART < low_T) & (wrong == 0).all(axis=1)
+    # At rest all sensors read their noise, which is round too, and small.
+    if len(is_small) > 1 and is_small.all() and overview.shared_motion(0, 1) > SHARED:
+        wrong[:] = -1
     return wrong
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tam_calibration.integrity.fault import Fault, between, channel, in_nanotesla
+from tam_calibration.integrity.fault import Fault, Severity, between, channel, in_nanotesla
 from tam_calibration.integrity.overview import Overview
 from tam_calibration.model.array import Array
 from tam_calibration.model.units import FloatArray
@@ -60,7 +60,7 @@ def _at_end(overview: Overview, column: int, name: str, end_T: float, there: np.
         f"{channel(sensor, axis)} stays at its {name} reading, {in_nanotesla(end_T)}, in {share:.2g} of the samples "
         f"{between(span)}: it is saturated"
     )
-    severity = "refusal" if share >= MANY_AT_END else "warning"
+    severity: Severity = "refusal" if share >= MANY_AT_END else "warning"
     return Fault("saturated", sensor, axis, span, sentence, severity, effect="saturation")
 
 

@@ -58,9 +58,16 @@ def _numbers(asked: argparse.Namespace, seed: int) -> list[int]:
     numbers = [n for n, (family, _) in enumerate(CASES) if not asked.family or family in asked.family]
     if asked.sample is None:
         return numbers
+    rng = np.random.default_rng(seed)
     quick = [n for n in numbers if CASES[n][1] not in _SLOW]
-    drawn = np.random.default_rng(seed).choice(quick, size=min(asked.sample, len(quick)), replace=False)
-    return sorted(drawn.tolist())
+    families = sorted({CASES[n][0] for n in quick})
+    drawn = {n for family in families for n in _drawn(rng, [n for n in quick if CASES[n][0] == family], asked.sample)}
+    return sorted(rng.permutation(sorted(drawn))[: asked.sample].tolist())
+
+
+def _drawn(rng: np.random.Generator, numbers: list[int], count: int) -> list[int]:
+    """Return some of the cases of a family, as many of each."""
+    return rng.permutation(numbers)[:count].tolist()
 
 
 _SLOW = ("diagnose", "diagnose a bag", "batch", "demo", "reproduce", "blind make", "nodes", "nodes with parameters")

@@ -213,6 +213,10 @@ def _left(trial: Trial, ended: Ended, before: Files, after: Files) -> str:
     hidden = [name for name in new if Path(name).name.startswith(".") and Path(name).name != ".lock"]
     if hidden:
         return f"left: {', '.join(hidden[:5])}"
+    if trial.recipe.command == "batch" and any(
+        after[name] not in ("folder", "other") for name in new if ".lock" not in name
+    ):
+        return ""  # what is done stays, and a second call does the rest
     keeps = not ended.code or is_answer(ended) or trial.recipe.tells_after_writing or bool(trial.around.stdout)
     if new and not (keeps or trial.around.stderr or trial.around.ended_by):
         return f"left after exit {ended.code}: {', '.join(new[:5])}"

@@ -93,6 +93,14 @@ def _write_pass(folder: Path) -> None:
 
 def _make_blind(folder: Path) -> None:
     """Make one case of the check on withheld effects, answered."""
-    _tam("blind", "make", str(folder / "cases"), "--cases", "1", "--seed", "5", "--kinds", "single", "--jobs", "1")
-    [case] = (path for path in (folder / "cases").iterdir() if path.is_dir())
-    (case / "answer.json").write_text('{"verdict": "error", "why": "not tried"}')
+    from tam_calibration.validation.blind.case import make_case
+    from tam_calibration.validation.blind.case_plan import plan_cases
+    from tam_calibration.validation.blind.folder import COMMITMENTS, KEYS, case_name, seal, write_case, write_json
+
+    case, name = make_case(plan_cases(("single",), 1, 5, "open")[0], 5, 1), case_name(1)
+    (folder / "cases").mkdir()
+    write_case(folder / "cases" / name, case)
+    key, commitment = seal(case.key)
+    write_json(folder / "cases" / KEYS, {name: key})
+    write_json(folder / "cases" / COMMITMENTS, {name: commitment})
+    write_json(folder / "cases" / name / "answer.json", {"verdict": "error", "why": "not tried"})

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from battery.cases import CASES, FAMILIES, prepare
 from battery.judge import Answer, Bad, judge
 from battery.recipes import RECIPES
 from battery.surroundings import PLAIN, Ended
 from battery.trial import May, Trial
-
 from tam_calibration.cli.main import SUBCOMMANDS
 
 ROOT = Path(__file__).parents[2]
@@ -35,10 +35,12 @@ def test_no_case_of_a_new_sample_is_bad(part):
 
 
 def test_every_command_is_tried_and_killed():
-    """A thousand bad inputs and more over all commands; a hundred kills of each that writes, ten where it takes long."""
+    """A thousand bad inputs and more over all commands; a hundred kills of each that writes, ten where that is slow."""
     tried = Counter(RECIPES[name].command for family, name in CASES if family != "kills")
     assert set(tried) == set(SUBCOMMANDS) and tried.total() >= 1000
-    kills = Counter(RECIPES[name].command for name in FAMILIES["kills"].counts for _ in range(FAMILIES["kills"].counts[name]))
+    kills = Counter(
+        RECIPES[name].command for name in FAMILIES["kills"].counts for _ in range(FAMILIES["kills"].counts[name])
+    )
     assert set(kills) == {recipe.command for recipe in RECIPES.values() if recipe.writes}
     assert all(count >= (10 if command in ("demo", "reproduce") else 100) for command, count in kills.items())
 

@@ -30,7 +30,7 @@ def asked(monkeypatch, gap):
     """Put a stand-in in the place of the diagnosis; return what it was asked, and what it shall answer."""
     asked = {"answer": gap}
 
-    def diagnose(recording, array, *, without=(), progress=None):
+    def diagnose(recording, array, *, without=(), progress=None, accept=()):
         asked.update(recording=recording, array=array, without=without)
         progress("searching", 0.5)
         return asked["answer"]
