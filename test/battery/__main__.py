@@ -3,6 +3,7 @@
 import argparse
 import os
 import shutil
+import signal
 import sys
 import time
 from collections import Counter
@@ -34,6 +35,7 @@ def main() -> int:
     folder.mkdir(exist_ok=True)
     print(f"{len(numbers)} cases of seed {seed}; again: make battery SEED={seed}", flush=True)
     began = time.monotonic()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the folder goes
     try:
         battery = Battery(seed, folder)
         battery.begin()

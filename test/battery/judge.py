@@ -224,8 +224,9 @@ def _left(trial: Trial, ended: Ended, before: Files, after: Files) -> str:
 
 
 def _is_own(trial: Trial, name: str) -> bool:
-    """Return whether a folder or pipe stands where the trial itself lets something change."""
-    return trial.around.loses_folder and name == trial.around.within
+    """Return whether the trial itself lets something change: the folder that it removes, or what an output replaces."""
+    is_output = name in trial.line and name not in trial.recipe.reads
+    return is_output or (trial.around.loses_folder and name == trial.around.within)
 
 
 def is_answer(ended: Ended) -> bool:

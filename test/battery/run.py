@@ -218,6 +218,7 @@ def _become(line: list[str], folder: Path, writers: list[int], around: Surroundi
 def _arrange(folder: Path, writers: list[int], around: Surroundings) -> None:
     os.chdir(folder / around.within)
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     _redirect(0, around.stdin or "/dev/null", os.O_RDONLY)
     for number, target in ((1, around.stdout), (2, around.stderr)):
         if target in ("", "broken"):

@@ -145,7 +145,7 @@ def _odd_output(folder: Path, rng: Generator) -> tuple[str, str, May]:
         "of the system": ("/proc/new.csv", May.REFUSE),
         "a set that is taken": (_taken(folder), May.DO_ANYTHING),
         "a pipe": (os.mkfifo(folder / "pipe") or "pipe", May.REFUSE),
-        "a loop": (_link(folder, folder / "loop", "loop"), May.REFUSE),
+        "a loop": (_link(folder, folder / "loop", "loop"), May.DO_ANYTHING),
     }
     told = pick(rng, sorted(names))
     return names[told][0], told, names[told][1]
