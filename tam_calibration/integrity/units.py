@@ -53,7 +53,8 @@ def in_other_units(overview: Overview, array: Array) -> Iterator[Fault]:
         for axis in np.flatnonzero(each):
             others = np.delete(spread[sensor], axis).max() if overview.sensor_count == 1 else usual / np.sqrt(3)
             yield _fault(overview, sensor, "xyz"[axis], float(spread[sensor, axis]), float(others))
-    if scalar_T is not None and not field.hold(scalar_T) and len(sound) and _is_of(usual, field):
+    is_apart = scalar_T is not None and not 1 / APART < scalar_T / usual < APART
+    if scalar_T is not None and is_apart and not field.hold(scalar_T) and len(sound) and _is_of(usual, field):
         yield Fault(
             "unit",
             None,
