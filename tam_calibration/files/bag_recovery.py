@@ -4,11 +4,11 @@ import logging
 import shutil
 import sys
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain, islice
 from pathlib import Path
-from tempfile import TemporaryDirectory, mkdtemp
 from weakref import finalize
 
 from rosbags.interfaces import Connection
@@ -21,6 +21,7 @@ from tam_calibration.files.bag_storages import guard_of, storage_of
 from tam_calibration.files.bag_writing import BlockWriter, copy_connection, write_bag
 from tam_calibration.files.sqlite3_guard import LOGS
 from tam_calibration.files.text_files import require_regular
+from tam_calibration.files.whole_files import temporary_place, unfinished
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.model.exceptions import InputError
@@ -98,9 +99,9 @@ class ReadableBag:
 
     def _folder(self) -> Path:
         """Return a new temporary folder that is removed with this object, or at the end of the process."""
-        folder = mkdtemp(prefix="tam_bag_")
-        finalize(self, shutil.rmtree, folder, ignore_errors=True)
-        return Path(folder)
+        stack = ExitStack()
+        finalize(self, stack.close)
+        return stack.enter_context(unfinished(temporary_place()))
 
 
 def readable(path: Path) -> ReadableBag:
@@ -189,8 +190,8 @@ def recover(path: Path, target: Path) -> Recovered:
     """
     require_regular(path)
     files = data_files(path)
-    with TemporaryDirectory(prefix="tam_bag_") as folder:
-        return _recover(path, _unpack(path, files, Path(folder)) if _is_packed(files) else files, target)
+    with unfinished(temporary_place()) as folder:
+        return _recover(path, _unpack(path, files, folder) if _is_packed(files) else files, target)
 
 
 def _recover(path: Path, files: list[Path], target: Path) -> Recovered:

@@ -9,6 +9,8 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext, SpawnContext
 from threading import Thread
 
+from tam_calibration.files.whole_files import remove_unfinished, temporary_place
+
 
 @contextmanager
 def processes(jobs: int, context: ForkServerContext | SpawnContext) -> Iterator[ProcessPoolExecutor]:
@@ -32,7 +34,10 @@ def processes(jobs: int, context: ForkServerContext | SpawnContext) -> Iterator[
             telling.close()
             pool.shutdown(cancel_futures=True)
             raise
-        pool.shutdown()
+        else:
+            pool.shutdown()
+        finally:
+            remove_unfinished(temporary_place())  # which processes that end at once leave
 
 
 def _begin(told: Connection) -> None:
