@@ -14,6 +14,7 @@ from rosbags.rosbag2.reader import DirectoryReader
 from tam_calibration.correction.partial import missing_codes
 from tam_calibration.files.bag_blocks import read_blocks
 from tam_calibration.files.bag_damage import damage_named
+from tam_calibration.files.bag_folder import PACKED
 from tam_calibration.files.bag_recovery import readable
 from tam_calibration.files.bag_storages import STORAGES
 from tam_calibration.files.text_files import in_file, require_regular
@@ -81,6 +82,9 @@ def open_bag(path: Path) -> Iterator[BagReader]:
         When the path is no bag, or the bag is empty or damaged.
     """
     require_regular(path)
+    suffixes = tuple(storage.suffix for storage in STORAGES.values())
+    if path.is_file() and not path.name.removesuffix(PACKED).endswith(suffixes):
+        raise InputError(f"{path} is a bag by the name of something else: let its name end in {' or '.join(suffixes)}")
     reader = BagReader(path)
     with damage_named(path):
         reader.open()

@@ -46,6 +46,7 @@ def provenance(path: Path) -> Provenance:
     return Provenance(printable(path.name), size, digest.hexdigest())
 
 
+_BAG_BEGINNINGS = tuple(storage.beginning for storage in STORAGES.values())
 _BAG_SUFFIXES = tuple(storage.suffix for storage in STORAGES.values())
 
 _LARGE_BYTES = 1 << 26
@@ -60,7 +61,7 @@ def is_bag(path: Path) -> bool:
     Raises
     ------
     InputError
-        When there is nothing at the path, neither a regular file nor a folder, or a bag by the name of something else.
+        When there is nothing at the path, or neither a regular file nor a folder.
     """
     if not os.path.lexists(path):
         raise InputError(f"there is no file or bag {path}")
@@ -68,11 +69,7 @@ def is_bag(path: Path) -> bool:
     if path.is_dir() or path.suffix in _BAG_SUFFIXES:
         return True
     with path.open("rb") as file:
-        beginning = file.read(16)
-    for storage in STORAGES.values():
-        if beginning.startswith(storage.beginning):
-            raise InputError(f"{path} is a bag of {storage.name}: let its name end in {storage.suffix}")
-    return False
+        return file.read(16).startswith(_BAG_BEGINNINGS)
 
 
 def read_recording(

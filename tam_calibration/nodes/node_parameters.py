@@ -102,8 +102,9 @@ def require_quality(node: Node) -> None:
     InputError
         When a value is none of its policy.
     """
-    for name, parameter in node.get_parameters_by_prefix(_QOS_OVERRIDES.rstrip(".")).items():
-        value, choices = parameter.value, _QOS_CHOICES.get(name.rpartition(".")[2])
+    for name in node.get_parameters_by_prefix(_QOS_OVERRIDES.rstrip(".")):
+        value = node.get_parameter(f"{_QOS_OVERRIDES}{name}").value
+        choices = _QOS_CHOICES.get(name.rpartition(".")[2])
         if choices is None:
             is_right, right = type(value) is int and 1 <= value <= _DEEPEST, f"a whole number from 1 to {_DEEPEST}"
         else:
