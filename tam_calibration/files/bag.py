@@ -82,6 +82,8 @@ def open_bag(path: Path) -> Iterator[BagReader]:
     """
     require_regular(path)
     reader = BagReader(path)
+    if reader.unfinished:
+        log.warning("%s: %s", path, reader.unfinished)
     with damage_named(path):
         reader.open()
     try:
