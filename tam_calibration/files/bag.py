@@ -86,6 +86,8 @@ def open_bag(path: Path) -> Iterator[BagReader]:
     if path.is_file() and not path.name.removesuffix(PACKED).endswith(suffixes):
         raise InputError(f"{path} is a bag by the name of something else: let its name end in {' or '.join(suffixes)}")
     reader = BagReader(path)
+    if reader.unfinished:
+        log.warning("%s: %s", path, reader.unfinished)
     with damage_named(path):
         reader.open()
     try:

@@ -12,7 +12,7 @@ import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2.storage_mcap import Schema, get_msgdef, get_qos, read_bytes, read_string
 
-from tam_calibration.files.bag_bounds import check_piece, unpack, unpack_beginning
+from tam_calibration.files.bag_bounds import check_piece, check_topic, unpack, unpack_beginning
 from tam_calibration.files.bag_damage import Damage, describe
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import IntArray
@@ -173,11 +173,19 @@ class McapGuard:
             schema = _parse_schema(content)
             self._schemas[schema.id] = schema
             return
+        check_topic(size)
         channel, schema_id, topic, encoding, metadata = _parse_channel(content)
         known = self._schemas.get(schema_id)
         name = "__schemaless__" if known is None else known.name
         extra = ConnectionExtRosbag2(encoding, get_qos(metadata))
         self._connections[channel] = Connection(channel, topic, name, get_msgdef(known), "", 0, extra, self)
+
+
+def check_topics(stream: BinaryIO, begin: int, end: int) -> None:
+    """Check `bag_bounds.check_topic` for all topics of a part of a file."""
+    for kind, _, size in records(stream, begin, end):
+        if kind == _CHANNEL:
+            check_topic(size)
 
 
 def _read_end(file: BinaryIO) -> tuple[int, tuple[int, int, int]] | None:

@@ -13,6 +13,7 @@ from zlib import crc32
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag2.metadata import parse_qos
 
+from tam_calibration.files.bag_bounds import check_topic
 from tam_calibration.files.bag_damage import Damage, describe
 from tam_calibration.files.sqlite3_pages import DatabasePages, Row, page_size
 from tam_calibration.files.whole_files import temporary_place, unfinished
@@ -51,6 +52,8 @@ def read_connections(rows: Callable[[str], Any], owner: object) -> list[Connecti
         definitions = {name: MessageDefinition(kinds[kind], text) for name, kind, text in rows(_DEFINITIONS)}
     columns = [column for _, column, *_ in rows("PRAGMA table_info(topics)")]
     topics = [dict(zip(columns, row, strict=True)) for row in rows("SELECT * FROM topics ORDER BY id")]
+    for topic in topics:
+        check_topic(len(str(topic.get("offered_qos_profiles"))))
     unknown = MessageDefinition(MessageDefinitionFormat.NONE, "")
     return [
         Connection(

@@ -96,7 +96,7 @@ def test_commands_go_on_with_what_is_whole(folder, caplog, gap, monkeypatch, nam
     monkeypatch.setattr(diagnose_command, "diagnose", lambda *args, **options: gap)
     monkeypatch.setattr(recording_file, "_LARGE_BYTES", 0 if is_large else 1 << 30)
     run("calibrate", name, "--array", "array.yaml", "-o", "new.yaml")
-    assert caplog.text.count("the recording was left unfinished") == 1
+    assert "the recording was left unfinished" in caplog.text
     assert read_calibration("new.yaml").warnings[0].startswith("the recording was left unfinished: 2")
     run("diagnose", name, "--array", "array.yaml", "--json", "gap.json")
     assert json.loads(Path("gap.json").read_text())["remarks"][0].startswith("The recording was left unfinished: 2")

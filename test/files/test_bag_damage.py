@@ -42,11 +42,11 @@ def small_recording(samples=60):
     return Recording(1.7e9 + np.arange(samples) / 64, readings, 5e-5 + 1e-9 * rng.normal(size=samples))
 
 
-def make(folder, kind):
+def make(folder, kind, samples=60):
     """Write the recording as a bag of that kind, and return its path."""
     name, compression = KINDS[kind]
     plain = folder / ("run.mcap" if name == "run.mcap" else "plain")
-    write_recording(plain, small_recording())
+    write_recording(plain, small_recording(samples))
     if name == "run.mcap":
         return plain
     writer = BlockWriter(folder / "bag", name)
@@ -212,3 +212,15 @@ def test_a_sentence_names_three_stretches_and_counts_the_others():
     assert describe([]) == ""
     told = str(bag_recovery.Recovered(5, 10**9, 3 * 10**9, tuple("abcde"))).partition("after it began")[2]
     assert told == "; a; b; c; 2 faults more"
+
+
+def test_of_a_packed_file_that_is_damaged_the_beginning_is_recovered(tmp_path):
+    """As far as it can be unpacked, which is told."""
+    path = make(tmp_path, "sqlite3, zstd by file", 2_000)
+    file = next(path.glob("*.zstd"))
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) // 2] + b"\xff" * 1000 + content[len(content) // 2 + 1000 :])
+    assert f"{file.name} changed since it was written" in refusal(path)
+    found = bag_recovery.recover(path, tmp_path / "new")
+    assert found.faults[0] == f"{file.name} cannot be unpacked to its end"
+    assert 1_000 < found.messages < 5_000
