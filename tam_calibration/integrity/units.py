@@ -36,32 +36,27 @@ def in_other_units(overview: Overview, array: Array) -> Iterator[Fault]:
         What the intensity of the field can be.
     """
     field, scalar_T = array.field, _scalar(overview)
-    spread, size = overview.spread_T, np.sqrt(np.sum(overview.spread_T**2, axis=1))
-    wrong = _of_sensors(overview, field if scalar_T is None or not field.hold(scalar_T) else scalar_T)
-    sound = np.flatnonzero(~wrong.all(axis=1) & (wrong == 0).all(axis=1))
-    usual = float(np.median(size[sound])) if len(sound) else np.nan
+    known_T = scalar_T if scalar_T is not None and field.hold(scalar_T) else None
+    size = np.sqrt(np.sum(overview.spread_T**2, axis=1))
+    wrong = _of_sensors(overview, field if known_T is None else known_T)
     if wrong.all():
-        if scalar_T is not None and field.hold(scalar_T) and _may_be_read(overview, field):
-            yield _fault(overview, None, "", float(np.median(size)), scalar_T)
+        if known_T is not None and _may_be_read(overview, field):
+            yield _fault(overview, None, "", float(np.median(size)), known_T)
         return
-    if not len(sound):
-        usual = field.middle_T if scalar_T is None or not field.hold(scalar_T) else scalar_T
+    sound = size[~wrong.any(axis=1)]
+    usual = float(np.median(sound)) if len(sound) else known_T or field.middle_T
     for sensor, each in enumerate(wrong):
         if each.all():
             yield _fault(overview, sensor, "", float(size[sensor]), usual)
             continue
         for axis in np.flatnonzero(each):
-            others = np.delete(spread[sensor], axis).max() if overview.sensor_count == 1 else usual / np.sqrt(3)
-            yield _fault(overview, sensor, "xyz"[axis], float(spread[sensor, axis]), float(others))
-    if scalar_T is not None and not field.hold(scalar_T) and len(sound) and _is_of(usual, field):
-        yield Fault(
-            "unit",
-            None,
-            "",
-            overview.time_s,
+            yield _fault(overview, sensor, "xyz"[axis], float(overview.spread_T[sensor, axis]), usual / np.sqrt(3))
+    if scalar_T is not None and known_T is None and len(sound) and _is_of(usual, field, scalar_T):
+        sentence = (
             f"the scalar reads {in_nanotesla(scalar_T)} {between(overview.time_s)}, where the sensors vary by "
-            f"{in_nanotesla(usual)}: it is in another unit",
+            f"{in_nanotesla(usual)}: it is in another unit"
         )
+        yield Fault("unit", None, "", overview.time_s, sentence)
 
 
 def _scalar(overview: Overview) -> float | None:
@@ -78,9 +73,10 @@ def _may_be_read(overview: Overview, field: FieldBounds) -> bool:
     return True
 
 
-def _is_of(size_T: float, field: FieldBounds) -> bool:
-    """Whether readings that spread so far may be those of a field within bounds."""
-    return field.low_T * TURNED < size_T < field.high_T * 2
+def _is_of(size_T: float, field: FieldBounds, scalar_T: float) -> bool:
+    """Whether readings that spread so far may be those of a field within bounds, and not of what the scalar reads."""
+    is_apart = not size_T / APART < scalar_T < size_T * APART
+    return is_apart and field.low_T * TURNED < size_T < field.high_T * 2
 
 
 def _of_sensors(overview: Overview, reference: FieldBounds | float) -> FloatArray:

@@ -15,6 +15,9 @@ from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 _WARNED_BELOW = 0.9
 _REFUSED_BELOW = 0.5
 
+_LOST_FROM = 0.5
+"""Part of the messages of a stream that cannot be used from which it is as if it were not there."""
+
 _ALIKE = 0.9
 """Least rate of a sensor over that of sensor 1 at which standard errors stay within 5 % though readings count twice."""
 
@@ -41,6 +44,10 @@ class Usage:
         Readings that came of each sensor.
     interpolated : tuple of int
         Samples in which the value of each sensor lies between its readings.
+    lost : tuple of str
+        The channels most of whose messages cannot be used, each with why.
+    scalar_is_lost : bool
+        Whether the scalar is one of them.
     """
 
     used: int
@@ -48,9 +55,13 @@ class Usage:
     reasons: tuple[str, ...] = ()
     readings: tuple[int, ...] = ()
     interpolated: tuple[int, ...] = ()
+    lost: tuple[str, ...] = ()
+    scalar_is_lost: bool = False
 
     @classmethod
-    def of(cls, used: int, first: Stream, others: Sequence[Stream], patience_ns: int) -> "Usage":
+    def of(
+        cls, used: int, first: Stream, others: Sequence[Stream], patience_ns: int, channels: Sequence[Stream] = ()
+    ) -> "Usage":
         """Return the usage that the streams of the sensors tell.
 
         Parameters
@@ -63,6 +74,8 @@ class Usage:
             Of the other sensors.
         patience_ns : int
             How far the stamps of one may lag behind those of another, nanoseconds.
+        channels : sequence of Stream
+            Of what is recorded beside the sensors.
         """
         own = _own_faults(first.losses)
         reasons = [(count, f"{count} {fault}: look at the driver of {first.name}") for count, fault in own]
@@ -77,14 +90,15 @@ class Usage:
             tuple(text for _, text in told),
             tuple(stream.losses.received - stream.losses.unusable for stream in (first, *others)),
             (0, *(stream.interpolated for stream in others if isinstance(stream, InterpolatedStream))),
+            tuple(why for stream in channels if (why := why_lost(stream)) is not None),
+            any(stream.name == "scalar" and why_lost(stream) is not None for stream in channels),
         )
 
     @classmethod
     def from_json(cls, text: str) -> "Usage":
         """Return the usage that `to_json` wrote."""
         content = json.loads(text)
-        tuples = (tuple(content[name]) for name in ("reasons", "readings", "interpolated"))
-        return cls(content["used"], content["received"], *tuples)
+        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in content.items()})
 
     def to_json(self) -> str:
         """Return the usage as text for other processes."""
@@ -96,16 +110,18 @@ class Usage:
         return f"{self.used} of {self.received} samples of sensor 1 used{why}"
 
     def warnings(self) -> tuple[str, ...]:
-        """Return a warning where less than nine tenths were used.
+        """Return a warning where less than nine tenths were used, and of each channel that is lost.
 
         Raises
         ------
         Refused
-            When less than half were used.
+            When less than half were used, or the scalar, which tells the scale, is lost.
         """
         if self.used < _REFUSED_BELOW * self.received:
             raise Refused(f"only {self}; mend that and record again")
-        return (f"only {self}",) if self.used < _WARNED_BELOW * self.received else ()
+        if self.scalar_is_lost:
+            raise Refused(f"{'; '.join(self.lost)}: mend that, or leave the topic out to do without")
+        return (*([f"only {self}"] if self.used < _WARNED_BELOW * self.received else []), *self.lost)
 
     def with_each_reading_once(self, samples: SampleSource) -> SampleSource:
         """Return samples for a fit, thinned where a sensor that is read less often would count more than once.
@@ -179,6 +195,22 @@ def _turning(samples: SampleSource) -> tuple[FloatArray, float]:
         fields.append(length)
     rate = np.concatenate(rates)
     return rate[:: -(-len(rate) // _TURNS_SEEN)], float(np.concatenate(fields).mean())
+
+
+def why_lost(stream: Stream) -> str | None:
+    """Return why most messages of a stream cannot be used, in one clause; None where they can.
+
+    Parameters
+    ----------
+    stream : Stream
+        Of a sensor or a channel.
+    """
+    faults = [(count, fault) for count, fault in _own_faults(stream.losses) if count]
+    if sum(count for count, _ in faults) <= _LOST_FROM * stream.losses.received:
+        return None
+    zero = ": all its stamps are zero" if stream.timeline.newest_ns == 0 else ""
+    told = ", ".join(f"{count} {fault}" for count, fault in faults)
+    return f"of {stream.losses.received} messages of {stream.name} {told}{zero}"
 
 
 def _own_faults(losses: Losses) -> list[tuple[int, str]]:

@@ -140,10 +140,12 @@ class Recording:
             if bad.any():
                 index = np.argwhere(bad)[0]
                 where = f"sensor {index[1] + 1} axis {'xyz'[index[2]]}" if field.name == "readings_T" else field.name
-                count = int(bad.reshape(len(bad), -1).any(axis=1).sum())
+                samples = np.flatnonzero(bad.reshape(len(bad), -1).any(axis=1))
+                first_s, last_s = self.time_s[samples[[0, -1]]].tolist()
                 raise InputError(
-                    f"{count} of {self.sample_count} samples hold {'' if is_channel else 'NaN or '}infinite values, "
-                    f"first {where} in sample {index[0] + 1}: remove them"
+                    f"{len(samples)} of {self.sample_count} samples hold {'' if is_channel else 'NaN or '}infinite "
+                    f"values, first {where} in sample {index[0] + 1}, between {first_s:.2f} and {last_s:.2f} s: "
+                    "remove them"
                 )
 
     def _check_attitude(self) -> None:

@@ -3,6 +3,7 @@ from dataclasses import replace
 import pytest
 
 from tam_calibration.integrity import units
+from tam_calibration.model.geomagnetic_field import FieldBounds
 
 FACTORS = [1e-6, 1e-5, 1e-3, 1e-2, 1e2, 1e3, 1e5, 1e6]
 """Between nT, µT, mT and gauss, but for the ten of mT to gauss, which may be another range."""
@@ -62,10 +63,12 @@ def test_a_tenth_is_another_range(run):
 
 def test_little_motion_is_no_unit(vehicle):
     """A vehicle that is hardly tilted varies little along z, in all sensors."""
-    from scipy.spatial.transform import Rotation
-
-    turns = Rotation.from_quat(vehicle.recording.attitude)
     assert vehicle.told == []
     level = vehicle.recording.readings_T * [1, 1, 0.02]
     assert replace(vehicle, recording=replace(vehicle.recording, readings_T=level)).told == []
-    assert len(turns) == 1500
+
+
+def test_a_scalar_that_the_array_file_contradicts_is_in_its_unit(run):
+    """Where the sensors read what it reads, the file is wrong."""
+    elsewhere = replace(run, array=replace(run.array, field=FieldBounds(20e-6, 30e-6)))
+    assert elsewhere.told == []
