@@ -109,8 +109,8 @@ def _of_sensors(overview: Overview, reference: FieldBounds | float) -> FloatArra
 
 
 def _fault(overview: Overview, sensor: int | None, axis: str, own_T: float, usual_T: float) -> Fault:
-    ratio = np.log10(own_T / usual_T) if own_T > 0 else -np.inf
-    times = f"about {10 ** abs(round(ratio)):.0f} times too {'much' if ratio > 0 else 'little'}"
+    ratio = np.log10(max(own_T, np.finfo(float).tiny) / usual_T)
+    times = f"about {10.0 ** abs(round(ratio)):.7g} times too {'much' if ratio > 0 else 'little'}"
     subject = "every sensor" if sensor is None else channel(sensor + 1, axis)
     sentence = (
         f"{subject} varies by {in_nanotesla(own_T)} {between(overview.time_s)}, {times}: it is in another unit than "

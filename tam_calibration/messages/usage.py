@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -98,7 +99,10 @@ class Usage:
     def from_json(cls, text: str) -> "Usage":
         """Return the usage that `to_json` wrote."""
         content = json.loads(text)
-        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in content.items()})
+        given: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in content.items()
+        }
+        return cls(**given)
 
     def to_json(self) -> str:
         """Return the usage as text for other processes."""
