@@ -17,7 +17,7 @@ SHARED = 0.9
 LARGEST_T = 1e9
 """Tesla: the Earth's field in nT, taken for T, has some 1e4; squares of larger numbers are none."""
 
-_LONE = 0.01
+LONE = 0.01
 """Share of the samples at either end that may be spikes, and do not count for the spread of an axis."""
 
 
@@ -54,7 +54,7 @@ class Overview:
     def without_spikes_T(self) -> FloatArray:
         """(3K, n) readings about their mean, those beyond all but one per cent moved to there."""
         count = self.sorted_T.shape[1]
-        lone = int(_LONE * count)
+        lone = int(LONE * count)
         low, high = self.sorted_T[:, lone : lone + 1], self.sorted_T[:, count - 1 - lone : count - lone]
         clipped = np.clip(self.values_T, low, high)
         centered: FloatArray = clipped - clipped.mean(axis=1, keepdims=True)

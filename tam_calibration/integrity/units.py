@@ -80,31 +80,37 @@ def _is_of(size_T: float, field: FieldBounds, scalar_T: float) -> bool:
 
 
 def _of_sensors(overview: Overview, reference: FieldBounds | float) -> FloatArray:
-    """Return (K, 3) whether each axis is too small (-1), too large (1) or neither (0) for the other sensors."""
+    """Return (K, 3) whether each axis is too small (-1), too large (1) or neither (0)."""
     low_T, high_T = (reference, reference) if isinstance(reference, float) else (reference.low_T, reference.high_T)
     spread, principal = overview.spread_T, overview.principal_T
+    size = np.sqrt(np.sum(spread**2, axis=1))
+    wrong = _against_others(spread, principal, TURNED * low_T)
+    large, small = (wrong.sum(axis=1) == sign * 3 for sign in (1, -1))
+    if large.any() and small.any() and (large | small).all():
+        off = np.abs(np.log(np.maximum(size, np.finfo(float).tiny) / np.sqrt(low_T * high_T)))
+        wrong[large if off[large].min() < off[small].min() else small] = 0
+    # No field spreads further than it is strong, whatever it is added to.
+    wrong[spread > APART * high_T] = 1
+    if overview.sensor_count == 1:
+        wrong[0][spread[0] * ALONE_APART < np.median(spread[0])] = -1
+    # At rest all sensors read their noise, which is round too, and small.
+    is_round = (principal[:, 0] ** 2 > ALL_ROUND * principal[:, 2] ** 2).all() and not wrong.any()
+    if is_round and (size * APART < low_T).all() and len(size) > 1 and overview.shared_motion(0, 1) > SHARED:
+        wrong[:] = -1
+    return wrong
+
+
+def _against_others(spread: FloatArray, principal: FloatArray, turned_T: float) -> FloatArray:
+    """Return (K, 3) whether most other sensors vary more in each direction (-1), or less in every one (1), or not (0).
+
+    Sensors that are hardly turned in some direction, by less than ``turned_T`` say, tell nothing of what is too small.
+    """
     wrong = np.zeros_like(spread)
     for sensor, own in enumerate(spread):
         least, most = np.delete(principal[:, 0], sensor), np.delete(principal[:, 2], sensor)
-        is_turned = (least > TURNED * np.delete(principal[:, 2], sensor)) & (least > TURNED * low_T)
-        small = (own[:, None] * APART < least) & is_turned
+        small = (own[:, None] * APART < least) & (least > TURNED * most) & (least > turned_T)
         large = own[:, None] > APART * most
-        wrong[sensor] -= 2 * small.sum(axis=1) > len(least)
-        wrong[sensor] += 2 * large.sum(axis=1) > len(least)
-    whole = np.sqrt(np.sum(spread**2, axis=1))
-    # No field spreads further than it is strong, whatever it is added to.
-    too_large = spread > APART * high_T
-    if overview.sensor_count == 2 and (np.abs(wrong.sum(axis=1)) == 3).all():
-        right = 0 if (not too_large[0].any() and whole[0] > whole[1]) or too_large[1].any() else 1
-        wrong[right] = 0
-    wrong[too_large] = 1
-    if overview.sensor_count == 1:
-        wrong[0][spread[0] * ALONE_APART < np.median(spread[0])] = -1
-    is_round = principal[:, 0] ** 2 > ALL_ROUND * principal[:, 2] ** 2
-    is_small = is_round & (whole * APART < low_T) & (wrong == 0).all(axis=1)
-    # At rest all sensors read their noise, which is round too, and small.
-    if len(is_small) > 1 and is_small.all() and overview.shared_motion(0, 1) > SHARED:
-        wrong[:] = -1
+        wrong[sensor] += (2 * large.sum(axis=1) > len(least)).astype(int) - (2 * small.sum(axis=1) > len(least))
     return wrong
 
 

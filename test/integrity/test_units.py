@@ -42,6 +42,17 @@ def test_of_two_sensors_the_one_that_is_out(run, factor):
 
 
 @pytest.mark.parametrize("factor", FACTORS)
+def test_of_two_and_two_those_that_are_out(run, factor):
+    """The same."""
+
+    def change(readings):
+        readings[:, [1, 2]] *= factor
+
+    assert run.spoiled(change).told == [("unit", 2, ""), ("unit", 3, "")]
+    assert run.spoiled(change).of(1, 2, 3, 4, scalar_T=run.recording.scalar_T).told == run.spoiled(change).told
+
+
+@pytest.mark.parametrize("factor", FACTORS)
 def test_the_scalar_in_another_unit_is_named(run, factor):
     """Where the sensors read a field of the Earth."""
     recording = replace(run.recording, scalar_T=factor * run.recording.scalar_T)
