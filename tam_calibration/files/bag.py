@@ -28,7 +28,7 @@ from tam_calibration.messages.topics import StreamTopics, find_topics
 from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import LARGEST
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -279,6 +279,8 @@ def _join(
             held = stamps_ns, _times_in(run, synchroniser, stamps_ns, values), values, synchroniser.usage
     stamps_ns, values = _kept(synchroniser, with_partial, *synchroniser.flush_batch())
     if not (synchroniser.delivered or (with_partial and synchroniser.partial)):
+        if synchroniser.lost:
+            raise Refused(f"no sample could be joined: {'; '.join(synchroniser.lost)}; look at the driver")
         raise InputError(
             f"no sample could be joined by the stamps of the topics ({synchroniser.explain_losses()}): "
             "compare the stamps: do the drivers share one clock?"

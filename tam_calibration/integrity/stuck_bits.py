@@ -100,7 +100,7 @@ def _cycles(parts: list[FloatArray]) -> list[float | None]:
     """
     histogram = np.empty((len(parts), CELLS))
     for row, values in zip(histogram, parts, strict=True):
-        place = (values - values[0]) * ((CELLS - 1) / (values[-1] - values[0]))
+        place = (values - values[0]) / (values[-1] - values[0]) * (CELLS - 1)
         row[:] = np.bincount((place + 0.5).astype(np.intp), minlength=CELLS) / len(values)
     coherence = np.abs(np.fft.rfft(histogram, 2 * CELLS, axis=1)[:, : CELLS // 2])
     coherence[:, : int(2 * FEWEST_PERIODS)] = 0
