@@ -11,15 +11,20 @@ from io import TextIOWrapper
 def usable_streams() -> Iterator[None]:
     r"""Run a command with standard streams that it can write to.
 
-    What is closed is as if led to ``/dev/null``. Where standard output can take nothing, the command does not begin;
-    where it is full in the end, that is told. What an encoding lacks is written as Python writes it: by its number.
+    Where standard output is closed or can take nothing, the command does not begin; where it is full in the end, that
+    is told. Other streams that are closed are as if led to ``/dev/null``. Letters that an encoding lacks are written by
+    their numbers.
 
     Raises
     ------
     SystemExit
         With code 2, when standard output cannot be written.
     """
+    has_output = sys.stdout is not None
     _open_what_is_closed()
+    if not has_output:
+        tell("standard output is closed: lead it to a file, or to /dev/null")
+        sys.exit(2)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

@@ -48,9 +48,16 @@ def test_what_is_found_full_at_the_end_is_a_sentence(folder):
     assert (code, output, errors) == (2, b"", b"tam: File too large\n")
 
 
-@pytest.mark.parametrize("redirection", [">&- 2>&- <&-", "2>/dev/full"])
-def test_streams_that_are_closed_change_no_result(folder, redirection):
-    """What would be printed is lost, the file is written whole."""
+def test_output_that_is_closed_is_a_sentence(folder):
+    """The answer would be lost: nothing is written."""
+    sentence = b"tam: standard output is closed: lead it to a file, or to /dev/null\n"
+    assert run(_CALIBRATE, ">&-") == (2, b"", sentence)
+    assert not (folder / "new.yaml").exists()
+
+
+@pytest.mark.parametrize("redirection", ["2>&- <&-", "2>/dev/full"])
+def test_other_streams_that_are_closed_change_no_result(folder, redirection):
+    """What would be told beside the answer is lost, the file is written whole."""
     code, _, errors = run(_CALIBRATE, redirection)
     assert (code, errors) == (0, b"")
     assert read_calibration("new.yaml").errors.sensor_count == 4
