@@ -1,10 +1,12 @@
-# make demo    the whole chain once: simulate, play over DDS, calibrate, compare; writes demo_output/
-# make test    every check and test
-# make check   format, lint and types only
-# make docs    the site of docs/ and the docstrings; writes build/docs/index.html
-# make bench   every figure of speed beside what it is compared with: a quarter of an hour; writes benchmarks/results/
-# make colcon  build and test as a ROS 2 machine does, in build/ and install/
-# make clean   remove what these wrote, except the environment .venv
+# make demo     the whole chain once: simulate, play over DDS, calibrate, compare; writes demo_output/
+# make test     every check and test
+# make check    format, lint and types only
+# make docs     the site of docs/ and the docstrings; writes build/docs/index.html
+# make battery  every bad input and kill, and a flood of the nodes for a minute; a seed: make battery SEED=7
+# make soak     twenty minutes of faults beside a run
+# make bench    every figure of speed beside what it is compared with: a quarter of an hour; writes benchmarks/results/
+# make colcon   build and test as a ROS 2 machine does, in build/ and install/
+# make clean    remove what these wrote, except the environment .venv
 # Each sets up .venv by itself; another interpreter than python3: make test PYTHON=python3.12
 
 PYTHON ?= python3
@@ -12,7 +14,7 @@ BIN := .venv/bin
 READY := .venv/ready
 MAKEFLAGS += --no-print-directory
 
-.PHONY: demo test check docs bench colcon clean
+.PHONY: demo test check docs battery soak bench colcon clean
 
 demo: $(READY)
 	@$(BIN)/tam demo
@@ -29,6 +31,16 @@ check: $(READY)
 
 docs: $(READY)
 	@$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet --fresh-env docs build/docs
+
+battery soak: export PYTHONPATH := $(CURDIR)/test:$(CURDIR)
+battery soak: export OPENBLAS_NUM_THREADS := 1
+
+battery: $(READY)
+	@FLOOD_S=60 $(BIN)/pytest --quiet test/nodes/test_flood.py
+	@$(BIN)/python -m battery $(if $(SEED),--seed $(SEED))
+
+soak: $(READY)
+	@SOAK_S=1200 $(BIN)/pytest --quiet --capture no test/battery/test_soak.py
 
 bench: $(READY)
 	@$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]' \

@@ -179,6 +179,8 @@ def _diagnose(
         source, usage = read_source(path, array.sensor_count, tolerance_s, reading(progress), array)
         remarks = () if usage is None else usage.remarks()
         if calibration is not None:
+            if not calibration.is_of(array):
+                raise InputError(f"{calibration_path} is the calibration of another array: use the one of this array")
             seen, of_stretches = in_stretches(source)
             source, remarks = calibration.without_effects(seen), (*remarks, *of_stretches)
         if usage is not None:

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from tam_calibration import __version__
+from tam_calibration.cli.held_warnings import HeldWarnings
 from tam_calibration.cli.streams import tell, usable_streams
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.signals import Ending
@@ -84,13 +85,15 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(SUBCOMMANDS.items()))
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a subcommand; what the user can mend becomes one sentence and an exit code."""
+        """Run a subcommand; what the user can mend becomes one sentence, with what was warned of, and an exit code."""
+        held = HeldWarnings()
         try:
-            return super().invoke(ctx)
+            with held:
+                return super().invoke(ctx)
         except Refused as problem:
-            _end(ctx, str(problem), code=1)
+            _end(ctx, held.after(problem), code=1)
         except InputError as problem:
-            _end(ctx, str(problem), code=2)
+            _end(ctx, held.after(problem), code=2)
         except BrokenPipeError:
             raise
         except OSError as problem:

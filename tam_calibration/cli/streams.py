@@ -9,7 +9,7 @@ from io import TextIOWrapper
 
 @contextmanager
 def usable_streams() -> Iterator[None]:
-    """Run a command with standard streams that it can write to.
+    r"""Run a command with standard streams that it can write to.
 
     Where standard output is closed or can take nothing, the command does not begin; where it is full in the end, that
     is told. Other streams that are closed are as if led to ``/dev/null``. Letters that an encoding lacks are written by

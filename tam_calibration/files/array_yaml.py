@@ -23,6 +23,9 @@ _Offsets = tuple[_Vector, _Vector, _Vector]
 LookUp = Callable[[str], tuple[FloatArray, FloatArray]]
 """From the name of a frame to its origin (3,), metres, and the quaternion (4,) of its axes, in the array's frame."""
 
+_LEAST_DISTANCE_M = 1e-3
+"""Of two sensors: no tri-axial magnetometer is smaller than a millimetre."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ArrayFile:
@@ -125,6 +128,7 @@ class ArrayFile:
         if (self.baseline_m is None) == (self.positions_m is None):
             raise InputError("give either baseline_m (the cross) or positions_m (a row of x, y, z for each sensor)")
         array = Array.cross(self.baseline_m) if self.baseline_m is not None else Array(np.array(self.positions_m))
+        _require_apart(array.positions_m)
         vector_noise_T = None
         if self.vector_noise_nT is not None:
             stated = np.asarray(self.vector_noise_nT, dtype=float)
@@ -152,6 +156,17 @@ class ArrayFile:
             None if self.frame_ids is None else tuple(self.frame_ids),
             self.imu_frame_id,
         )
+
+
+def _require_apart(positions_m: FloatArray) -> None:
+    for second, position in enumerate(positions_m):
+        distances = np.linalg.norm(positions_m[:second] - position, axis=1)
+        if (distances < _LEAST_DISTANCE_M).any():
+            first = int(np.argmin(distances))
+            raise InputError(
+                f"sensors {first + 1} and {second + 1} are both at {position.tolist()} m, where there is room for one: "
+                "state where each sits"
+            )
 
 
 def _rotation_of(

@@ -24,12 +24,11 @@ from tam_calibration.messages.cdr import NO_TIME, RawMessages
 from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS
 from tam_calibration.messages.run import Run
 from tam_calibration.messages.samples import Progress, Samples, seconds_of
-from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.topics import StreamTopics, find_topics
 from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import LARGEST
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -87,6 +86,8 @@ def open_bag(path: Path) -> Iterator[BagReader]:
     if path.is_file() and not path.name.removesuffix(PACKED).endswith(suffixes):
         raise InputError(f"{path} is a bag by the name of something else: let its name end in {' or '.join(suffixes)}")
     reader = BagReader(path)
+    if reader.unfinished:
+        log.warning("%s: %s", path, reader.unfinished)
     with damage_named(path):
         reader.open()
     try:
@@ -177,20 +178,12 @@ def read_bag(
     """
     with open_bag(path) as reader, in_file(path):
         topics = find_topics(reader.connections, sensor_count)
-        # Where sensor 1 is silent another sets the pace; not every storage counts the messages of a topic.
-        pacing = range(1, 1 + (topics.layout.sensor_count if with_partial else 1))
-        most = sum(topics.connections[sensor_stream(sensor)].msgcount for sensor in pacing) or reader.message_count
-        rows = np.empty((most, len(topics.layout.columns)))
-        stamps = np.empty(len(rows), dtype=np.int64)
-        count, usage = 0, None
+        stamps, rows, usage = [], [], None
         joined = _join(reader, topics, tolerance_ns, progress, array, with_partial)
         for stamps_ns, times_ns, values, usage in joined:  # noqa: B007
-            chosen = slice(count, count + len(stamps_ns))
-            if chosen.stop > len(rows):
-                raise InputError("the bag holds more messages than its metadata say: `ros2 bag reindex` counts them")
-            stamps[chosen], rows[chosen, 0], rows[chosen, 1:] = stamps_ns, seconds_of(times_ns), values
-            count = chosen.stop
-        return _samples(topics, stamps[:count], rows[:count], usage, reader.unfinished)
+            stamps.append(stamps_ns)
+            rows.append(np.column_stack([seconds_of(times_ns), values]))
+        return _samples(topics, np.concatenate(stamps), np.concatenate(rows), usage, reader.unfinished)
 
 
 def read_bag_pieces(
@@ -286,6 +279,8 @@ def _join(
             held = stamps_ns, _times_in(run, synchroniser, stamps_ns, values), values, synchroniser.usage
     stamps_ns, values = _kept(synchroniser, with_partial, *synchroniser.flush_batch())
     if not (synchroniser.delivered or (with_partial and synchroniser.partial)):
+        if synchroniser.lost:
+            raise Refused(f"no sample could be joined: {'; '.join(synchroniser.lost)}; look at the driver")
         raise InputError(
             f"no sample could be joined by the stamps of the topics ({synchroniser.explain_losses()}): "
             "compare the stamps: do the drivers share one clock?"

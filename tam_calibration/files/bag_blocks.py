@@ -14,6 +14,7 @@ from tam_calibration.files.bag_bounds import check_piece, unpack_message
 from tam_calibration.files.bag_storages import STORAGES, RegisteredStorage, StoredFile
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.samples import Progress
+from tam_calibration.model.exceptions import InputError
 
 COUNT, _BYTES = 16_384, 8_000_000
 """How much is gathered where messages come one by one."""
@@ -34,8 +35,16 @@ def read_blocks(
         Called with the bytes read so far, and how many there are.
     with_times : bool
         Whether the times of recording are wanted; without them some storages are read sooner.
+
+    Raises
+    ------
+    InputError
+        When the files lack a topic of which the metadata count messages, or something is larger than it may be.
     """
     files = _files(reader)
+    for one in connections:
+        if one.msgcount and not any(_is_same(own, one) for file in files for own in file.connections):
+            raise InputError(f"the metadata count {one.msgcount} messages of {one.topic}, which no file has as they do")
     total = sum(_bytes(file) for file in files)
     done = 0
     for block, size in _blocks(reader, files, connections, with_times):

@@ -7,8 +7,11 @@ from typing import NamedTuple
 
 from tam_calibration.model.exceptions import InputError
 
-_NAMED = 3
-"""Topics, or stretches of a topic, that a sentence names."""
+NAMED = 3
+"""Stretches of messages, or faults, that a sentence names."""
+
+_TELLING = {"tam_calibration", "rosbags", "zstandard", "sqlite3", "apsw"}
+"""Whose exceptions are sentences for people."""
 
 
 class Damage(NamedTuple):
@@ -30,9 +33,9 @@ def describe(damages: Sequence[Damage]) -> str:
     """Return a clause that names damaged messages; nothing where there are none."""
     if not damages:
         return ""
-    rest = sum(each.last - each.first + 1 for each in damages[_NAMED:])
+    rest = sum(each.last - each.first + 1 for each in damages[NAMED:])
     more = [f"{rest} more"] if rest else []
-    return "damaged: " + "; ".join([*map(str, damages[:_NAMED]), *more])
+    return "damaged: " + "; ".join([*map(str, damages[:NAMED]), *more])
 
 
 def _span(from_ns: int, to_ns: int) -> str:
@@ -52,5 +55,12 @@ def damage_named(path: Path) -> Iterator[None]:
     try:
         yield
     except Exception as problem:  # rosbags lets through whatever its decompressors and databases raise
-        reason = str(problem).partition("\n")[0] or type(problem).__name__
-        raise InputError(f"{path} is damaged or truncated: {reason}") from problem
+        raise InputError(f"{path} is damaged or truncated: {_reason(problem)}") from problem
+
+
+def _reason(problem: Exception) -> str:
+    """Return what an exception tells; of those of Python itself that it does not fit together."""
+    if isinstance(problem, OSError) and problem.strerror:
+        return problem.strerror
+    is_telling = type(problem).__module__.partition(".")[0] in _TELLING
+    return " ".join(str(problem).split()) if is_telling and str(problem) else "what it holds does not fit together"

@@ -15,9 +15,6 @@ INFORMATION = "rosbag2_bagfile_information"
 PACKED = ".zstd"
 """Suffix behind that of a file that is packed as a whole."""
 
-_LARGEST_METADATA = 1 << 24
-"""Bytes of metadata, 16 MiB: a file of a bag takes some 200 of them, a topic 1000."""
-
 
 def data_files(path: Path) -> list[Path]:
     """Return the files that hold the messages of a bag, in their order; a single file is its own.
@@ -25,7 +22,7 @@ def data_files(path: Path) -> list[Path]:
     Raises
     ------
     InputError
-        When the path is no bag, or holds what is no regular file.
+        When the path is no bag.
     """
     if not path.is_dir():
         files = [path]
@@ -34,38 +31,15 @@ def data_files(path: Path) -> list[Path]:
     else:
         files = _found_in(path)
     for file in files:
-        if file.exists():
-            check_regular(file)
+        if file.is_dir():
+            raise InputError(f"{file} is a folder, not a file of a bag")
     return files
 
 
-def check_regular(path: Path) -> None:
-    """Check that a path is a folder or a regular file, from which a bag can be read.
-
-    Raises
-    ------
-    InputError
-        When it is a device, a pipe or the like.
-    """
-    if not path.is_dir() and not path.is_file():
-        raise InputError(f"{path} is not a regular file: a bag cannot be read from it")
-
-
 def read_metadata(folder: Path) -> dict[str, Any] | None:
-    """Return the metadata of a bag; None where the recorder did not write them, or not to the end.
-
-    Raises
-    ------
-    InputError
-        When they are no regular file, or too large.
-    """
-    path = folder / METADATA
-    if not path.exists():
-        return None
-    if not path.is_file() or path.stat().st_size > _LARGEST_METADATA:
-        raise InputError(f"{path} is no metadata of a bag: not a file of less than {_LARGEST_METADATA} bytes")
+    """Return the metadata of a bag; None where the recorder did not write them, or not to the end."""
     try:
-        information: dict[str, Any] = parse_mapping(read_text(path))[INFORMATION]
+        information: dict[str, Any] = parse_mapping(read_text(folder / METADATA))[INFORMATION]
         information["relative_file_paths"] = [str(name) for name in information["relative_file_paths"]]
     except (InputError, KeyError, TypeError):
         return None

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from tam_calibration.correction.acceptance import beyond_limits
 from tam_calibration.correction.calibration import (
     AmbientGradientEstimate,
     Calibration,
@@ -13,7 +14,6 @@ from tam_calibration.correction.calibration import (
     KnownSource,
     Provenance,
 )
-from tam_calibration.correction.limits import beyond_limits
 from tam_calibration.effects.library import check_numbers
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.effects_schema import EffectFile

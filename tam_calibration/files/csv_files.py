@@ -250,8 +250,8 @@ def _require_field(name: str, values_T: FloatArray) -> None:
     beyond = np.isfinite(sizes) & (sizes > _STRONGEST_READING_T)
     if 0 < beyond.sum() < len(sizes) / 2:
         raise InputError(
-            f"column {name}: {beyond.sum()} of {len(sizes)} values are beyond {_STRONGEST_READING_T:g} T, "
-            f"first in sample {beyond.argmax() + 1}: remove them"
+            f"column {name}: {beyond.sum()} of {len(sizes)} values are beyond {_STRONGEST_READING_T:g} T, first in "
+            f"sample {beyond.argmax() + 1}: remove them"
         )
 
 

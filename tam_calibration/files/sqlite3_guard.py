@@ -2,19 +2,21 @@
 
 import shutil
 import sqlite3
-from collections.abc import Callable, Iterator
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
 from itertools import count
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import quote
 from zlib import crc32
 
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag2.metadata import parse_qos
 
+from tam_calibration.files.bag_bounds import check_topic
 from tam_calibration.files.bag_damage import Damage, describe
+from tam_calibration.files.sqlite3_pages import DatabasePages, Row, page_size
+from tam_calibration.files.whole_files import temporary_place, unfinished
 
 CRC_COLUMN = "crc32"
 """Of the table of messages, in files that this package wrote; other readers ignore it."""
@@ -25,7 +27,7 @@ _DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM mes
 _NO_MESSAGE = "SELECT 1 FROM messages WHERE typeof(data) != 'blob' OR typeof(timestamp) != 'integer' LIMIT 1"
 _BEGINNING = b"SQLite format 3\0"
 _HEAD = 100
-_LOGS = ("-wal", "-journal")
+LOGS = ("-wal", "-journal")
 """Suffixes of what SQLite has beside a file as long as it is written to."""
 
 
@@ -50,6 +52,8 @@ def read_connections(rows: Callable[[str], Any], owner: object) -> list[Connecti
         definitions = {name: MessageDefinition(kinds[kind], text) for name, kind, text in rows(_DEFINITIONS)}
     columns = [column for _, column, *_ in rows("PRAGMA table_info(topics)")]
     topics = [dict(zip(columns, row, strict=True)) for row in rows("SELECT * FROM topics ORDER BY id")]
+    for topic in topics:
+        check_topic(len(str(topic.get("offered_qos_profiles"))))
     unknown = MessageDefinition(MessageDefinitionFormat.NONE, "")
     return [
         Connection(
@@ -64,14 +68,6 @@ def read_connections(rows: Callable[[str], Any], owner: object) -> list[Connecti
         )
         for topic in topics
     ]
-
-
-class _Head(NamedTuple):
-    """What the first bytes of a database tell: bytes a page, pages, and whether their number is of the last change."""
-
-    page: int
-    pages: int
-    is_current: bool
 
 
 class Sqlite3Guard:
@@ -89,16 +85,17 @@ class Sqlite3Guard:
     def is_unfinished(self) -> bool:
         """Return whether a journal lies beside the file, or the file is not as long as it tells."""
         beginning = _begin(self._path, _HEAD)
-        if not beginning.startswith(_BEGINNING):
+        if beginning[: len(_BEGINNING)] != _BEGINNING[: len(beginning)]:
             return False
         if len(beginning) < _HEAD or self._logs():
             return True
-        head, size = _parse_head(beginning), self._path.stat().st_size
-        return size % head.page != 0 or (head.is_current and size != head.page * head.pages)
+        pages, rest = divmod(self._path.stat().st_size, page_size(beginning))
+        is_current = beginning[24:28] == beginning[92:96]  # whether the number of pages is that of the last change
+        return rest != 0 or (is_current and pages != int.from_bytes(beginning[28:32], "big"))
 
     def _logs(self) -> list[Path]:
         """Return what SQLite left beside the file; a journal that begins with zeros is done with."""
-        logs = [self._path.with_name(self._path.name + suffix) for suffix in _LOGS]
+        logs = [self._path.with_name(self._path.name + suffix) for suffix in LOGS]
         return [log for log in logs if log.is_file() and _begin(log, 1) > b"\0"]
 
     def find_damage(self) -> str:
@@ -107,7 +104,7 @@ class Sqlite3Guard:
         try:
             with closing(sqlite3.connect(where, uri=True)) as database:
                 (answer,) = database.execute("PRAGMA integrity_check(1)").fetchone()
-                damaged = "" if answer == "ok" else f"SQLite finds {' '.join(str(answer).split())}"
+                damaged = "" if answer == "ok" else f"SQLite finds {' '.join(str(answer or 'it malformed').split())}"
                 return describe(list(_damages(database))) or damaged
         except (sqlite3.Error, ValueError, TypeError, KeyError) as problem:
             return f"SQLite finds {' '.join(str(problem).split())}"
@@ -119,35 +116,31 @@ class Sqlite3Guard:
     def whole_messages(self, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
         """Yield connection, time of recording in nanoseconds and serialised message, in the order of writing.
 
-        The file is copied: once with its journals, which SQLite then plays back, and once without, which gives more
-        where a transaction was never ended. Of the second the messages count until one is missing.
+        The file is copied with its journals, which SQLite then plays back. Where more lies on its pages than SQLite
+        gives, of a transaction that was never ended or behind a page that is gone, that counts.
 
         Parameters
         ----------
         faults : list of str
             What was left out is added to it, in clauses.
         """
-        with TemporaryDirectory() as name:
-            replayed, plain = Path(name, "replayed.db3"), Path(name, "plain.db3")
+        with unfinished(temporary_place()) as folder:
+            replayed, plain = folder / "replayed.db3", folder / "plain.db3"
             for source in (self._path, *self._logs()):
                 shutil.copyfile(source, replayed.with_name(replayed.name + source.name[len(self._path.name) :]))
-            shutil.copyfile(self._path, plain)
-            _tell_true_size(plain)
-            counts = [sum(1 for _ in _whole_rows(*reading, [])) for reading in ((replayed, False), (plain, True))]
-            yield from (
-                _whole_rows(plain, True, faults) if counts[1] > counts[0] else _whole_rows(replayed, False, faults)
-            )
+            pages = DatabasePages(self._path) if self.is_unfinished() else ()
+            if isinstance(pages, tuple) or len(pages) <= _count(replayed):
+                yield from _whole_rows(_read_connections(replayed), _rows(replayed), faults)
+            else:
+                shutil.copyfile(self._path, plain)
+                _tell_true_size(plain)
+                connections = _read_connections(plain) or _read_connections(replayed)
+                yield from _whole_rows(connections, pages.rows(), faults)
 
 
 def _begin(path: Path, size: int) -> bytes:
     with path.open("rb") as file:
         return file.read(size)
-
-
-def _parse_head(beginning: bytes) -> _Head:
-    page = int.from_bytes(beginning[16:18], "big")
-    pages = int.from_bytes(beginning[28:32], "big")
-    return _Head(1 << 16 if page == 1 else max(page, 1), pages, beginning[24:28] == beginning[92:96])
 
 
 def _tell_true_size(path: Path) -> None:
@@ -157,43 +150,72 @@ def _tell_true_size(path: Path) -> None:
         if len(beginning) < _HEAD:
             return
         file.seek(28)
-        file.write((path.stat().st_size // _parse_head(beginning).page).to_bytes(4, "big"))
+        file.write((path.stat().st_size // page_size(beginning)).to_bytes(4, "big"))
         file.seek(92)
         file.write(beginning[24:28])
 
 
-def _whole_rows(path: Path, until_gap: bool, faults: list[str]) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield the messages of a database until it turns out to be damaged, without those that do not fit their CRC."""
+@contextmanager
+def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open a copy as far as SQLite can read it; what it cannot read ends what is done within."""
     with suppress(sqlite3.Error), closing(sqlite3.connect(path)) as database:
-        connections = {each.id: each for each in read_connections(database.execute, database)}
-        query = f"SELECT id, topic_id, timestamp, data, {_crc_or_null(database)} FROM messages ORDER BY id"
-        expected = None
-        for number, topic, recorded_ns, message, crc in database.execute(query):
-            expected = count(number) if expected is None else expected
-            if until_gap and number != next(expected):
-                return
-            is_message = topic in connections and isinstance(recorded_ns, int) and isinstance(message, bytes)
-            if is_message and crc in (None, crc_of(topic, recorded_ns, message)):
-                yield connections[topic], recorded_ns, message
-            else:
-                faults.append(f"message {number} is damaged")
+        yield database
 
 
-def _crc_or_null(database: sqlite3.Connection) -> str:
-    columns = [name for _, name, *_ in database.execute("PRAGMA table_info(messages)")]
-    return CRC_COLUMN if CRC_COLUMN in columns else "NULL"
+def _count(path: Path) -> int:
+    """Return how many messages of a database SQLite can read."""
+    found = 0
+    with _opened(path) as database:
+        for _ in database.execute("SELECT id FROM messages ORDER BY id"):
+            found += 1
+    return found
+
+
+def _read_connections(path: Path) -> dict[int, Connection]:
+    with suppress(KeyError, TypeError), _opened(path) as database:  # of topics on a page that is gone
+        database.execute("PRAGMA writable_schema = ON")  # else a table or an index that is gone hides the topics
+        return {each.id: each for each in read_connections(database.execute, database)}
+    return {}
+
+
+def _rows(path: Path) -> Iterator[Row]:
+    """Yield the rows of messages that SQLite can read."""
+    with _opened(path) as database:
+        crc = CRC_COLUMN if _has_crc(database) else "NULL"
+        yield from database.execute(f"SELECT id, topic_id, timestamp, data, {crc} FROM messages ORDER BY id")
+
+
+def _whole_rows(
+    connections: Mapping[int, Connection], rows: Iterable[Row], faults: list[str]
+) -> Iterator[tuple[Connection, int, bytes]]:
+    """Yield the messages of rows, without those that are none or do not fit their CRC."""
+    for number, topic, recorded_ns, message, crc in rows:
+        if topic in connections and _is_whole(topic, recorded_ns, message, crc):
+            yield connections[topic], recorded_ns, message
+        else:
+            faults.append(f"message {number} is damaged")
+
+
+def _is_whole(topic: Any, recorded_ns: Any, message: Any, crc: Any) -> bool:
+    is_message = isinstance(recorded_ns, int) and isinstance(message, bytes)
+    return is_message and crc in (None, crc_of(topic, recorded_ns, message))
+
+
+def _has_crc(database: sqlite3.Connection) -> bool:
+    return CRC_COLUMN in [name for _, name, *_ in database.execute("PRAGMA table_info(messages)")]
 
 
 def _damages(database: sqlite3.Connection) -> Iterator[Damage]:
     """Yield the messages that are none, or do not fit their CRC."""
-    if _crc_or_null(database) == "NULL" and database.execute(_NO_MESSAGE).fetchone() is None:
+    has_crc = _has_crc(database)
+    if not has_crc and database.execute(_NO_MESSAGE).fetchone() is None:
         return
     topics = dict(database.execute("SELECT id, name FROM topics"))
     numbers = {topic: count(1) for topic in topics}
-    query = f"SELECT topic_id, timestamp, data, {_crc_or_null(database)} FROM messages ORDER BY id"
+    crc_column = CRC_COLUMN if has_crc else "NULL"
+    query = f"SELECT topic_id, timestamp, data, {crc_column} FROM messages ORDER BY id"
     for topic, recorded_ns, message, crc in database.execute(query):
         number = next(numbers[topic])
-        is_message = isinstance(recorded_ns, int) and isinstance(message, bytes)
-        if not is_message or crc not in (None, crc_of(topic, recorded_ns, message)):
+        if not _is_whole(topic, recorded_ns, message, crc):
             time_ns = recorded_ns if isinstance(recorded_ns, int) else 0
             yield Damage(topics[topic], number, number, time_ns, time_ns)

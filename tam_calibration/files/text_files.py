@@ -18,20 +18,21 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
 @contextmanager
 def in_file(path: Path | str) -> Iterator[None]:
-    """Put the name of a file before the message of an `InputError`."""
+    """Put the name of a file before the message of an `InputError` that does not begin with it."""
     try:
         yield
     except InputError as problem:
-        raise InputError(f"{path}: {problem}") from None
+        told = str(problem)
+        raise InputError(told if told.startswith(f"{path} ") else f"{path}: {told}") from None
 
 
 def printable(path: Path | str) -> str:
-    """Return a path as text for files: bytes of a name that are no UTF-8 by their numbers."""
+    r"""Return a path as text for files: of a name that is no UTF-8 the bytes that are none, as \udcff."""
     return str(path).encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 MOST_BYTES = 1 << 26
-"""Of a text that is read at once: 64 MiB, four times the largest calibration and a century of an observatory's hours."""
+"""Of a text that is read at once: four times the largest calibration, and a century of an observatory's hours."""
 
 
 def require_regular(path: Path) -> None:

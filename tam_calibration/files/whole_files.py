@@ -11,7 +11,7 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import gettempdir, mkdtemp
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.signals import postponed
@@ -52,7 +52,7 @@ def write_set(paths: Iterable[Path]) -> Iterator[list[Path]]:
         moves = {folders.enter_context(_beside(path)) / path.name: path for path in targets}
         try:
             yield list(moves)
-            put_in_place(moves)
+            _put_in_place(moves)
         except InputError as problem:
             told = str(problem)
             for place, path in moves.items():
@@ -103,9 +103,7 @@ def unfinished(path: Path) -> Iterator[Path]:
     OSError
         When no folder can be made there.
     """
-    for name in os.listdir(path.parent):
-        if name.startswith(f".{path.name}.") and name.endswith(UNFINISHED):
-            remove_left_over(path.with_name(name))
+    remove_unfinished(path)
     folder, holder = _make_folder(path)
     try:
         yield folder
@@ -122,6 +120,24 @@ def _make_folder(path: Path) -> tuple[Path, int]:
         # Before it is held, another process that writes to the same path may take it for left over.
         with suppress(BlockingIOError, FileNotFoundError):
             return folder, hold(folder)
+
+
+def temporary_place() -> Path:
+    """Return the path beside which `unfinished` gives folders for what is needed for a while only."""
+    return Path(gettempdir(), "tam")
+
+
+def remove_unfinished(path: Path) -> None:
+    """Remove the folders that `unfinished` gave beside a path to processes that are gone.
+
+    Raises
+    ------
+    OSError
+        When the folder of the path cannot be read.
+    """
+    for name in os.listdir(path.parent):
+        if name.startswith(f".{path.name}.") and name.endswith(UNFINISHED):
+            remove_left_over(path.with_name(name))
 
 
 def remove_left_over(folder: Path) -> None:
@@ -170,27 +186,20 @@ def hold(path: Path) -> int:
     return descriptor
 
 
-def put_in_place(moves: Mapping[Path, Path]) -> None:
-    """Move files or folders to their places, all or none, once all that they hold is on the disk.
-
-    What was there is gone only when all are in place; a signal waits until then.
-
-    Parameters
-    ----------
-    moves : mapping of Path to Path
-        Of each where it is, in a folder of its own that `unfinished` gave, and where it shall be.
+def _put_in_place(moves: Mapping[Path, Path]) -> None:
+    """Move files or folders to their places, all or none, once all that they hold is on the disk; a signal waits.
 
     Raises
     ------
     OSError
-        When one cannot be moved; all is then as it was.
+        When one cannot be moved, as where a folder has appeared; all is then as it was.
     """
     with postponed(), ExitStack() as undo:
         for place in moves:
             _sync(place)
         for place, path in moves.items():
-            if os.path.lexists(path):
-                undo.callback(os.replace, _set_aside(path, place.parent), path)
+            if os.path.lexists(path) and not path.is_dir():
+                undo.callback(os.replace, _kept(path, place.parent), path)
             os.replace(place, path)
             undo.callback(os.replace, path, place)
         for folder in {path.parent for path in moves.values()}:
@@ -198,17 +207,43 @@ def put_in_place(moves: Mapping[Path, Path]) -> None:
         undo.pop_all()
 
 
-def _set_aside(path: Path, folder: Path) -> Path:
-    """Keep a file in a folder, or move a folder there, which nothing can replace at once; return where it is."""
-    aside = folder / f"{path.name}{_OLDER}"
-    if path.is_dir() and not path.is_symlink():
-        os.rename(path, aside)
-        return aside
+def _kept(path: Path, folder: Path) -> Path:
+    """Return a second name of a file, or of a link, in a folder."""
+    kept = folder / f"{path.name}{_OLDER}"
     try:
-        os.link(path, aside, follow_symlinks=False)
+        os.link(path, kept, follow_symlinks=False)
     except OSError:  # a file system without hard links
-        shutil.copy2(path, aside, follow_symlinks=False)
-    return aside
+        shutil.copy2(path, kept, follow_symlinks=False)
+    return kept
+
+
+def replace_folder(place: Path, path: Path) -> None:
+    """Move a folder to its place once all that it holds is on the disk; an older one there makes room for it.
+
+    That is removed with the folder that the newer one comes from, in which it waits until that is in place.
+
+    Parameters
+    ----------
+    place : Path
+        Where it is, in a folder that `unfinished` gave.
+    path : Path
+        Where it shall be.
+
+    Raises
+    ------
+    OSError
+        When it cannot be moved; all is then as it was.
+    """
+    with postponed(), ExitStack() as undo:
+        _sync(place)
+        if path.is_dir():
+            older = place.with_name(f"{path.name}{_OLDER}")
+            os.rename(path, older)
+            undo.callback(os.rename, older, path)
+        os.rename(place, path)
+        undo.callback(os.rename, path, place)
+        _sync_alone(path.parent)
+        undo.pop_all()
 
 
 def _sync(path: Path) -> None:

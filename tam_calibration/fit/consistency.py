@@ -34,6 +34,9 @@ _LARGEST_RESIDUAL = 0.01
 _LARGEST_DISTANCE = 0.05
 """Part of the radius of a sphere that most readings are near; errors of scale and angles make readings miss it too."""
 
+_FEWEST_FOR_GRADIENT = 3
+"""Sensors that determine a gradient wherever they do not stand in one line."""
+
 _LARGEST_CHI_SQUARE = 2.0
 """Square of 1.4 times the stated noise: data sheets are hardly more exact."""
 
@@ -119,6 +122,8 @@ def find_warnings(recording: SampleSource, calibration: Calibration) -> tuple[st
         What was fitted to them.
     """
     warnings = []
+    if calibration.array.sensor_count >= _FEWEST_FOR_GRADIENT and not calibration.array.has_gradient:
+        warnings.append("the sensors stand in one line, which determines no gradient tensor: the outputs have none")
     names = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
     chance = 6 * np.sqrt(2 / max(1, calibration.samples - FEWEST_SAMPLES))
     for channel, value in calibration.reduced_chi_square.items():

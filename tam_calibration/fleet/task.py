@@ -24,7 +24,7 @@ from tam_calibration.files import (
 from tam_calibration.files.recording_file import correct_file, is_bag, read_source
 from tam_calibration.files.results_json import gap_to_mapping, write_gap
 from tam_calibration.files.text_files import printable, to_json
-from tam_calibration.files.whole_files import put_in_place, unfinished
+from tam_calibration.files.whole_files import replace_folder, unfinished
 from tam_calibration.fit import calibrate
 from tam_calibration.fleet.task_result import Result, Seal, Status, read_result, state_of, write_result
 from tam_calibration.gap import diagnose
@@ -111,7 +111,7 @@ class Task:
         """
         digest = sha256(os.fsencode(path)).hexdigest()[:_DIGEST_LETTERS]
         own = Path("recordings", printable(path.parent.name), f"{printable(path.name)}-{digest}")
-        return cls(path, out.resolve() / own, options)
+        return cls(path, Path(os.path.realpath(out)) / own, options)
 
     def result(self, status: Status, problems: dict[str, str], **rest: Any) -> Result:
         """Return a result of this recording.
@@ -158,7 +158,7 @@ def _placing(folder: Path) -> Iterator[Path]:
         beside = parent / folder.name
         beside.mkdir()
         yield beside
-        put_in_place({beside: folder})
+        replace_folder(beside, folder)
 
 
 @dataclass

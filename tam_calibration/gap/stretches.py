@@ -10,7 +10,7 @@ import numpy as np
 from tam_calibration.model.recording import Recording, SampleSource
 
 MOST_SAMPLES = 100_000
-"""Samples that a diagnosis looks at, at most: a quarter of an hour at 100 Hz, which takes some 300 MiB of four sensors."""
+"""Samples that a diagnosis looks at, at most: a quarter of an hour at 100 Hz, in less than 500 MiB."""
 
 STRETCH = 1000
 """Samples of a stretch: many times the memory of filters and loops, and a hundredth of all that are looked at."""
@@ -45,7 +45,7 @@ def in_stretches(source: SampleSource) -> tuple[Recording, tuple[str, ...]]:
     recording = source.take(chosen).whole()
     longest_s = float(np.diff(recording.time_s).max())
     remark = (
-        f"Of {count} samples the diagnosis looks at {recording.sample_count}, in {parts} stretches that are spread over "
-        f"the run: what happens between them only, in up to {longest_s:.3g} s, is not seen."
+        f"Of {count} samples the diagnosis looks at {recording.sample_count}, in {parts} stretches that are spread "
+        f"over the run: what happens between them only, in up to {longest_s:.3g} s, is not seen."
     )
     return recording, (remark,)

@@ -25,6 +25,9 @@ LATEST = 4096
 COPIED = 1 - 1e-13
 """Correlation of two axes that differ by rounding only; noise of a millionth of the readings' spread makes less."""
 
+FLAT = 1e-12
+"""Variance out of a plane of readings without noise, in units of theirs: axes are alike there because the field is."""
+
 _MIXED = np.array([1.0, 0.6180339887498949, 0.41421356237309503])
 """Weights of x, y and z in the number by which readings are compared: different readings have different ones."""
 
@@ -101,7 +104,7 @@ class Copies:
 
 def _lags(numbers: FloatArray) -> list[tuple[int, int, int]]:
     """Return copy, original and how many samples later, where several probes (K, n) are met again."""
-    sensors, count = numbers.shape
+    count = numbers.shape[1]
     if count < 2 * PROBES:
         return []
     place = np.linspace(0, count - 1, PROBES + 2).astype(int)[1:-1]
@@ -124,8 +127,12 @@ def _axes(overview: Overview, known: set[frozenset[int]]) -> list[Fault]:
     size = np.where(is_constant, 0, np.sqrt(np.einsum("in,in->i", centered, centered)))
     unit = np.divide(centered, size[:, None], out=np.zeros_like(centered), where=size[:, None] > 0)
     faults = []
-    for copy, original in np.argwhere(np.tril(np.abs(unit @ unit.T) > COPIED, -1)).tolist():
-        if frozenset((copy // 3, original // 3)) not in known:
+    correlation, count = unit @ unit.T, overview.sensor_count
+    own = correlation.reshape(count, 3, count, 3)[range(count), :, range(count)]
+    is_flat = np.linalg.eigvalsh(own)[:, 0] < FLAT
+    for copy, original in np.argwhere(np.tril(np.abs(correlation) > COPIED, -1)).tolist():
+        witnesses = is_flat if copy // 3 != original // 3 else np.delete(is_flat, copy // 3)
+        if frozenset((copy // 3, original // 3)) not in known and not (len(witnesses) and witnesses.all()):
             one, other = (channel(row // 3 + 1, "xyz"[row % 3]) for row in (copy, original))
             sentence = f"{one} repeats {other} but for scale and offset {between(overview.time_s)}"
             sentence += ": it is no axis of its own"

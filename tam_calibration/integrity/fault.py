@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from tam_calibration.correction.limits import LIMITS
+from tam_calibration.correction.acceptance import LIMITS
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import to_nanotesla
 
@@ -76,6 +76,11 @@ def in_nanotesla(tesla: float) -> str:
     return f"{to_nanotesla(tesla):.6g} nT"
 
 
+def names_in(text: str) -> list[str]:
+    """Return the names in a text that separates them by commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
 def require_names(accept: Collection[str]) -> None:
     """Check that all names are those of faults.
 
@@ -102,5 +107,5 @@ def refuse(faults: Iterable[Fault]) -> None:
         return
     more = f"; and {len(told) - MOST_TOLD} more such findings" if len(told) > MOST_TOLD else ""
     sentences = "; ".join(fault.sentence for fault in told[:MOST_TOLD])
-    names = " and ".join(dict.fromkeys(fault.name for fault in told))
-    raise Refused(f"{sentences}{more}; where that is so, accept {names}")
+    names = ", ".join(dict.fromkeys(fault.name for fault in told))
+    raise Refused(f"{sentences}{more}; mend that, or accept it by name: {names}")

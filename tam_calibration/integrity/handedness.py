@@ -11,11 +11,8 @@ from itertools import permutations, product
 import numpy as np
 
 from tam_calibration.integrity.fault import Fault, between, channel
-from tam_calibration.integrity.overview import Overview
+from tam_calibration.integrity.overview import SHARED, Overview
 from tam_calibration.model.units import FloatArray
-
-SHARED = 0.9
-"""Least canonical correlation of two sensors whose axes can be compared: noise has turned no direction round then."""
 
 NEAR = 0.8
 """Part of an axis along another for which it is named: within 37 degrees, nearer than to any other."""
@@ -26,13 +23,13 @@ NORTH = 0.7
 ENOUGH = 300
 """Attitudes that tell how a sensor is placed: thirty for each product of an axis and a component of the field."""
 
-_LEVEL = 0.05
+LEVEL = 0.05
 """Part of the field that must be level before north is told by it."""
 
-_ONE_FIELD = 0.1
+ONE_FIELD = 0.1
 """Of the singular values of what sensor and field make together, the second to the first: of one field it is 0."""
 
-_UNEXPLAINED = 0.01
+UNEXPLAINED = 0.01
 """Share of the variance of readings that attitude leaves where it is that of the sensor: an error of six degrees."""
 
 _REVERSALS = [np.array(signs) for signs in product((1.0, -1.0), repeat=3)]
@@ -66,58 +63,52 @@ def left_handed(overview: Overview) -> Iterator[Fault]:
     wrong = _against_attitude(placements, [group for group in (one, other) if group])
     if wrong:
         for sensor in wrong:
-            yield _fault(overview, [sensor], f"{_way(placements[sensor].axes)} against the recorded attitude")
+            yield _fault(overview, sensor, _way(placements[sensor].axes), "the recorded attitude")
     elif few:
-        others = " and ".join(channel(sensor + 1) for sensor in many)
-        told = f"mirrored against {others}: which of them cannot be told without attitude and a third that is sound"
-        yield _fault(overview, few, told)
+        yield _of_either(overview, few, many)
 
 
 def _relative_hands(overview: Overview) -> list[int]:
     """Return of each sensor whether it is as the first that moves (1), mirrored (-1), or not comparable (0)."""
-    count, covariance = overview.sensor_count, overview.covariance
-    hands = [0] * count
-    if count == 1:
-        return [1]
-    for first in range(count):
-        hands = [_hand(covariance, first, sensor) for sensor in range(count)]
-        if sum(map(abs, hands)) > count / 2:
+    sensors = range(overview.sensor_count)
+    for first in sensors:
+        hands = [_hand(overview, first, sensor) for sensor in sensors]
+        if 2 * sum(map(abs, hands)) > len(hands):
             return hands
-    return [0] * count
+    return [0 for _ in sensors]
 
 
-def _hand(covariance: FloatArray, one: int, other: int) -> int:
+def _hand(overview: Overview, one: int, other: int) -> int:
     if one == other:
         return 1
-    roots = []
-    for sensor in (one, other):
-        values, vectors = np.linalg.eigh(covariance[sensor, sensor])
-        if not values[0] > 0:
-            return 0
-        roots.append(vectors / np.sqrt(values))
-    shared = roots[0].T @ covariance[one, other] @ roots[1]
-    if np.linalg.svd(shared, compute_uv=False)[-1] < SHARED:
+    if overview.shared_motion(one, other) < SHARED:
         return 0
-    return 1 if np.linalg.det(covariance[one, other]) > 0 else -1
+    return 1 if np.linalg.det(overview.covariance[one, other]) > 0 else -1
 
 
 def _of_consensus(overview: Overview, sensor: int, many: list[int]) -> Fault:
     covariance = overview.covariance
     against = sum(covariance[sensor, other] @ np.linalg.inv(covariance[other, other]) for other in many)
-    others = " and ".join(channel(other + 1) for other in many)
-    return _fault(overview, [sensor], f"{_way(np.asarray(against))} against {others}")
+    return _fault(overview, sensor, _way(np.asarray(against)), _names(many))
 
 
-def _fault(overview: Overview, sensors: list[int], told: str) -> Fault:
-    names = " and ".join(channel(sensor + 1) for sensor in sensors)
-    axis = told[len("axis ")] if told.startswith("axis ") else ""
-    verb = "is left-handed" if len(sensors) == 1 else "are left-handed"
-    if told.startswith("mirrored"):
-        verb = "is" if len(sensors) == 1 else "are"
-        sentence = f"{names} {verb} {told} ({between(overview.time_s)})"
-    else:
-        sentence = f"{names} {verb} {between(overview.time_s)}: {told}"
-    return Fault("mirrored", sensors[0] + 1 if len(sensors) == 1 else None, axis, overview.time_s, sentence)
+def _names(sensors: list[int]) -> str:
+    return " and ".join(channel(sensor + 1) for sensor in sensors)
+
+
+def _fault(overview: Overview, sensor: int, way: str, against: str) -> Fault:
+    sentence = f"{channel(sensor + 1)} is left-handed {between(overview.time_s)}: against {against} {way}"
+    axis = way.removeprefix("axis ")[0] if way.startswith("axis ") else ""
+    return Fault("mirrored", sensor + 1, axis, overview.time_s, sentence)
+
+
+def _of_either(overview: Overview, few: list[int], many: list[int]) -> Fault:
+    verb = "is a mirror image" if len(few) == 1 else "are mirror images"
+    sentence = (
+        f"{_names(few)} {verb} of {_names(many)} {between(overview.time_s)}: which is left-handed can be told only "
+        "with recorded attitude, or where more sensors are right"
+    )
+    return Fault("mirrored", None, "", overview.time_s, sentence)
 
 
 def _way(against: FloatArray) -> str:
@@ -153,7 +144,7 @@ class _Placed:
     @property
     def points_north(self) -> bool:
         level = float(np.hypot(*self.field[:2]))
-        return level > _LEVEL * float(np.linalg.norm(self.field)) and float(self.field[1]) > NORTH * level
+        return level > LEVEL * float(np.linalg.norm(self.field)) and float(self.field[1]) > NORTH * level
 
 
 def _placed(overview: Overview, sensor: int) -> _Placed | None:
@@ -172,22 +163,25 @@ def _placed(overview: Overview, sensor: int) -> _Placed | None:
     turns, readings = turns - turns.mean(axis=0), readings - readings.mean(axis=0)
     products, _, rank, _ = np.linalg.lstsq(turns, readings, rcond=1e-3)
     left = readings - turns @ products
-    if rank < 9 or np.sum(left**2) > _UNEXPLAINED * np.sum(readings**2):
+    if rank < 9 or np.sum(left**2) > UNEXPLAINED * np.sum(readings**2):
         return None
     # Of row a of M and component c of h: products[(c, b), a] = M[a, b] h[c].
     stacked = products.reshape(3, 3, 3).transpose(2, 1, 0).reshape(9, 3)
     one, size, world = np.linalg.svd(stacked, full_matrices=False)
-    if size[1] > _ONE_FIELD * size[0]:
+    if size[1] > ONE_FIELD * size[0]:
         return None
     axes = one[:, 0].reshape(3, 3)
     return _Placed(axes / np.linalg.norm(axes, axis=1, keepdims=True), world[0])
 
 
 def _against_attitude(placements: dict[int, _Placed], groups: list[list[int]]) -> list[int]:
-    """Return the sensors that attitude shows to be left-handed; none where it does not tell."""
+    """Return the sensors that attitude shows to be left-handed; none where it does not tell.
+
+    Of a group that has the same hand one sensor along the array tells that it is the right one.
+    """
     if not placements or any(sensor not in placements for group in groups for sensor in group):
         return []
-    sound = [all(placements[sensor].is_along_array for sensor in group) for group in groups]
+    sound = [any(placements[sensor].is_along_array for sensor in group) for group in groups]
     if all(sound) or (len(groups) > 1 and not any(sound)):
         return []
     wrong = groups[sound.index(False)]

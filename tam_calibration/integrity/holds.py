@@ -10,7 +10,7 @@ from tam_calibration.model.recording import Block, SampleSource
 from tam_calibration.model.units import FloatArray
 
 SHORTEST = 10
-"""Samples of a hold: readings up to eight samples late are stale samples, an effect that is fitted beside the errors."""
+"""Samples of a hold: readings up to eight samples late are stale samples, an effect that is fitted beside errors."""
 
 FINE = 0.1
 """Share of samples that repeat the one before below which an axis shows its noise, so that none can stand still."""
@@ -18,11 +18,11 @@ FINE = 0.1
 MOVED = 0.1
 """Part of their whole range through which others move at least where an axis of coarse steps should have moved too."""
 
+STEPS = 2.0
+"""Of the smallest change of an axis, by which it comes to rest or turns back: noise may add one."""
+
 SAME = 0.8
 """Part of the longest hold in which all axes of a sensor hold at once where the sensor holds, not an axis alone."""
-
-LONE_ZEROS = 0.01
-"""Share of samples that are zero up to which a diagnosis finds them as outliers."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Holds:
             What was added.
         """
         zeros = self._zero_faults()
-        held = [hold for hold in self._holds() if not (hold.value_T == 0 and self._zeros[hold.columns[0] // 3])]
+        held = [hold for hold in self._holds() if hold.value_T != 0 or not self._zeros[hold.columns[0] // 3]]
         return zeros + (_frozen(_by_sensor(held), source) if held else [])
 
     def _zero_faults(self) -> list[Fault]:
@@ -112,10 +112,10 @@ class Holds:
         for sensor in np.flatnonzero(self._zeros):
             count, time_s = int(self._zeros[sensor]), (float(self._zero_s[sensor, 0]), float(self._zero_s[sensor, 1]))
             sentence = (
-                f"sensor {sensor + 1} reads exactly zero on all axes in {count} samples {between(time_s)}, which no "
-                "sensor in a field does: its driver had no reading"
+                f"sensor {sensor + 1} reads exactly zero on all axes in {count} sample{'s' * (count > 1)} "
+                f"{between(time_s)}, which no sensor in a field does: its driver had no reading"
             )
-            effect = "outliers" if count <= LONE_ZEROS * self._count else ""
+            effect = "outliers" if count < self._count else ""
             faults.append(Fault("zero", int(sensor) + 1, "", time_s, sentence, effect=effect))
         return faults
 
@@ -147,17 +147,19 @@ def _by_sensor(holds: list[_Hold]) -> list[_Hold]:
 
 
 def _frozen(holds: list[_Hold], source: SampleSource) -> list[Fault]:
-    """Return those holds during which other axes move."""
-    low, high = _ranges(holds, source)
-    whole = high[-1] - low[-1]
+    """Return those holds during which other axes move, and that end or begin with more than a step of the axis."""
     faults = []
-    for hold, least, most in zip(holds, low, high, strict=False):
-        if not hold.is_of_sensor and (not hold.is_fine or _is_at_end(hold, low[-1], high[-1])):
+    around = _Around.of([hold.time_s for hold in holds], source)
+    whole = around.high_T[-1] - around.low_T[-1]
+    for number, hold in enumerate(holds):
+        if not hold.is_of_sensor and (not hold.is_fine or _is_at_end(hold, around.low_T[-1], around.high_T[-1])):
             continue  # it may have turned about an axis of coarse steps; and the end of a range is saturation
-        moved = np.divide(most - least, whole, out=np.zeros_like(whole), where=whole > 0)
-        others = np.delete(moved, hold.columns)
-        if hold.is_fine if not len(others) else others.max() > (0 if hold.is_fine else MOVED):
-            faults.append(_fault(hold, "the others move" if len(others) else "its noise would show"))
+        if around.is_one_step(number, hold):
+            continue
+        ranges = around.high_T[number] - around.low_T[number]
+        moved = np.delete(np.divide(ranges, whole, out=np.zeros_like(whole), where=whole > 0), hold.columns)
+        if hold.is_fine if not len(moved) else moved.max() > (0 if hold.is_fine else MOVED):
+            faults.append(_fault(hold, "the others move" if len(moved) else "its noise would show", source))
     return faults
 
 
@@ -167,24 +169,72 @@ def _is_at_end(hold: _Hold, low: FloatArray, high: FloatArray) -> bool:
     return bool(low[column] < high[column] and hold.value_T in (low[column], high[column]))
 
 
-def _fault(hold: _Hold, whose: str) -> Fault:
+def _fault(hold: _Hold, whose: str, source: SampleSource) -> Fault:
     sensor, axis = divmod(hold.columns[0], 3)
     name = "" if hold.is_of_sensor else "xyz"[axis]
-    what = "the same on all axes" if hold.is_of_sensor else f"the same value, {in_nanotesla(hold.value_T)},"
-    sentence = f"{channel(sensor + 1, name)} reads {what} {between(hold.time_s)}, where {whose}: it is frozen"
-    return Fault("frozen", sensor + 1, name, hold.time_s, sentence)
+    is_dead = hold.time_s == source.time_span_s
+    value = "values" if hold.is_of_sensor else f"value, {in_nanotesla(hold.value_T)},"
+    sentence = (
+        f"{channel(sensor + 1, name)} reads the same {value} {'throughout, ' * is_dead}{between(hold.time_s)}, where "
+        f"{whose}: it is frozen"
+    )
+    return Fault("frozen", sensor + 1, name, hold.time_s, sentence, effect="" if is_dead else "stale_samples")
 
 
-def _ranges(holds: list[_Hold], source: SampleSource) -> tuple[FloatArray, FloatArray]:
-    """Return lowest and highest readings (holds + 1, 3K) of all axes during each hold, and last at all times."""
-    columns = 3 * source.sensor_count
-    low, high = np.full((len(holds) + 1, columns), np.inf), np.full((len(holds) + 1, columns), -np.inf)
-    spans = [hold.time_s for hold in holds] + [source.time_span_s]
-    for block in source.blocks():
-        values = block.readings_T.reshape(len(block.readings_T), -1)
-        for number, (first, last) in enumerate(spans):
-            start, stop = np.searchsorted(block.time_s, first), np.searchsorted(block.time_s, last, side="right")
-            if start < stop:
-                low[number] = np.minimum(low[number], values[start:stop].min(axis=0))
-                high[number] = np.maximum(high[number], values[start:stop].max(axis=0))
-    return low, high
+@dataclass(frozen=True, eq=False)
+class _Around:
+    """What is read during some spans of time and last during all of it, beside them, and from sample to sample.
+
+    Parameters
+    ----------
+    low_T, high_T : (spans + 1, 3K) arrays
+        Lowest and highest readings.
+    before_T, after_T : (spans + 1, 3K) arrays
+        Last reading before and first one after; NaN where there is none.
+    step_T : (3K,) array
+        Smallest change from one sample to the next.
+    """
+
+    low_T: FloatArray
+    high_T: FloatArray
+    before_T: FloatArray
+    after_T: FloatArray
+    step_T: FloatArray
+
+    @classmethod
+    def of(cls, spans: list[tuple[float, float]], source: SampleSource) -> "_Around":
+        """Return it of a recording, which is read once."""
+        spans = [*spans, source.time_span_s]
+        shape = len(spans), 3 * source.sensor_count
+        low_T, before_T, after_T = np.full(shape, np.inf), np.full(shape, np.nan), np.full(shape, np.nan)
+        found = cls(low_T, -low_T, before_T, after_T, np.full(shape[1], np.inf))
+        last: FloatArray | None = None
+        for block in source.blocks():
+            values = block.readings_T.reshape(len(block.readings_T), -1)
+            for number, span in enumerate(spans):
+                found._add(number, span, block.time_s, values)
+            last = found._add_steps(values if last is None else np.concatenate([last, values]))
+        return found
+
+    def _add(self, number: int, span: tuple[float, float], time_s: FloatArray, values: FloatArray) -> None:
+        start, stop = np.searchsorted(time_s, span[0]), np.searchsorted(time_s, span[1], side="right")
+        if start < stop:
+            self.low_T[number] = np.minimum(self.low_T[number], values[start:stop].min(axis=0))
+            self.high_T[number] = np.maximum(self.high_T[number], values[start:stop].max(axis=0))
+        if start > 0:
+            self.before_T[number] = values[start - 1]
+        if stop < len(values) and np.isnan(self.after_T[number]).all():
+            self.after_T[number] = values[stop]
+
+    def _add_steps(self, values: FloatArray) -> FloatArray:
+        change = np.abs(np.diff(values, axis=0))
+        least = np.min(change, axis=0, where=change > 0, initial=np.inf)
+        np.minimum(self.step_T, least, out=self.step_T)
+        return values[-1:]
+
+    def is_one_step(self, number: int, hold: _Hold) -> bool:
+        """Whether an axis comes and goes by a step or two of its own: it may be at rest, or turn back."""
+        columns = list(hold.columns)
+        beside = np.stack([self.before_T[number, columns], self.after_T[number, columns]])
+        changes = np.abs(beside - self.low_T[number, columns])
+        return bool(np.isfinite(changes).any() and not (changes > STEPS * self.step_T[columns]).any())

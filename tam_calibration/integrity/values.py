@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tam_calibration.integrity.fault import Fault, between, channel, in_nanotesla
+from tam_calibration.integrity.fault import Fault, Severity, between, channel, in_nanotesla
 from tam_calibration.integrity.overview import Overview
 from tam_calibration.model.array import Array
 from tam_calibration.model.units import FloatArray
@@ -24,10 +24,10 @@ MANY_AT_END = 0.01
 COARSE = 10.0
 """Of the error of rounding to the stated noise: standard errors are told ten times too small."""
 
-_REPEATING = 0.05
+REPEATING = 0.05
 """Share of readings that others repeat from which the steps can be seen."""
 
-_OFF_STEP = 0.05
+OFF_STEP = 0.05
 """Part of a step by which readings may miss it: those without steps miss by a quarter."""
 
 
@@ -60,7 +60,7 @@ def _at_end(overview: Overview, column: int, name: str, end_T: float, there: np.
         f"{channel(sensor, axis)} stays at its {name} reading, {in_nanotesla(end_T)}, in {share:.2g} of the samples "
         f"{between(span)}: it is saturated"
     )
-    severity = "refusal" if share >= MANY_AT_END else "warning"
+    severity: Severity = "refusal" if share >= MANY_AT_END else "warning"
     return Fault("saturated", sensor, axis, span, sentence, severity, effect="saturation")
 
 
@@ -85,12 +85,12 @@ def _step(ordered: FloatArray) -> float | None:
     """Return the step of readings (n,) in increasing order, None where there is none to be seen."""
     gaps = np.diff(ordered)
     rising = gaps[gaps > rounding(ordered)]
-    if len(rising) < 2 or len(rising) > (1 - _REPEATING) * len(gaps):
+    if len(rising) < 2 or len(rising) > (1 - REPEATING) * len(gaps):
         return None
     step = float(rising.min())
     multiples = np.round(rising / step)
     step = float(rising.sum() / multiples.sum())
-    return step if np.abs(rising / step - np.round(rising / step)).max() < _OFF_STEP else None
+    return step if np.abs(rising / step - np.round(rising / step)).max() < OFF_STEP else None
 
 
 def rounding(ordered: FloatArray) -> float:

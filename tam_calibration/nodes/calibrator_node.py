@@ -18,7 +18,7 @@ from tam_calibration.files.text_files import check_writable
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.result import Gap
-from tam_calibration.integrity import require_names
+from tam_calibration.integrity.fault import names_in, require_names
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.extras import require
@@ -162,7 +162,7 @@ class Calibrator(TamNode):
         warnings = usage.warnings() if usage else ()
         samples = self._store.recording()
         fitted = usage.with_each_reading_once(samples) if usage else samples
-        calibration = calibrate(fitted, self._array, self.value("method"), accept=self._accepted())
+        calibration = calibrate(fitted, self._array, self.value("method"), accept=names_in(self.value("accept")))
         if usage:
             warnings += usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
         calibration = replace(calibration, warnings=(*warnings, *calibration.warnings))
@@ -178,13 +178,10 @@ class Calibrator(TamNode):
         remarks = usage.remarks() if usage else ()
         samples = self._store.recording()
         seen = usage.with_each_reading_once(samples) if usage else samples
-        gap = diagnose(seen, self._array, progress=self._go_on, accept=self._accepted())
+        gap = diagnose(seen, self._array, progress=self._go_on, accept=names_in(self.value("accept")))
         self._gap = replace(gap, remarks=(*remarks, *gap.remarks))
         written = self._write(self._gap)
         return " ".join([gap.headline, *(remarks or [f"{_in_words(usage)}."])]) + written
-
-    def _accepted(self) -> list[str]:
-        return _listed(self.value("accept"))
 
     def _usage(self) -> Usage | None:
         """Ask the collector how many of sensor 1's samples it used; None where none answers."""
@@ -241,10 +238,6 @@ class Calibrator(TamNode):
         self._publisher.publish(String(data=calibration_to_yaml(calibration)))
 
 
-def _listed(names: str) -> list[str]:
-    return [name.strip() for name in names.split(",") if name.strip()]
-
-
 def _check_accept(names: str) -> None:
     """Check the names of what is accepted.
 
@@ -253,7 +246,7 @@ def _check_accept(names: str) -> None:
     InputError
         When one is no name of a finding.
     """
-    require_names(_listed(names))
+    require_names(names_in(names))
 
 
 def _in_words(usage: Usage | None) -> str:

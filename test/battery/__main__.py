@@ -3,6 +3,7 @@
 import argparse
 import os
 import shutil
+import signal
 import sys
 import time
 from collections import Counter
@@ -22,7 +23,9 @@ def main() -> int:
     parser.add_argument("--seed", type=int, help="of what is spoiled; by default a new one")
     parser.add_argument("--case", type=int, nargs="*", help="numbers of cases; by default all")
     parser.add_argument("--family", choices=list(FAMILIES), nargs="*", help="only cases that are made like this")
-    parser.add_argument("--sample", type=int, help="only so many cases, drawn with the seed, none of those that take long")
+    parser.add_argument(
+        "--sample", type=int, help="only so many cases, drawn with the seed, none of those that take long"
+    )
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="processes")
     parser.add_argument("--keep", type=Path, help="folder in which the folders of the cases stay")
     asked = parser.parse_args()
@@ -32,6 +35,7 @@ def main() -> int:
     folder.mkdir(exist_ok=True)
     print(f"{len(numbers)} cases of seed {seed}; again: make battery SEED={seed}", flush=True)
     began = time.monotonic()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the folder goes
     try:
         battery = Battery(seed, folder)
         battery.begin()
@@ -56,9 +60,16 @@ def _numbers(asked: argparse.Namespace, seed: int) -> list[int]:
     numbers = [n for n, (family, _) in enumerate(CASES) if not asked.family or family in asked.family]
     if asked.sample is None:
         return numbers
+    rng = np.random.default_rng(seed)
     quick = [n for n in numbers if CASES[n][1] not in _SLOW]
-    drawn = np.random.default_rng(seed).choice(quick, size=min(asked.sample, len(quick)), replace=False)
-    return sorted(drawn.tolist())
+    families = sorted({CASES[n][0] for n in quick})
+    drawn = {n for family in families for n in _drawn(rng, [n for n in quick if CASES[n][0] == family], asked.sample)}
+    return sorted(rng.permutation(sorted(drawn))[: asked.sample].tolist())
+
+
+def _drawn(rng: np.random.Generator, numbers: list[int], count: int) -> list[int]:
+    """Return some of the cases of a family, as many of each."""
+    return rng.permutation(numbers)[:count].tolist()
 
 
 _SLOW = ("diagnose", "diagnose a bag", "batch", "demo", "reproduce", "blind make", "nodes", "nodes with parameters")

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-
+import tam_calibration
 from battery import material
 from battery.cases import CASES, prepare
-from battery.judge import Answer, Bad, Files, judge, look
+from battery.judge import Answer, Bad, Files, is_answer, judge, look
 from battery.recipes import RECIPES, Recipe
 from battery.run import LIMIT_S, run, warm
 from battery.surroundings import PLAIN, Ended
@@ -22,6 +22,8 @@ from battery.trial import May, Trial
 
 _NEVER_ENDING_S = 6.0
 """After which what runs until it is told to end is told so."""
+_IMPORT_S = 1.0
+"""What a fresh interpreter takes longer than a fork."""
 _CLONE_NEWNS, _CLONE_NEWUSER = 0x20000, 0x10000000
 
 
@@ -84,7 +86,7 @@ class Battery:
         os.chmod(self.folder, 0o755)
         os.environ |= {"HOME": str(home), "ROS_HOME": str(home), "ROS_LOG_DIR": str(home / "logs")}
         os.environ |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "OPENBLAS_NUM_THREADS": "1"}
-        os.environ.setdefault("MPLCONFIGDIR", str(home))
+        os.environ |= {"MPLCONFIGDIR": str(home), "PYTHONPATH": str(Path(tam_calibration.__file__).parents[1])}
         warm()
         material.make(self._material)
 
@@ -99,48 +101,44 @@ class Battery:
             Whether its folder stays, to be looked at.
         """
         folder = self.folder / f"case_{number}"
-        logs = self.folder / f"logs_{number}"
-        logs.mkdir()
-        os.chmod(logs, 0o777)
         try:
             trial = prepare(number, self.seed, self._material, folder)
-            return self._try(number, trial, folder, logs)
-        except Exception:
-            raise RuntimeError(f"case {number} of seed {self.seed}: {CASES[number]}") from None
+            return self._try(number, trial, folder)
+        except Exception as problem:
+            raise RuntimeError(f"case {number} of seed {self.seed}: {CASES[number]}") from problem
         finally:
             if not keeps:
                 shutil.rmtree(folder)
-                shutil.rmtree(logs)
 
-    def _try(self, number: int, trial: Trial, folder: Path, logs: Path) -> Result:
+    def _try(self, number: int, trial: Trial, folder: Path) -> Result:
         if trial.around.disk_bytes is not None:
             (folder / "disk").mkdir()
-            return _in_child(lambda: self._try_on_disk(number, trial, folder, logs))
-        return self._try_here(number, trial, folder, logs)
+            return _in_child(lambda: self._try_on_disk(number, trial, folder))
+        return self._try_here(number, trial, folder)
 
-    def _try_on_disk(self, number: int, trial: Trial, folder: Path, logs: Path) -> Result:
+    def _try_on_disk(self, number: int, trial: Trial, folder: Path) -> Result:
         size = trial.around.disk_bytes
         if not _mount_disk(folder / "disk", size or 0):  # not allowed here: files are limited instead
             import resource
 
             trial = replace(trial, around=replace(trial.around, limits={resource.RLIMIT_FSIZE: size or 0}))
-        return self._try_here(number, trial, folder, logs)
+        return self._try_here(number, trial, folder)
 
-    def _try_here(self, number: int, trial: Trial, folder: Path, logs: Path) -> Result:
+    def _try_here(self, number: int, trial: Trial, folder: Path) -> Result:
         good = None
         if trial.may is May.DO_THE_SAME:
             good = self._good_of(RECIPES[CASES[number][1]])
         before = look(folder)
         around, limit_s = trial.around, LIMIT_S
         if around.ended_by is not None and good is not None:
-            around = replace(around, moment=around.moment * good[1])
+            around = replace(around, moment=around.moment * (good[1] + _IMPORT_S * around.fresh))
         if not trial.recipe.ends:
             around = replace(around, ended_by=signal.SIGINT, moment=_NEVER_ENDING_S)
-        ended = run(list(trial.line), folder, logs, around, limit_s)
+        ended = run(list(trial.line), folder, around, limit_s)
         tried = replace(trial, around=around)
         bad = self._judge(tried, ended, before, folder, good)
         if around.ended_by is signal.SIGKILL and ended.code == 128 + signal.SIGKILL:
-            bad = self._after_a_kill(tried, before, folder, logs, good)
+            bad = self._after_a_kill(tried, before, folder, good)
         told = f"tam {' '.join(trial.line)[:300]} [{trial.told}]"
         return Result(number, told, {each.name: why for each, why in bad.items()}, ended.code, ended.seconds)
 
@@ -158,7 +156,7 @@ class Battery:
         return judge(trial, ended, before, after, answer, good and good[0]) | bad
 
     def _after_a_kill(
-        self, trial: Trial, before: Files, folder: Path, logs: Path, good: tuple[Answer, float] | None
+        self, trial: Trial, before: Files, folder: Path, good: tuple[Answer, float] | None
     ) -> dict[Bad, str]:
         """Judge what SIGKILL left: no output in part, and what else is left is gone when the command has run again."""
         after = look(folder)
@@ -170,20 +168,20 @@ class Battery:
             for name in trial.recipe.writes:
                 if (folder / name).is_dir():
                     shutil.rmtree(folder / name)
-        ended = run(list(trial.line), folder, logs, PLAIN, LIMIT_S)
+        ended = run(list(trial.line), folder, PLAIN, LIMIT_S)
         return self._judge(again, ended, before, folder, good)
 
     def _good_of(self, recipe: Recipe) -> tuple[Answer, float]:
         """Return what a recipe's own line makes, and the time that it takes."""
         if recipe.name not in self._good:
-            folder, logs = self.folder / f"good_{os.getpid()}", self.folder / f"good_logs_{os.getpid()}"
+            folder = self.folder / f"good_{os.getpid()}"
             shutil.copytree(self._material, folder)
-            logs.mkdir()
             trial = Trial.of(recipe, "good", May.DO_ANYTHING)
-            ended = run(list(recipe.line), folder, logs, PLAIN, 10 * LIMIT_S)
+            ended = run(list(recipe.line), folder, PLAIN, 10 * LIMIT_S)
+            if ended.code and not is_answer(ended):
+                raise RuntimeError(f"tam {' '.join(recipe.line)} ends with {ended.code}: {ended.stderr[-2000:]}")
             self._good[recipe.name] = Answer.of(folder, trial, ended), ended.seconds
             shutil.rmtree(folder)
-            shutil.rmtree(logs)
         return self._good[recipe.name]
 
     def try_all(self, numbers: Sequence[int], jobs: int) -> Iterator[Result]:
@@ -268,5 +266,3 @@ def _mount_disk(folder: Path, size: int) -> bool:
     private = 1 << 18 | 1 << 14  # MS_PRIVATE | MS_REC
     library.mount(b"none", b"/", None, private, None)
     return not library.mount(b"tmpfs", os.fsencode(folder), b"tmpfs", 0, f"size={size}".encode())
-
-

@@ -96,7 +96,9 @@ FAMILIES = {
         | _each(20, "plan", "locate", "simulate a twin", "correct run_sqlite3 new.csv", "calibrate run_mcap")
         | _each(6, "diagnose", "blind inject", "batch", "nodes", "nodes with parameters"),
     ),
-    "arguments": Family(spoiled_arguments.spoil, _each(14, *_QUICK) | _each(8, *_SLOW, *_WITH_ROS, "diagnose", "batch")),
+    "arguments": Family(
+        spoiled_arguments.spoil, _each(14, *_QUICK) | _each(8, *_SLOW, *_WITH_ROS, "diagnose", "batch")
+    ),
     "inputs": Family(
         spoiled_paths.spoil_input,
         _each(8, *(name for name in _QUICK if RECIPES[name].reads)) | _each(6, "diagnose", "batch", "play", "nodes"),

@@ -114,13 +114,17 @@ def _text(path: Path) -> str:
 
         reader = (McapReader if path.suffix == ".mcap" else Sqlite3Reader)(path)
         reader.open()
-        messages = [f"{time} {int(sha256(data).hexdigest()[:12], 16)}" for _, time, data in reader.messages(reader.connections)]
+        messages = [
+            f"{time} {int(sha256(data).hexdigest()[:12], 16)}" for _, time, data in reader.messages(reader.connections)
+        ]
         reader.close()
         return "\n".join(messages)
     return "" if path.suffix == ".html" else path.read_text(errors="replace")
 
 
-def judge(trial: Trial, ended: Ended, before: Files, after: Files, answer: Answer, good: Answer | None) -> dict[Bad, str]:
+def judge(
+    trial: Trial, ended: Ended, before: Files, after: Files, answer: Answer, good: Answer | None
+) -> dict[Bad, str]:
     """Return what is bad about a run, by its class with the reason.
 
     Parameters
@@ -175,6 +179,8 @@ def _memory(ended: Ended) -> str:
 def _numbers(trial: Trial, ended: Ended, answer: Answer, good: Answer | None) -> str:
     if ended.code or trial.may is not May.DO_THE_SAME or good is None:
         return ""
+    if trial.around.stdout and not trial.recipe.writes:
+        return ""  # nobody could read them
     if answer.is_like(good) or _NOTICE.search(_told(answer.text)):
         return ""
     return f"{len(answer.numbers)} numbers for {len(good.numbers)}, or others"
@@ -207,18 +213,23 @@ def _left(trial: Trial, ended: Ended, before: Files, after: Files) -> str:
     hidden = [name for name in new if Path(name).name.startswith(".") and Path(name).name != ".lock"]
     if hidden:
         return f"left: {', '.join(hidden[:5])}"
-    keeps = not ended.code or _is_answer(ended) or trial.recipe.tells_after_writing or bool(trial.around.stdout)
+    if trial.recipe.command == "batch" and any(
+        after[name] not in ("folder", "other") for name in new if ".lock" not in name
+    ):
+        return ""  # what is done stays, and a second call does the rest
+    keeps = not ended.code or is_answer(ended) or trial.recipe.tells_after_writing or bool(trial.around.stdout)
     if new and not (keeps or trial.around.stderr or trial.around.ended_by):
         return f"left after exit {ended.code}: {', '.join(new[:5])}"
     return ""
 
 
 def _is_own(trial: Trial, name: str) -> bool:
-    """Return whether a folder or pipe stands where the trial itself lets something change."""
-    return trial.around.loses_folder and name == trial.around.within
+    """Return whether the trial itself lets something change: the folder that it removes, or what an output replaces."""
+    is_output = name in trial.line and name not in trial.recipe.reads
+    return is_output or (trial.around.loses_folder and name == trial.around.within)
 
 
-def _is_answer(ended: Ended) -> bool:
+def is_answer(ended: Ended) -> bool:
     """Return whether exit 1 is what was found, and no refusal."""
     return ended.code == 1 and bool(ended.stdout) and "tam: " not in ended.stderr
 
@@ -228,7 +239,7 @@ def _code(trial: Trial, ended: Ended) -> str:
         return ""
     if _was_ended(trial, ended) or ended.died or (not trial.recipe.ends and ended.code == 130):
         return ""
-    if trial.around.ended_by and _is_answer(ended):
+    if trial.around.ended_by and is_answer(ended):
         return ""
     return f"exit {ended.code}"
 
@@ -241,15 +252,18 @@ def _noise(trial: Trial, ended: Ended) -> str:
         return ""
     if _was_ended(trial, ended):
         return f"{said[:200]!r}" if len(said.split("\n")) > 3 else ""
-    if _is_answer(ended) or trial.around.stderr or trial.around.stdout:
+    if is_answer(ended) or trial.around.stderr or trial.around.stdout:
         return ""
-    return _no_sentence(said) or (ended.stdout and not trial.recipe.tells_after_writing and f"stdout: {ended.stdout[:99]!r}")
+    return _no_sentence(said) or (
+        ended.stdout and not trial.recipe.tells_after_writing and f"stdout: {ended.stdout[:99]!r}"
+    )
 
 
 def _no_sentence(said: str) -> str:
     """Return what is wrong with a sentence on stderr; empty where it is one."""
     lines = said.rstrip("\n").split("\n")
-    if lines[0].startswith("Usage: ") and lines[-1].startswith("Error: ") and len(lines) <= 5:
+    is_of_usage = lines[0].startswith("Usage: ") and len(lines) <= 5
+    if lines[-1].startswith("Error: ") and (is_of_usage or len(lines) == 1):
         lines = [f"tam: {lines[-1].removeprefix('Error: ')}"]
     [first, *others] = lines
     if others:

@@ -83,7 +83,9 @@ def _write_pass(folder: Path) -> None:
     turns = Rotation.from_euler("zyx", np.stack([0.6 * np.sin(time / 3), 0.1 * np.sin(time), 0.2 * np.cos(time)], 1))
     array, matrix = read_array(folder / "array.yaml"), turns.as_matrix()
     places = np.outer(time, [1.5, 0, 0])[:, None] + np.einsum("nij,kj->nki", matrix, array.positions_m)
-    world = np.array([1e-6, 21e-6, -43e-6]) + Dipole(np.array([15.0, 2.5, -2.3]), np.array([40.0, -60, 150])).field_T(places)
+    world = np.array([1e-6, 21e-6, -43e-6]) + Dipole(np.array([15.0, 2.5, -2.3]), np.array([40.0, -60, 150])).field_T(
+        places
+    )
     fields = np.einsum("nji,nkj->nki", matrix, world) + 1e-9 * np.random.default_rng(30).normal(size=(_SAMPLES, 4, 3))
     readings = read_calibration(folder / "calibration.yaml").errors.distort(fields)
     write_recording(folder / "pass.csv", Recording(1.7e9 + time, readings, attitude=turns.as_quat()))
@@ -91,8 +93,14 @@ def _write_pass(folder: Path) -> None:
 
 def _make_blind(folder: Path) -> None:
     """Make one case of the check on withheld effects, answered."""
-    _tam("blind", "make", str(folder / "cases"), "--cases", "1", "--seed", "5", "--kinds", "single", "--jobs", "1")
-    [case] = (path for path in (folder / "cases").iterdir() if path.is_dir())
-    (case / "answer.json").write_text('{"verdict": "error", "why": "not tried"}')
+    from tam_calibration.validation.blind.case import make_case
+    from tam_calibration.validation.blind.case_plan import plan_cases
+    from tam_calibration.validation.blind.folder import COMMITMENTS, KEYS, case_name, seal, write_case, write_json
 
-
+    case, name = make_case(plan_cases(("single",), 1, 5, "open")[0], 5, 1), case_name(1)
+    (folder / "cases").mkdir()
+    write_case(folder / "cases" / name, case)
+    key, commitment = seal(case.key)
+    write_json(folder / "cases" / KEYS, {name: key})
+    write_json(folder / "cases" / COMMITMENTS, {name: commitment})
+    write_json(folder / "cases" / name / "answer.json", {"verdict": "error", "why": "not tried"})

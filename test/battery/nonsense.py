@@ -64,10 +64,10 @@ def stuck_bits(rows: Readings, rng: Generator) -> str:
 
 
 def mirrored(rows: Readings, rng: Generator) -> str:
-    """Have one axis, or all axes, with the wrong sign."""
-    columns = pick(rng, (_axis(rng), list(range(_axis(rng), 13, 3))))
-    rows[:, columns] *= -1
-    return f"columns {columns} mirrored"
+    """Have one axis of one sensor with the wrong sign: that of all sensors nobody can see without an attitude."""
+    column = _axis(rng)
+    rows[:, column] *= -1
+    return f"column {column} mirrored"
 
 
 def exchanged(rows: Readings, rng: Generator) -> str:

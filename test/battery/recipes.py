@@ -23,7 +23,7 @@ class Recipe:
     writes : tuple of str
         What is there when it has ended well.
     tells_after_writing : bool
-        Whether it may end with a sentence and exit 1 though its outputs are there and hold.
+        Whether it may print, or write outputs that hold, before it ends with a sentence and exit 1.
     ends : bool
         Whether it ends by itself; another is ended after some seconds, and that it runs until then is no fault.
     """
@@ -116,8 +116,10 @@ _RECIPES = (
         ("new.html",),
     ),
     Recipe("batch", ("batch", "missions/*/*", *_ARRAY, "--out", "new", "--jobs", "1"), ("array.yaml",), ("new",)),
-    Recipe("nodes", ("nodes", *_ARRAY, *_CALIBRATION), ("array.yaml", "calibration.yaml"), ends=False),
-    Recipe("nodes with parameters", ("nodes", "--params-file", "parameters.yaml"), ("parameters.yaml",), ends=False),
+    Recipe("nodes", ("nodes", *_ARRAY, *_CALIBRATION), ("array.yaml", "calibration.yaml"), (), True, False),
+    Recipe(
+        "nodes with parameters", ("nodes", "--params-file", "parameters.yaml"), ("parameters.yaml",), (), True, False
+    ),
     Recipe("play", ("play", "run.mcap", "--rate", "1000"), ("run.mcap",)),
     Recipe("play sqlite3", ("play", "run_sqlite3", "--rate", "1000"), ("run_sqlite3",)),
     Recipe("call", ("call", "calibrator/calibrate")),

@@ -11,19 +11,23 @@ import sys
 import threading
 import time
 import traceback
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
 from battery.surroundings import NOBODY, PLAIN, Ended, Surroundings
 
-LIMIT_S = 30.0
-"""After which a command hangs: the good ones take a tenth of it on a busy machine."""
+LIMIT_S = 60.0
+"""After which a command hangs: the good ones take a twentieth of it."""
 MEMORY_BYTES = 3 << 29
 """1.5 GiB, more than which no command may take for inputs of some hundred kilobytes."""
 _ADDRESSES_BYTES = 4 << 30
 """Of address space, so that what asks for all of the memory takes no other process with it."""
 _GRACE_S = 5.0
 """For processes that a command started to end after it."""
+_BEGIN_S = {False: 0.02, True: 0.4}
+"""Time that Python takes, seconds, until the first line of the package runs, in a fork or a fresh interpreter: what it
+does with a signal before is not ours."""
 _TOLD_BYTES = 1 << 20
 _PR_SET_CHILD_SUBREAPER = 36
 _MODULES = (
@@ -46,7 +50,7 @@ def warm() -> None:
         raise RuntimeError(f"a fork would lose {threading.enumerate()}")
 
 
-def run(line: list[str], folder: Path, logs: Path, around: Surroundings = PLAIN, limit_s: float = LIMIT_S) -> Ended:
+def run(line: list[str], folder: Path, around: Surroundings = PLAIN, limit_s: float = LIMIT_S) -> Ended:
     """Run ``tam`` with a line and return how it ended.
 
     Parameters
@@ -55,54 +59,107 @@ def run(line: list[str], folder: Path, logs: Path, around: Surroundings = PLAIN,
         The words after ``tam``.
     folder : Path
         In which it runs.
-    logs : Path
-        Folder for what it says.
     around : Surroundings
         What else is about it; ``moment`` counts in seconds here.
     limit_s : float
         After which it is killed.
     """
-    reader, writer = os.pipe() if around.stdout == "broken" else (-1, -1)
-    streams = [logs / "stdout", logs / "stderr"]
+    listener = _Listener(around)
+    started, starter = os.pipe()
     began = time.monotonic()
     process = os.fork()
     if not process:
-        _become(line, folder, streams, writer, around)
-    if writer >= 0:
-        os.close(writer)
-        if around.read_bytes:
-            os.read(reader, around.read_bytes)
-        os.close(reader)
-    is_hung = not _wait(process, around, limit_s)
+        os.close(started)
+        _become(line, folder, listener.writers, around, starter)
+    os.close(starter)
+    os.read(started, 1)
+    os.close(started)
+    is_hung = not _wait(process, around, limit_s, listener)
     _, status, used = os.wait4(process, 0)
     code = os.waitstatus_to_exitcode(status)
-    said = [_said(path) for path in streams]
     seconds = time.monotonic() - began
     left = _end_others()
+    said = listener.close()
     return Ended(128 - code if code < 0 else code, code < 0, *said, seconds, used.ru_maxrss * 1024, is_hung, left)
 
 
-def _wait(process: int, around: Surroundings, limit_s: float) -> bool:
-    """Return whether a process has ended within its time; signal it at its moment, kill it at the limit."""
+class _Listener:
+    """The pipes to which a command speaks, which no limit on files concerns.
+
+    Attributes
+    ----------
+    writers : list of int
+        Ends for the command: stdout and stderr.
+    readers : dict of int to bytearray
+        Ends of ours, with what was said.
+    """
+
+    def __init__(self, around: Surroundings) -> None:
+        pipes = [os.pipe(), os.pipe()]
+        self.writers = [writer for _, writer in pipes]
+        self.readers = {reader: bytearray() for reader, _ in pipes}
+        self._stdout = pipes[0][0]
+        self._left = around.read_bytes if around.stdout == "broken" else _TOLD_BYTES
+        self._open = set(self.readers)
+
+    def begin(self) -> list[int]:
+        """Leave the ends of the command to it, and return those to listen to."""
+        for writer in self.writers:
+            os.close(writer)
+        if not self._left:
+            self._close(self._stdout)
+        return sorted(self._open)
+
+    def take(self, reader: int) -> bool:
+        """Take what waits at an end; return whether more may come."""
+        if reader not in self._open:
+            return False
+        data = os.read(reader, 1 << 16)
+        self.readers[reader] += data[: _TOLD_BYTES - len(self.readers[reader])]
+        if not data or (reader == self._stdout and len(self.readers[reader]) >= self._left):
+            self._close(reader)
+        return reader in self._open
+
+    def _close(self, reader: int) -> None:
+        os.close(reader)
+        self._open.discard(reader)
+
+    def close(self) -> list[str]:
+        """Take the rest, and return what was said."""
+        for reader in sorted(self._open):
+            os.set_blocking(reader, False)
+            with suppress(BlockingIOError):
+                while self.take(reader):
+                    pass
+        for reader in sorted(self._open):
+            self._close(reader)
+        return [bytes(said).decode(errors="backslashreplace") for said in self.readers.values()]
+
+
+def _wait(process: int, around: Surroundings, limit_s: float, listener: _Listener) -> bool:
+    """Listen until a process has ended, and return whether it did so by itself, or by the signal at its moment."""
     descriptor = os.pidfd_open(process)
     poll = select.poll()
-    poll.register(descriptor, select.POLLIN)
+    for each in (descriptor, *listener.begin()):
+        poll.register(each, select.POLLIN)
+    begin = time.monotonic()
+    moments = [(limit_s, signal.SIGKILL)]
+    if around.ended_by is not None:
+        moments.insert(0, (_BEGIN_S[around.fresh] + around.moment, around.ended_by))
     try:
-        if around.ended_by is not None and not poll.poll(1000 * around.moment):
-            signal.pidfd_send_signal(descriptor, around.ended_by)
-        if poll.poll(1000 * limit_s):
-            return True
-        signal.pidfd_send_signal(descriptor, signal.SIGKILL)
+        while moments:
+            left_s = begin + moments[0][0] - time.monotonic()
+            ready = [each for each, _ in poll.poll(1000 * left_s)] if left_s > 0 else []
+            if descriptor in ready:
+                return True
+            for each in ready:
+                if not listener.take(each):
+                    poll.unregister(each)
+            if left_s <= 0:
+                signal.pidfd_send_signal(descriptor, moments.pop(0)[1])
         return False
     finally:
         os.close(descriptor)
-
-
-def _said(path: Path) -> str:
-    if not path.exists():
-        return ""
-    with path.open("rb") as file:
-        return file.read(_TOLD_BYTES).decode(errors="backslashreplace")
 
 
 def _children() -> dict[int, str]:
@@ -141,12 +198,14 @@ def _reap() -> bool:
     return True
 
 
-def _become(line: list[str], folder: Path, streams: list[Path], writer: int, around: Surroundings) -> None:
+def _become(line: list[str], folder: Path, writers: list[int], around: Surroundings, starter: int) -> None:
     """Be the command, in a fork; never returns."""
     code = 70
     try:
         os.setsid()
-        _arrange(folder, streams, writer, around)
+        _arrange(folder, writers, around)
+        os.write(starter, b".")
+        os.close(starter)
         if around.fresh:
             os.execv(sys.executable, [sys.executable, "-m", "tam_calibration", *line])
         code = _run_here(line)
@@ -156,12 +215,18 @@ def _become(line: list[str], folder: Path, streams: list[Path], writer: int, aro
         os._exit(code)
 
 
-def _arrange(folder: Path, streams: list[Path], writer: int, around: Surroundings) -> None:
+def _arrange(folder: Path, writers: list[int], around: Surroundings) -> None:
     os.chdir(folder / around.within)
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     _redirect(0, around.stdin or "/dev/null", os.O_RDONLY)
-    _redirect(1, around.stdout or str(streams[0]), os.O_WRONLY | os.O_CREAT | os.O_TRUNC, writer)
-    _redirect(2, around.stderr or str(streams[1]), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    for number, target in ((1, around.stdout), (2, around.stderr)):
+        if target in ("", "broken"):
+            os.dup2(writers[number - 1], number)
+        else:
+            _redirect(number, target, os.O_WRONLY)
+    for writer in writers:
+        os.close(writer)
     for name, value in around.variables.items():
         if value is None:
             os.environ.pop(name, None)
@@ -178,21 +243,21 @@ def _arrange(folder: Path, streams: list[Path], writer: int, around: Surrounding
         os.rmdir(os.getcwd())
 
 
-def _redirect(number: int, target: str, flags: int, pipe: int = -1) -> None:
+def _redirect(number: int, target: str, flags: int) -> None:
     if target == "closed":
         os.close(number)
-    elif target == "broken":
-        os.dup2(pipe, number)
-    else:
-        opened = os.open(target, flags, 0o666)
-        os.dup2(opened, number)
-        if opened != number:
-            os.close(opened)
+        return
+    opened = os.open(target, flags)
+    os.dup2(opened, number)
+    if opened != number:
+        os.close(opened)
 
 
 def _run_here(line: list[str]) -> int:
     """Do what ``python -m tam_calibration`` does, to the end of the interpreter, and return its exit code."""
     sys.argv = ["tam", *line]
+    sys.stdin, sys.stdout = os.fdopen(0, closefd=False), os.fdopen(1, "w", closefd=False)
+    sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace", closefd=False)
     code: object = 0
     try:
         runpy.run_module("tam_calibration", run_name="__main__")
@@ -204,6 +269,7 @@ def _run_here(line: list[str]) -> int:
     except BaseException:
         traceback.print_exc()
         code = 1
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the command has ended
     threading._shutdown()
     atexit._run_exitfuncs()
     sys.stdout.flush()

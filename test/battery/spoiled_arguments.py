@@ -10,12 +10,42 @@ from numpy.random import Generator
 from battery.recipes import Recipe
 from battery.trial import May, Trial, pick
 
-_NO_NUMBERS = ("nan", "-nan", "inf", "-inf", "1e400", "abc", "", " ", "1,5", "0x", "--", "1e", "٣x", "None", "1;2", "\t")
+_NO_NUMBERS = (
+    "nan",
+    "-nan",
+    "inf",
+    "-inf",
+    "1e400",
+    "abc",
+    "",
+    " ",
+    "1,5",
+    "0x",
+    "--",
+    "1e",
+    "٣x",
+    "None",
+    "1;2",
+    "\t",
+)
 _STRANGE = (
     *("-", "--", "", " ", ".", "..", "/", "~", "*", "a\nb", "\x1b[31mred", "%s%n", "{0}", "$(true)", "\udcff\udcfe"),
     *("é" * 130, "x" * 5000, "0", "-1", "1", "1e308", "-1e308", "1e-320", "9" * 400, "1,2", "0,0,0", "nan,0,0"),
-    *("1e300,0,0", "91,0,2026-01-01", "0,0,2026-02-30", "0,0,99999-01-01", "auto", "maximum_likelihood", "5", "99999999999"),
+    *(
+        "1e300,0,0",
+        "91,0,2026-01-01",
+        "0,0,2026-02-30",
+        "0,0,99999-01-01",
+        "auto",
+        "maximum_likelihood",
+        "5",
+        "99999999999",
+    ),
 )
+
+
+_ENDLESS = ("scheduler", "rate")
+"""Options that may make a command wait as long as it is told to."""
 
 
 def command_of(recipe: Recipe) -> click.Command:
@@ -32,15 +62,12 @@ def _options(recipe: Recipe) -> list[click.Option]:
 
 def _no_number(recipe: Recipe, rng: Generator) -> Trial | None:
     """Give an option that takes a number something else."""
-    numeric = [each for each in _options(recipe) if isinstance(each.type, click.types.FloatParamType | click.types.IntParamType)]
+    kinds = click.types.FloatParamType | click.types.IntParamType
+    numeric = [each for each in _options(recipe) if isinstance(each.type, kinds) and each.name not in _ENDLESS]
     if not numeric:
         return None
     option, token = pick(rng, numeric).opts[0], pick(rng, _NO_NUMBERS)
     return replace(Trial.of(recipe, f"{option} {token!r}", May.REFUSE), line=(*recipe.line, option, token))
-
-
-_ENDLESS = ("scheduler", "rate")
-"""Options that may make a command wait as long as it is told to."""
 
 
 def _any_value(recipe: Recipe, rng: Generator) -> Trial | None:
@@ -88,7 +115,9 @@ _HEAVY = {"demo", "reproduce", "blind make"}
 
 def spoil(recipe: Recipe, folder: Path, rng: Generator) -> Trial:
     """Spoil the words of a recipe's line."""
-    ways = (_no_number,) if recipe.name in _HEAVY else (_no_number, _no_number, _any_value, _any_value, _flag, _shuffled)
+    ways = (
+        (_no_number,) if recipe.name in _HEAVY else (_no_number, _no_number, _any_value, _any_value, _flag, _shuffled)
+    )
     trial = pick(rng, ways)(recipe, rng)
     if trial is None:
         trial = replace(Trial.of(recipe, "an option that there is not", May.REFUSE), line=(*recipe.line, "--none"))

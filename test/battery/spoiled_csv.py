@@ -97,7 +97,9 @@ def _cell(rows: Rows, rng: Generator) -> tuple[int, int]:
 
 def _text(rng: Generator) -> str:
     """Return text that is no number, with anything in it."""
-    codes = rng.choice([9, 27, 34, 39, 59, 0x7F, 0x85, 0x2028, 0x202E, 0x1F600, *range(32, 44), *range(58, 127)], size=8)
+    codes = rng.choice(
+        [9, 27, 34, 39, 59, 0x7F, 0x85, 0x2028, 0x202E, 0x1F600, *range(32, 44), *range(58, 127)], size=8
+    )
     return "x" + "".join(map(chr, codes))
 
 

@@ -107,7 +107,9 @@ def _path_of_input(recipe: Recipe, folder: Path, rng: Generator) -> tuple[str, s
     if path.is_dir():
         names = [str(each.relative_to(folder)) for each in path.iterdir()]
         inner = pick(rng, [*names, f"{good}/new.csv", f"{good}/new.yaml", f"{good}/x.db3", f"{good}/deep/new.json"])
-    way = pick(rng, ("itself", "the long way", "whole path", "by a link", "by a link of the folder", "by /proc", "hard link"))
+    way = pick(
+        rng, ("itself", "the long way", "whole path", "by a link", "by a link of the folder", "by /proc", "hard link")
+    )
     if way == "the long way":
         return f"missions/.././{inner}", f"{inner}, {way}"
     if way == "whole path":
@@ -143,7 +145,7 @@ def _odd_output(folder: Path, rng: Generator) -> tuple[str, str, May]:
         "of the system": ("/proc/new.csv", May.REFUSE),
         "a set that is taken": (_taken(folder), May.DO_ANYTHING),
         "a pipe": (os.mkfifo(folder / "pipe") or "pipe", May.REFUSE),
-        "a loop": (_link(folder, folder / "loop", "loop"), May.REFUSE),
+        "a loop": (_link(folder, folder / "loop", "loop"), May.DO_ANYTHING),
     }
     told = pick(rng, sorted(names))
     return names[told][0], told, names[told][1]

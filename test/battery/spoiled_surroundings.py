@@ -33,7 +33,7 @@ def spoil_environment(recipe: Recipe, folder: Path, rng: Generator) -> Trial:
         "no variables": replace(fresh, variables=dict.fromkeys(("HOME", "PATH", "LANG", "USER", "TERM", "SHELL"))),
         "narrow terminal": Surroundings(variables={"COLUMNS": str(int(rng.integers(-1, 3))), "LINES": "1"}),
         "no terminal": Surroundings(variables={"TERM": "none"}),
-        "few files": Surroundings(limits={resource.RLIMIT_NOFILE: int(rng.integers(4, 20))}),
+        "few files": Surroundings(limits={resource.RLIMIT_NOFILE: int(rng.integers(12, 30))}),
         "no processes": Surroundings(limits={resource.RLIMIT_NPROC: 0}, is_nobody=True),
         "read-only folder": Surroundings(is_nobody=True),
         "unreadable inputs": Surroundings(is_nobody=True),

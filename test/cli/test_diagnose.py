@@ -9,7 +9,8 @@ from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
 from tam_calibration.effects.effect import Limit, Sized
-from tam_calibration.files import write_array, write_recording
+from tam_calibration.files import write_array, write_calibration, write_recording
+from tam_calibration.fit import calibrate
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.surrogates import SurrogateTest
 
@@ -29,7 +30,7 @@ def asked(monkeypatch, gap):
     """Put a stand-in in the place of the diagnosis; return what it was asked, and what it shall answer."""
     asked = {"answer": gap}
 
-    def diagnose(recording, array, *, without=(), progress=None):
+    def diagnose(recording, array, *, without=(), progress=None, accept=()):
         asked.update(recording=recording, array=array, without=without)
         progress("searching", 0.5)
         return asked["answer"]
@@ -169,6 +170,13 @@ def test_a_scalar_that_contradicts_the_place_or_the_file_is_bad_input(folder):
     (folder / "array.yaml").write_text("baseline_m: 0.5\nintensity_nT: [1500, 2500]\n")
     stderr = run("run.csv", code=2).stderr
     assert "the scalar intensity is 50 µT, but the array's field has 1.5 to 2.5 µT" in stderr
+
+
+def test_a_calibration_of_another_array_is_bad_input(folder, recording, cross):
+    """What it takes off would be that of other sensors."""
+    write_calibration("other.yaml", calibrate(recording, replace(cross, positions_m=2 * cross.positions_m)))
+    stderr = run("run.csv", "--calibration", "other.yaml", code=2).stderr
+    assert "other.yaml is the calibration of another array" in stderr and len(stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize("place", ["here", "1,2", "95,0,2020-01-01", "1,2,2020-13-01", "1,2,1066-10-14"])

@@ -43,6 +43,11 @@ def test_the_field_is_the_earths_unless_the_file_says_otherwise(read, tmp_path):
     assert "intensity" not in (tmp_path / "earth.yaml").read_text()
 
 
+def test_sensors_are_a_millimetre_apart(read):
+    """What is just that far apart is taken."""
+    assert read("positions_m: [[0, 0, 0], [0, 0, 0.0011]]").sensor_count == 2
+
+
 def test_positions_make_any_array(read):
     """Positions are taken as they are; noise may differ between sensors, or be unknown."""
     array = read("positions_m: [[0, 0, 1], [0, 0.5, 0]]\nvector_noise_nT: [1, 2.5]\n")
@@ -119,6 +124,10 @@ def test_an_array_reads_back(tmp_path):
         ("baseline_m: 0.5\nintensity_nT: [.nan, 40000]", "not nan and 40000 nT"),
         ("baseline_m: 0.5\nintensity_nT: [40, 60]", "not 40 and 60 nT: check their order and unit"),
         ("baseline_m: 0.5\nintensity_nT: [4.0e-5, 6.0e-5]", "not 4e-05 and 6e-05 nT: check their order and unit"),
+        (
+            "positions_m: [[0, 0, 0], [1, 0, 0], [1, 0, 0.0009]]",
+            r"sensors 2 and 3 are both at \[1.0, 0.0, 0.0009\] m, where there is room for one",
+        ),
         ("baseline_m: 0.5\nscalar_position_m: [0, 1]", "the key 'scalar_position_m.3' is missing"),
     ],
 )

@@ -56,7 +56,7 @@ def test_a_constant_axis_is_named(wu_run, wu_scenario):
     """An axis that is not connected is told by sensor and letter."""
     readings = wu_run.recording.readings_T.copy()
     readings[:, 2, 1] = 1e-5
-    with pytest.raises(InputError, match="sensor 3 axis y reads the same value"):
+    with pytest.raises(Refused, match="sensor 3 axis y reads the same value"):
         calibrate(replace(wu_run.recording, readings_T=readings), wu_scenario.array)
 
 

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.fit import calibrate
 from tam_calibration.fit.consistency import require_one_sphere
 from tam_calibration.fit.scale import sphere_of_most
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 
 
@@ -31,3 +33,13 @@ def test_readings_that_leave_their_sphere_for_a_time_are_refused(wu_run):
 def test_steady_readings_pass(wu_run):
     """Scale errors of some per cent, the same throughout, are no change."""
     require_one_sphere(wu_run.recording)
+
+
+@pytest.mark.parametrize(("count", "bent", "warns"), [(3, 0.0, True), (3, 0.3, False), (2, 0.0, False)])
+def test_sensors_in_one_line_are_a_warning(wu_run, count, bent, warns):
+    """Three of them could have told a gradient; a gradiometer of two is not asked for one."""
+    places = [[0.3 * sensor, bent * (sensor == 2), 0.0] for sensor in range(count)]
+    array = Array(places, wu_run.scenario.array.vector_noise_T[:count], wu_run.scenario.array.scalar_noise_T)
+    some = replace(wu_run.recording, readings_T=wu_run.recording.readings_T[:, :count])
+    told = [warning for warning in calibrate(some, array).warnings if "in one line" in warning]
+    assert bool(told) is warns

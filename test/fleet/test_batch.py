@@ -119,6 +119,39 @@ def test_what_a_killed_batch_left_unfinished_is_removed(folder, options, asked):
     assert content(folder) == before
 
 
+def test_a_batch_that_fails_leaves_nothing(folder, options, asked):
+    """Neither a lock nor folders that are empty; one that ends well leaves no lock either."""
+
+    def fail(tasks):
+        raise InputError("no scheduler answers")
+
+    before = sorted(folder.rglob("*"))
+    with pytest.raises(InputError):
+        run_batch([folder / "missions/auv_1/dive_0.csv"], folder / "new/out", options, fail, lambda done, total: None)
+    assert sorted(folder.rglob("*")) == before
+    batch(folder, options, Crew())
+    assert sorted(path.name for path in (folder / "out").iterdir()) == [
+        "recordings", "summary.csv", "summary.html", "summary.json",
+    ]  # fmt: skip
+
+
+def test_an_older_result_is_there_until_the_newer_one_is(folder, options, asked, monkeypatch):
+    """Where the newer one cannot be moved to its place the older one stays."""
+    task = Task.of(folder / "missions/auv_1/dive_0.csv", folder / "out", options)
+    process(task)
+    before = content(folder)
+    seen = []
+
+    def note(folder, result):
+        seen.append(content(task.folder.parents[3]))
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tam_calibration.fleet.task.write_result", note)
+    with pytest.raises(OSError, match="No space left"):
+        process(task)
+    assert before.items() <= seen[0].items() and content(folder) == before
+
+
 def test_one_batch_writes_into_a_folder_at_a_time(folder, options, asked):
     """A second one is refused and changes nothing."""
     (folder / "out").mkdir()

@@ -1,9 +1,16 @@
-"""The drift is drawn for each sensor, what was held fixed is not."""
+"""The drift is drawn for each sensor, what was held fixed is not; no name in the table is a formula."""
+
+import csv
+import re
 
 import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tam_calibration.fleet.missions import GROUPS, Missions
-from tam_calibration.fleet.summary import plot_missions
+from tam_calibration.fleet.summary import SUMMARIES, plot_missions, write_summaries
+from tam_calibration.fleet.task_result import Result
 from tam_calibration.report.page import embed
 
 
@@ -31,3 +38,50 @@ def test_a_figure_is_the_same_bytes_every_time():
     for count in (1, 4):
         first, second = (embed(plot_missions(missions(count), GROUPS[2]), "bias").source for _ in range(2))
         assert first == second
+
+
+def table(folder, *results):
+    """Write the summaries and return the rows of the table, as lists of texts."""
+    folder.mkdir(exist_ok=True)
+    write_summaries(folder, results)
+    with (folder / "summary.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.reader(file))
+
+
+def named(platform, recording):
+    """Return the result of a recording that could not be read."""
+    return Result(recording, platform, f"/{platform}/{recording}", "failed", {"read": "it is none"}, "digest")
+
+
+@pytest.mark.parametrize("first", ["=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠"])
+def test_no_name_is_a_formula(tmp_path, first):
+    """An apostrophe stands before what OWASP lists; a number below zero is none of it."""
+    _, row = table(tmp_path, named(f"{first}1+1", f"{first}SUM(A1)"))
+    assert row[:2] == [f"'{first}1+1", f"'{first}SUM(A1)"]
+    assert row[2:4] == [f"/{first}1+1/{first}SUM(A1)", "failed"]
+
+
+def test_names_keep_their_cells(tmp_path):
+    """Commas, quotes and ends of lines, and what others than commas take for the end of a cell."""
+    names = ['=HYPERLINK("http://a,b")', "a;=1+1;b", "two\rrows", "a-1+1.csv"]
+    rows = table(tmp_path, *(named("auv", name) for name in names))
+    assert [row[1] for row in rows[1:]] == ['\'=HYPERLINK("http://a,b")', "a;'=1+1;b", "two\rrows", "a-1+1.csv"]
+    assert len(set(map(len, rows))) == 1
+
+
+@given(st.text(st.sampled_from("=+-@\t\r\n;,\"'aＢ＝")))
+def test_no_text_begins_a_formula_wherever_a_cell_may_end(tmp_path_factory, name):
+    """And without the apostrophes each is as it was."""
+    rows = table(tmp_path_factory.getbasetemp() / "summaries", named("auv", name))
+    assert not re.search("(^|[;\t\r\n])[=+@＝-]", rows[1][1])
+    assert rows[1][1].replace("'", "") == name.replace("'", "")
+
+
+def test_summaries_appear_together(tmp_path, monkeypatch):
+    """When the page cannot be drawn the older ones stay, all three."""
+    table(tmp_path, named("auv", "one"))
+    before = {name: (tmp_path / name).read_bytes() for name in SUMMARIES}
+    monkeypatch.setattr("tam_calibration.fleet.summary.to_json", lambda content: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        table(tmp_path, named("auv", "two"))
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before

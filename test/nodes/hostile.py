@@ -97,7 +97,16 @@ def hostile_text(good: str, rng: Generator) -> str:
     return pick(
         rng,
         (
-            *("[" * count, "{" * count, "- " * count, "&a [*a]", "!!python/object/apply:os._exit [1]", "\0", "", "x" * count),
+            *(
+                "[" * count,
+                "{" * count,
+                "- " * count,
+                "&a [*a]",
+                "!!python/object/apply:os._exit [1]",
+                "\0",
+                "",
+                "x" * count,
+            ),
             *(f"a: {token}", "\n".join(lines), "a0: &a0 [x, x]\n" + _laughs(), ": " * count, "'" * (count | 1)),
             any_damage(rng)(good.encode(), rng)[: len(good) // 2].decode(errors="ignore").replace("\0", ""),
         ),
@@ -112,5 +121,3 @@ def resident_bytes(process: int) -> int:
     """Return the resident memory of a process."""
     with open(f"/proc/{process}/statm") as file:
         return int(file.read().split()[1]) * 4096
-
-

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from nodes.hostile import hostile_messages, resident_bytes
 from numpy.testing import assert_array_equal
-
 from ros_bench import NO_ROS
 
 from tam_calibration.files import calibration_to_yaml, write_calibration
@@ -153,4 +152,4 @@ class Flood:
 
 def _form(message):
     """Return all of a serialised cloud of one row but its stamp and its numbers."""
-    return len(message), message[12 : -NUMBERS_BYTES]
+    return len(message), message[12:-NUMBERS_BYTES]

@@ -3,10 +3,12 @@
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.files import calibration_from_yaml, read_calibration
+from tam_calibration.model.recording import Recording
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")
@@ -125,6 +127,23 @@ def test_what_a_mission_needs_is_set_at_run_time(bench, recording, tmp_path):
     assert nodes.end_one("calibrator") == 0
     assert set_parameter(bench, "corrector", "calibration_file", str(path)) == ""
     bench.health("corrector", lambda _, figures: figures.get("calibration") == "two_step_linear", "it is loaded")
+
+
+def test_channels_that_no_sensor_makes_are_refused_unless_accepted(bench, recording):
+    """As at the command line; a name that is none is refused when it is set."""
+    readings = recording.readings_T.copy()
+    readings[:, 2] = np.round(readings[:, 2], 6)
+    bench.start_nodes(collector={}, calibrator={})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
+    bench.play(Recording(recording.time_s, readings, recording.scalar_T), publish, samples)
+    answer = bench.call("calibrator/calibrate")
+    assert not answer.success and answer.message.startswith("sensor 3 axis x reads in steps of 1000 nT")
+    assert "choose among few_samples" in set_parameter(bench, "calibrator", "accept", "all")
+    assert set_parameter(bench, "calibrator", "accept", "quantised") == ""
+    answer = bench.call("calibrator/calibrate")
+    assert answer.success and "sensor 3 axis x reads in steps of 1000 nT" in answer.message
 
 
 def set_parameter(bench, node, name, value):
