@@ -14,7 +14,8 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2.storage_mcap import MAXSIZE, ChunkInfo, McapReader, McapWriter, Statistics
 
 from tam_calibration.files.bag_bounds import check_piece, unpack
-from tam_calibration.files.mcap_guard import RECORD_HEAD, McapGuard, check_topics, records, seal
+from tam_calibration.files.mcap_guard import McapGuard
+from tam_calibration.files.mcap_records import RECORD_HEAD, check_topics, records, seal
 from tam_calibration.messages.cdr import ByteArray, RawMessages, join, windows
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import IntArray
