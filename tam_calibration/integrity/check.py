@@ -16,7 +16,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.recording import SampleSource
 
 ENOUGH_TO_CHECK = 18
-"""Samples: two for each of the nine parameters of an ellipsoid, so that half of what they tell checks the other half."""
+"""Samples: two for each of the nine parameters of an ellipsoid, so that one half of them checks the other."""
 
 
 def faults_of(source: SampleSource, array: Array) -> list[Fault]:
