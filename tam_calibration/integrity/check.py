@@ -15,8 +15,8 @@ from tam_calibration.integrity.values import at_ends, in_steps
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import SampleSource
 
-ENOUGH_TO_CHECK = 23
-"""Samples: of fewer the fifth that is held out leaves less than two for each of the nine parameters of an ellipsoid."""
+ENOUGH_TO_CHECK = 18
+"""Samples: two for each of the nine parameters of an ellipsoid, so that one half of them checks the other."""
 
 
 def faults_of(source: SampleSource, array: Array) -> list[Fault]:
@@ -109,5 +109,7 @@ def require_enough(sample_count: int, accept: Collection[str] = ()) -> None:
         When there are too few.
     """
     if sample_count < ENOUGH_TO_CHECK and "few_samples" not in accept:
-        sentence = f"{sample_count} samples leave none to check a fit on: record {ENOUGH_TO_CHECK} or more, better 50"
+        sentence = (
+            f"{sample_count} samples leave too few to check a fit on: record {ENOUGH_TO_CHECK} or more, better 50"
+        )
         refuse([Fault("few_samples", None, "", (0.0, 0.0), sentence)])

@@ -9,7 +9,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import to_nanotesla
 
 CHANNEL_FAULTS = {
-    "few_samples": "fewer samples than leave some to check a fit on",
+    "few_samples": "fewer samples than leave enough to check a fit on",
     "frozen": "a sensor or axis that holds one value while the others move",
     "mirrored": "a sensor whose axes are left-handed, or two of which are exchanged",
     "quantised": "steps of the readings far above the stated noise",

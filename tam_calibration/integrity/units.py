@@ -43,7 +43,7 @@ def in_other_units(overview: Overview, array: Array) -> Iterator[Fault]:
         if known_T is not None and _may_be_read(overview, field):
             yield _fault(overview, None, "", float(np.median(size)), known_T)
         return
-    sound = size[~wrong.any(axis=1)]
+    sound = size[~wrong.any(axis=1) & (size > 0)]
     usual = float(np.median(sound)) if len(sound) else known_T or field.middle_T
     for sensor, each in enumerate(wrong):
         if each.all():
@@ -109,7 +109,7 @@ def _against_others(spread: FloatArray, principal: FloatArray, turned_T: float) 
     for sensor, own in enumerate(spread):
         least, most = np.delete(principal[:, 0], sensor), np.delete(principal[:, 2], sensor)
         small = (own[:, None] * APART < least) & (least > TURNED * most) & (least > turned_T)
-        large = own[:, None] > APART * most
+        large = (own[:, None] > APART * most) & (most > 0)
         wrong[sensor] += (2 * large.sum(axis=1) > len(least)).astype(int) - (2 * small.sum(axis=1) > len(least))
     return wrong
 

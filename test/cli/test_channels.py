@@ -92,9 +92,9 @@ def test_a_finding_that_is_accepted_is_a_warning(folder, recording):
 
 
 def test_ten_rows_are_refused(folder, recording):
-    """They leave none to check the fit on."""
+    """They leave too few to check the fit on."""
     result = run(recording.take(slice(0, 10)), lambda readings: None, "calibrate")
-    assert result.exit_code == 1 and "10 samples leave none to check a fit on" in result.stderr
+    assert result.exit_code == 1 and "10 samples leave too few to check a fit on" in result.stderr
     accepted = run(recording.take(slice(0, 10)), lambda readings: None, "calibrate", "--accept", "few_samples")
     assert accepted.exit_code == 0, accepted.stderr
 

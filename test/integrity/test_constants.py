@@ -16,7 +16,7 @@ from tam_calibration.integrity import (
 )
 
 STATED = {
-    check: {"ENOUGH_TO_CHECK": 23},
+    check: {"ENOUGH_TO_CHECK": 18},
     chance: {"SURE": 1e-6},
     copies: {"SHORTEST": 10, "PROBES": 16, "FOUND": 4, "LATEST": 4096, "COPIED": 1 - 1e-13, "FLAT": 1e-12},
     fault: {"MOST_TOLD": 3},
