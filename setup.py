@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 
 NAME = "tam_calibration"
 SHARE = f"share/{NAME}"
-BAGS = ["rosbags>=0.11", "zstandard>=0.22"]
+BAGS = ["rosbags>=0.11", "zstandard>=0.22", "lz4>=4.0"]
 REPORT = ["jinja2>=3", "matplotlib>=3.6"]
 FLEET = ["distributed>=2024.1", *REPORT]
 VALIDATION = ["magpylib>=5", "ppigrf>=2", *REPORT]

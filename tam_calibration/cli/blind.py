@@ -14,7 +14,7 @@ import click
 from tam_calibration.cli.terminal import JOBS, PATH, Number, showing_progress, stdout, write_together
 from tam_calibration.files import read_array, read_recording
 from tam_calibration.files.csv_files import write_csv_recording
-from tam_calibration.fleet.processes import processes
+from tam_calibration.fleet.processes import processes, submit_all
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.validation.blind import EFFECTS, KINDS
 
@@ -225,6 +225,6 @@ def _in_processes(description: str, work: Callable[[Task], Result], tasks: list[
     """Do the tasks in processes of one thread each, and return the results as they come."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with processes(jobs, get_context("spawn")) as pool, showing_progress() as progress:
-        done = as_completed([pool.submit(work, task) for task in tasks])
+        done = as_completed(submit_all(pool, work, tasks))
         for future in progress.track(done, total=len(tasks), description=description):
             yield future.result()

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from tam_calibration.cli.terminal import PATH
+from tam_calibration.files.overwriting import require_separate
 from tam_calibration.files.recording_file import is_bag
 from tam_calibration.files.text_files import to_json
 from tam_calibration.model.exceptions import InputError
@@ -22,8 +23,7 @@ def command(bag: Path, output: Path, as_json: bool) -> None:
     """
     if not is_bag(bag):
         raise InputError(f"{bag} is no bag: only bags can be recovered, a rosbag2 folder, an .mcap or a .db3 file")
-    if output.resolve().is_relative_to(bag.resolve()):
-        raise InputError(f"{output} is, or lies in, the bag that is read: choose another name for the output")
+    require_separate([output], [bag])
     require("bags", "recovering bags")
     from tam_calibration.files.bag_recovery import recover
 

@@ -11,31 +11,32 @@ from io import TextIOWrapper
 def usable_streams() -> Iterator[None]:
     r"""Run a command with standard streams that it can write to.
 
-    What is closed is as if led to ``/dev/null``. Where standard output can take nothing, the command does not begin;
-    where it is full in the end, that is told. What an encoding lacks is written as Python writes it, as \u03bb.
+    Where standard output is closed or can take nothing, the command does not begin; where it is full in the end, that
+    is told. Other streams that are closed are as if led to ``/dev/null``. Letters that an encoding lacks are written by
+    their numbers.
 
     Raises
     ------
     SystemExit
         With code 2, when standard output cannot be written.
     """
+    has_output = sys.stdout is not None
     _open_what_is_closed()
+    if not has_output:
+        tell("standard output is closed: lead it to a file, or to /dev/null")
+        sys.exit(2)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        if sys.stdout is sys.__stdout__ and sys.stdout is not None:
-            os.write(sys.stdout.fileno(), b"")  # a device that is full says so
+        os.write(1, b"")  # a device that is full says so
         yield
         sys.stdout.flush()
     except SystemExit as end:
         try:
             sys.stdout.flush()
         except OSError as problem:
-            if end.code:
-                _forget_output()
-                raise
-            _end(problem)
+            _end(problem, end.code)
         raise
     except OSError as problem:
         _end(problem)
@@ -47,8 +48,11 @@ def tell(sentence: str) -> None:
         print(f"tam: {sentence}", file=sys.stderr, flush=True)
 
 
-def _end(problem: OSError) -> None:
-    _forget_output()
+def _end(problem: OSError, code: str | int | None = 0) -> None:
+    """End the process because of standard output, unless it ends with another code already."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the interpreter tries it again at its end
+    if code:
+        sys.exit(code)
     if isinstance(problem, BrokenPipeError):
         sys.exit(1)
     tell(f"standard output cannot be written: {problem.strerror}")
@@ -62,8 +66,3 @@ def _open_what_is_closed() -> None:
             if descriptor != number:
                 os.dup2(descriptor, number)
             setattr(sys, name, open(number, "r" if number == 0 else "w", encoding="utf-8"))  # noqa: SIM115
-
-
-def _forget_output() -> None:
-    """Lead standard output, and what waits to be written to it, nowhere, so that the interpreter can end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

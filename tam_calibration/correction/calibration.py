@@ -200,7 +200,7 @@ class Calibration:
     known_source : KnownSource, optional
         What completed the calibration, where a source was recorded.
     accepted : tuple of str
-        Names of the limits that it is beyond, as somebody accepted: see ``correction.limits``.
+        Names of the limits that it is beyond, as somebody accepted: see ``correction.acceptance``.
 
     Examples
     --------

@@ -14,6 +14,7 @@ from rosbags.rosbag2.reader import DirectoryReader
 from tam_calibration.correction.partial import missing_codes
 from tam_calibration.files.bag_blocks import read_blocks
 from tam_calibration.files.bag_damage import damage_named
+from tam_calibration.files.bag_folder import PACKED
 from tam_calibration.files.bag_recovery import readable
 from tam_calibration.files.bag_storages import STORAGES
 from tam_calibration.files.text_files import in_file, require_regular
@@ -27,7 +28,7 @@ from tam_calibration.messages.topics import StreamTopics, find_topics
 from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import LARGEST
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -81,7 +82,12 @@ def open_bag(path: Path) -> Iterator[BagReader]:
         When the path is no bag, or the bag is empty or damaged.
     """
     require_regular(path)
+    suffixes = tuple(storage.suffix for storage in STORAGES.values())
+    if path.is_file() and not path.name.removesuffix(PACKED).endswith(suffixes):
+        raise InputError(f"{path} is a bag by the name of something else: let its name end in {' or '.join(suffixes)}")
     reader = BagReader(path)
+    if reader.unfinished:
+        log.warning("%s: %s", path, reader.unfinished)
     with damage_named(path):
         reader.open()
     try:
@@ -273,6 +279,8 @@ def _join(
             held = stamps_ns, _times_in(run, synchroniser, stamps_ns, values), values, synchroniser.usage
     stamps_ns, values = _kept(synchroniser, with_partial, *synchroniser.flush_batch())
     if not (synchroniser.delivered or (with_partial and synchroniser.partial)):
+        if synchroniser.lost:
+            raise Refused(f"no sample could be joined: {'; '.join(synchroniser.lost)}; look at the driver")
         raise InputError(
             f"no sample could be joined by the stamps of the topics ({synchroniser.explain_losses()}): "
             "compare the stamps: do the drivers share one clock?"

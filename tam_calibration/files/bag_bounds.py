@@ -16,7 +16,11 @@ LARGEST_EXPANSION = 1000
 _ALWAYS_ALLOWED = 1 << 20
 """Bytes that may come of any piece, 1 MiB, as many as a usual chunk has."""
 
-_BLOCK = 1 << 20
+LARGEST_TOPIC = 1 << 16
+"""Bytes that the description of a topic may have, 64 KiB: the quality of service of a publisher takes some 500."""
+
+_BLOCK = 1 << 17
+"""Bytes that are unpacked at once, 128 KiB as zstd does: more would be lost where a later one of them is damaged."""
 
 ZSTD_BEGINNING = b"\x28\xb5\x2f\xfd"
 """With which a frame of zstd begins, and no serialised message."""
@@ -62,6 +66,18 @@ def check_piece(packed: int, unpacked: int, what: str) -> None:
     if unpacked > LARGEST_PIECE:
         raise InputError(f"{what} holds {unpacked} bytes: more than {LARGEST_PIECE} are not read")
     check_expansion(packed, unpacked, what)
+
+
+def check_topic(size: int) -> None:
+    """Check that a topic, whose description is parsed as YAML, is not described at length.
+
+    Raises
+    ------
+    InputError
+        When its description is larger than ``LARGEST_TOPIC``.
+    """
+    if size > LARGEST_TOPIC:
+        raise InputError(f"a topic is described by {size} bytes: more than {LARGEST_TOPIC} are not read")
 
 
 def unpack(packed: bytes, compression: str, size: int) -> bytes:

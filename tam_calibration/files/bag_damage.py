@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from tam_calibration.model.exceptions import InputError
 
-_NAMED = 3
-"""Topics, or stretches of a topic, that a sentence names."""
+NAMED = 3
+"""Stretches of messages, or faults, that a sentence names."""
 
 _TELLING = {"tam_calibration", "rosbags", "zstandard", "sqlite3", "apsw"}
 """Whose exceptions are sentences for people."""
@@ -33,9 +33,9 @@ def describe(damages: Sequence[Damage]) -> str:
     """Return a clause that names damaged messages; nothing where there are none."""
     if not damages:
         return ""
-    rest = sum(each.last - each.first + 1 for each in damages[_NAMED:])
+    rest = sum(each.last - each.first + 1 for each in damages[NAMED:])
     more = [f"{rest} more"] if rest else []
-    return "damaged: " + "; ".join([*map(str, damages[:_NAMED]), *more])
+    return "damaged: " + "; ".join([*map(str, damages[:NAMED]), *more])
 
 
 def _span(from_ns: int, to_ns: int) -> str:

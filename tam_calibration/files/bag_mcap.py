@@ -3,7 +3,7 @@
 import struct
 from collections import Counter
 from collections.abc import Collection, Generator, Iterator, Mapping
-from io import BytesIO
+from io import SEEK_END, BytesIO
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal
@@ -14,7 +14,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2.storage_mcap import MAXSIZE, ChunkInfo, McapReader, McapWriter, Statistics
 
 from tam_calibration.files.bag_bounds import check_piece, unpack
-from tam_calibration.files.mcap_guard import RECORD_HEAD, McapGuard, records, seal
+from tam_calibration.files.mcap_guard import RECORD_HEAD, McapGuard, check_topics, records, seal
 from tam_calibration.messages.cdr import ByteArray, RawMessages, join, windows
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import IntArray
@@ -39,6 +39,12 @@ CHUNK_BYTES = 1 << 20
 
 class BoundedMcapReader(McapReader):
     """The mcap reader of rosbags; a file without index is read as it stands, its chunks within bounds."""
+
+    def read_index(self) -> None:
+        """Read the summary."""
+        assert self.bio is not None
+        check_topics(self.bio, self.data_end, self.bio.seek(0, SEEK_END))
+        super().read_index()
 
     def meta_scan(self) -> None:
         """Count the messages of each topic."""

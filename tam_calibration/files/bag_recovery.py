@@ -1,37 +1,32 @@
 """Bags made readable: unpacked, checked, and what a recorder left unfinished recovered."""
 
-import logging
 import shutil
 import sys
 from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain, islice
 from pathlib import Path
-from tempfile import TemporaryDirectory, mkdtemp
 from weakref import finalize
 
 from rosbags.interfaces import Connection
 
 from tam_calibration.files.bag_bounds import ZSTD_BEGINNING, unpack_file, unpack_message
-from tam_calibration.files.bag_damage import damage_named
+from tam_calibration.files.bag_damage import NAMED, damage_named
 from tam_calibration.files.bag_digests import DIGESTS, are_complete, changed_files
 from tam_calibration.files.bag_folder import INFORMATION, METADATA, PACKED, data_files, read_metadata
 from tam_calibration.files.bag_storages import guard_of, storage_of
 from tam_calibration.files.bag_writing import BlockWriter, copy_connection, write_bag
 from tam_calibration.files.sqlite3_guard import LOGS
 from tam_calibration.files.text_files import require_regular
+from tam_calibration.files.whole_files import temporary_place, unfinished
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.model.exceptions import InputError
 
 _COUNT = 16_384
 """Messages that are written at once."""
-
-_NAMED = 3
-"""Faults that a sentence names."""
-
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -57,8 +52,8 @@ class Recovered:
         """Return a clause for people."""
         duration_s = (self.last_ns - self.first_ns) / 1e9
         ends = f"the recording ends at {self.last_ns / 1e9:.3f} s, {duration_s:.3f} s after it began"
-        more = len(self.faults) - _NAMED
-        lost = [*self.faults[:_NAMED], *([f"{more} faults more"] if more > 0 else [])]
+        more = len(self.faults) - NAMED
+        lost = [*self.faults[:NAMED], *([f"{more} faults more"] if more > 0 else [])]
         return f"{self.messages} whole messages are recovered, {ends}{''.join(f'; {each}' for each in lost)}"
 
 
@@ -88,7 +83,7 @@ class ReadableBag:
             is_unfinished = any(guard_of(file).is_unfinished() for file in present)
         if is_unfinished or _is_without_metadata(path):
             target = self._folder() / "bag"
-            self.unfinished = f"the recording was left unfinished: {_recover(path, files, target)}"
+            self.unfinished = f"the recording was left unfinished: {_recover(path, files, target, [])}"
             self.path = target
             return
         with damage_named(path):
@@ -98,9 +93,9 @@ class ReadableBag:
 
     def _folder(self) -> Path:
         """Return a new temporary folder that is removed with this object, or at the end of the process."""
-        folder = mkdtemp(prefix="tam_bag_")
-        finalize(self, shutil.rmtree, folder, ignore_errors=True)
-        return Path(folder)
+        stack = ExitStack()
+        finalize(self, stack.close)
+        return stack.enter_context(unfinished(temporary_place()))
 
 
 def readable(path: Path) -> ReadableBag:
@@ -119,10 +114,7 @@ def readable(path: Path) -> ReadableBag:
 
 @lru_cache(maxsize=2)
 def _readable(path: Path, state: tuple[tuple[str, int, int], ...]) -> ReadableBag:
-    bag = ReadableBag(path)
-    if bag.unfinished:
-        log.warning("%s: %s", path, bag.unfinished)
-    return bag
+    return ReadableBag(path)
 
 
 def _is_proven(path: Path, files: list[Path]) -> bool:
@@ -155,15 +147,21 @@ def _is_packed(files: list[Path]) -> bool:
     return any(file.suffix == PACKED for file in files)
 
 
-def _unpack(path: Path, files: list[Path], folder: Path) -> list[Path]:
-    """Write a bag to a folder with its files unpacked, and return them."""
+def _unpack(path: Path, files: list[Path], folder: Path, faults: list[str] | None = None) -> list[Path]:
+    """Write a bag to a folder with its files unpacked, and return them; with a list of faults as far as they go."""
     targets = [folder / file.name.removesuffix(PACKED) for file in files]
-    with damage_named(path):
-        for file, target in zip(files, targets, strict=True):
-            if file.suffix == PACKED:
-                unpack_file(file, target)
-            elif file.exists():
+    for file, target in zip(files, targets, strict=True):
+        if file.suffix != PACKED:
+            with suppress(FileNotFoundError):
                 shutil.copyfile(file, target)
+            continue
+        try:
+            with damage_named(path):
+                unpack_file(file, target)
+        except InputError:
+            if faults is None or not target.exists():
+                raise
+            faults.append(f"{file.name} cannot be unpacked to its end")
     metadata = read_metadata(path)
     if metadata is not None:
         names = [target.name for target in targets]
@@ -189,13 +187,15 @@ def recover(path: Path, target: Path) -> Recovered:
     """
     require_regular(path)
     files = data_files(path)
-    with TemporaryDirectory(prefix="tam_bag_") as folder:
-        return _recover(path, _unpack(path, files, Path(folder)) if _is_packed(files) else files, target)
+    faults: list[str] = []
+    with unfinished(temporary_place()) as folder:
+        unpacked = _unpack(path, files, folder, faults) if _is_packed(files) else files
+        return _recover(path, unpacked, target, faults)
 
 
-def _recover(path: Path, files: list[Path], target: Path) -> Recovered:
+def _recover(path: Path, files: list[Path], target: Path, faults: list[str]) -> Recovered:
     """Recover the bag of a path from its files, which may have been unpacked."""
-    faults = [f"{file.name} is missing" for file in files if not file.exists()]
+    faults.extend(f"{file.name} is missing" for file in files if not file.exists())
     count, first_ns, last_ns = 0, sys.maxsize, 0
     with write_bag(target, storage_of(path)) as writer:
         for block in _whole_blocks(path, files, writer, faults):

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from tam_calibration.correction.acceptance import beyond_limits
 from tam_calibration.correction.calibration import (
     AmbientGradientEstimate,
     Calibration,
@@ -13,7 +14,6 @@ from tam_calibration.correction.calibration import (
     KnownSource,
     Provenance,
 )
-from tam_calibration.correction.limits import beyond_limits
 from tam_calibration.effects.library import check_numbers
 from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.effects_schema import EffectFile
@@ -21,7 +21,7 @@ from tam_calibration.files.quantities import (
     NOT_TURNED,
     Finite,
     Nanotesla,
-    NanoteslaOrNone,
+    NanoteslaSize,
     NanoteslaTensor,
     NanoteslaVector,
     Orientation,
@@ -85,10 +85,10 @@ class _Field:
 
 @dataclass(frozen=True, kw_only=True)
 class _Residuals:
-    sensor_intensity_nT: list[NanoteslaOrNone]
-    center_intensity_nT: NanoteslaOrNone
-    tensor_nT_per_m: tuple[NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone]
-    tensor_rmse_nT_per_m: NanoteslaOrNone
+    sensor_intensity_nT: list[NanoteslaSize]
+    center_intensity_nT: NanoteslaSize
+    tensor_nT_per_m: tuple[NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize]
+    tensor_rmse_nT_per_m: NanoteslaSize
 
     def to_residuals(self) -> Residuals:
         """Return the residuals in SI."""
@@ -124,10 +124,8 @@ class _Recording:
 
 @dataclass(frozen=True, kw_only=True)
 class _OfOutputs:
-    field_nT: tuple[NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone]
-    gradient_nT_per_m: tuple[
-        NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone, NanoteslaOrNone
-    ]
+    field_nT: tuple[NanoteslaSize, NanoteslaSize, NanoteslaSize]
+    gradient_nT_per_m: tuple[NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize, NanoteslaSize]
 
     def to_tesla(self) -> FloatArray:
         """Return the (9,) numbers in SI."""
@@ -208,6 +206,9 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     for fitted in effects:
         check_numbers(fitted, errors, array)
     residuals = stored.residuals
+    for each in (residuals.before, residuals.in_sample, residuals.held_out, residuals.noise_floor):
+        if each is not None and len(each.sensor_intensity_nT) != errors.sensor_count:
+            raise InputError(f"the file is damaged: residuals must be those of its {errors.sensor_count} sensors")
     calibration = Calibration(
         method=stored.method,
         array=array.with_stated_noise(),

@@ -12,7 +12,7 @@ import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2.storage_mcap import Schema, get_msgdef, get_qos, read_bytes, read_string
 
-from tam_calibration.files.bag_bounds import check_piece, unpack, unpack_beginning
+from tam_calibration.files.bag_bounds import check_piece, check_topic, unpack, unpack_beginning
 from tam_calibration.files.bag_damage import Damage, describe
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import IntArray
@@ -137,6 +137,8 @@ class McapGuard:
             beginning = file.read(len(MAGIC))
             if beginning != MAGIC[: len(beginning)]:
                 raise InputError(f"{self._path.name} does not begin as an mcap file does")
+            for record in records(file, len(MAGIC), end):  # the summary knows the topics of a chunk that is damaged
+                self._learn(file, *record, end)
             yield from self._walk(file, len(MAGIC), end, faults)
 
     def _walk(
@@ -153,13 +155,8 @@ class McapGuard:
                 yield from self._walk(BytesIO(content), 0, len(content), faults, in_chunk=True)
             if kind == _DATA_END or reached > end:
                 return
-            if kind == _SCHEMA:
-                schema = _parse_schema(_content(stream, place, size))
-                self._schemas[schema.id] = schema
-            elif kind == _CHANNEL:
-                channel, schema_id, topic, encoding, metadata = _parse_channel(_content(stream, place, size))
-                self._connections[channel] = self._connect(channel, schema_id, topic, encoding, metadata)
-            elif kind == _MESSAGE and size >= _MESSAGE_HEAD.size:
+            self._learn(stream, kind, place, size, end)
+            if kind == _MESSAGE and size >= _MESSAGE_HEAD.size:
                 content = _content(stream, place, size)
                 channel, _, recorded_ns, _ = _MESSAGE_HEAD.unpack_from(content)
                 if channel in self._connections:
@@ -167,11 +164,28 @@ class McapGuard:
         if reached + RECORD_HEAD > end:
             yield from held
 
-    def _connect(self, channel: int, schema_id: int, topic: str, encoding: str, metadata: bytes) -> Connection:
-        schema = self._schemas.get(schema_id)
-        name = "__schemaless__" if schema is None else schema.name
+    def _learn(self, stream: BinaryIO, kind: int, place: int, size: int, end: int) -> None:
+        """Take in the type or topic that a record tells, if that is what it does."""
+        if kind not in (_SCHEMA, _CHANNEL) or place + size > end:
+            return
+        content = _content(stream, place, size)
+        if kind == _SCHEMA:
+            schema = _parse_schema(content)
+            self._schemas[schema.id] = schema
+            return
+        check_topic(size)
+        channel, schema_id, topic, encoding, metadata = _parse_channel(content)
+        known = self._schemas.get(schema_id)
+        name = "__schemaless__" if known is None else known.name
         extra = ConnectionExtRosbag2(encoding, get_qos(metadata))
-        return Connection(channel, topic, name, get_msgdef(schema), "", 0, extra, self)
+        self._connections[channel] = Connection(channel, topic, name, get_msgdef(known), "", 0, extra, self)
+
+
+def check_topics(stream: BinaryIO, begin: int, end: int) -> None:
+    """Check `bag_bounds.check_topic` for all topics of a part of a file."""
+    for kind, _, size in records(stream, begin, end):
+        if kind == _CHANNEL:
+            check_topic(size)
 
 
 def _read_end(file: BinaryIO) -> tuple[int, tuple[int, int, int]] | None:

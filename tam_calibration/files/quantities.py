@@ -17,8 +17,8 @@ Nanotesla = Annotated[float, Bounds(least=-1e9, most=1e9, unit="nT")]
 NanoteslaVector = tuple[Nanotesla, Nanotesla, Nanotesla]
 NanoteslaTensor = tuple[NanoteslaVector, NanoteslaVector, NanoteslaVector]
 
-NanoteslaOrNone = Annotated[float, Bounds(least=-1e12, most=1e12, unit="nT", may_be_nan=True)]
-"""Of a residual or a standard error; NaN where the array does not determine it."""
+NanoteslaSize = Annotated[float, Bounds(least=0, most=1e12, unit="nT", may_be_nan=True)]
+"""Of a residual or a standard error, or of it per metre; NaN where the array does not determine it."""
 
 Degrees = Annotated[float, Bounds(least=-360, most=360, unit="deg")]
 """Of a turn."""

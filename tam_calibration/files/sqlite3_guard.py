@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from itertools import count
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import quote
 from zlib import crc32
@@ -14,8 +13,10 @@ from zlib import crc32
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag2.metadata import parse_qos
 
+from tam_calibration.files.bag_bounds import check_topic
 from tam_calibration.files.bag_damage import Damage, describe
 from tam_calibration.files.sqlite3_pages import DatabasePages, Row, page_size
+from tam_calibration.files.whole_files import temporary_place, unfinished
 
 CRC_COLUMN = "crc32"
 """Of the table of messages, in files that this package wrote; other readers ignore it."""
@@ -51,6 +52,8 @@ def read_connections(rows: Callable[[str], Any], owner: object) -> list[Connecti
         definitions = {name: MessageDefinition(kinds[kind], text) for name, kind, text in rows(_DEFINITIONS)}
     columns = [column for _, column, *_ in rows("PRAGMA table_info(topics)")]
     topics = [dict(zip(columns, row, strict=True)) for row in rows("SELECT * FROM topics ORDER BY id")]
+    for topic in topics:
+        check_topic(len(str(topic.get("offered_qos_profiles"))))
     unknown = MessageDefinition(MessageDefinitionFormat.NONE, "")
     return [
         Connection(
@@ -121,8 +124,8 @@ class Sqlite3Guard:
         faults : list of str
             What was left out is added to it, in clauses.
         """
-        with TemporaryDirectory() as name:
-            replayed, plain = Path(name, "replayed.db3"), Path(name, "plain.db3")
+        with unfinished(temporary_place()) as folder:
+            replayed, plain = folder / "replayed.db3", folder / "plain.db3"
             for source in (self._path, *self._logs()):
                 shutil.copyfile(source, replayed.with_name(replayed.name + source.name[len(self._path.name) :]))
             pages = DatabasePages(self._path) if self.is_unfinished() else ()

@@ -18,11 +18,12 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
 @contextmanager
 def in_file(path: Path | str) -> Iterator[None]:
-    """Put the name of a file before the message of an `InputError`."""
+    """Put the name of a file before the message of an `InputError` that does not begin with it."""
     try:
         yield
     except InputError as problem:
-        raise InputError(f"{path}: {problem}") from None
+        told = str(problem)
+        raise InputError(told if told.startswith(f"{path} ") else f"{path}: {told}") from None
 
 
 def printable(path: Path | str) -> str:

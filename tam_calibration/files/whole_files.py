@@ -11,7 +11,7 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import gettempdir, mkdtemp
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.signals import postponed
@@ -103,9 +103,7 @@ def unfinished(path: Path) -> Iterator[Path]:
     OSError
         When no folder can be made there.
     """
-    for name in os.listdir(path.parent):
-        if name.startswith(f".{path.name}.") and name.endswith(UNFINISHED):
-            remove_left_over(path.with_name(name))
+    remove_unfinished(path)
     folder, holder = _make_folder(path)
     try:
         yield folder
@@ -122,6 +120,24 @@ def _make_folder(path: Path) -> tuple[Path, int]:
         # Before it is held, another process that writes to the same path may take it for left over.
         with suppress(BlockingIOError, FileNotFoundError):
             return folder, hold(folder)
+
+
+def temporary_place() -> Path:
+    """Return the path beside which `unfinished` gives folders for what is needed for a while only."""
+    return Path(gettempdir(), "tam")
+
+
+def remove_unfinished(path: Path) -> None:
+    """Remove the folders that `unfinished` gave beside a path to processes that are gone.
+
+    Raises
+    ------
+    OSError
+        When the folder of the path cannot be read.
+    """
+    for name in os.listdir(path.parent):
+        if name.startswith(f".{path.name}.") and name.endswith(UNFINISHED):
+            remove_left_over(path.with_name(name))
 
 
 def remove_left_over(folder: Path) -> None:

@@ -8,9 +8,9 @@ from numpy.linalg import inv
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, from_degrees
 
-_LARGEST_TURN = np.radians(80.0)
+_LARGEST_TURN = from_degrees(80.0)
 """Of a sensor whose angle is found by its sine, radians: noise counts six times there, and without bound at 90°."""
 
 

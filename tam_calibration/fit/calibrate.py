@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 
+from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.limits import within_limits
 from tam_calibration.fit.artificial_vector import artificial_vector
 from tam_calibration.fit.consistency import find_warnings, require_one_calibration, require_one_sphere
 from tam_calibration.fit.fast_rotation import fast_rotation

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from glob import glob, has_magic
+from os.path import realpath
 from pathlib import Path
 
 from tam_calibration.files.bag_storages import STORAGES
@@ -37,7 +38,7 @@ def find_recordings(patterns: Iterable[str], without: Path) -> list[Path]:
     InputError
         When a pattern finds nothing.
     """
-    without = without.resolve()
+    without = Path(realpath(without))
     found: set[Path] = set()
     for pattern in patterns:
         here = {path for path in _matches(pattern) if not path.is_relative_to(without)}
@@ -51,12 +52,12 @@ def find_recordings(patterns: Iterable[str], without: Path) -> list[Path]:
 
 def _matches(pattern: str) -> Iterator[Path]:
     if Path(pattern).exists() or not has_magic(pattern):
-        path = Path(pattern).resolve()
+        path = Path(realpath(pattern))
         if path.exists():
             yield _bag_of(path)
         return
     for name in glob(pattern, recursive=True):
-        path = _bag_of(Path(name).resolve())
+        path = _bag_of(Path(realpath(name)))
         if (path / _METADATA).is_file() or (path.suffix in _SUFFIXES and path.is_file()):
             yield path
 

@@ -7,7 +7,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from typing import Any
 
-from tam_calibration.fleet.processes import processes
+from tam_calibration.fleet.processes import processes, submit_all
 from tam_calibration.fleet.task import Task, process
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.extras import require
@@ -52,7 +52,7 @@ def _in_pool(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, BaseException
     context.set_forkserver_preload(list(_PRELOADED))
     try:
         with processes(jobs, context) as pool:
-            futures = {pool.submit(process, task): task for task in tasks}
+            futures = submit_all(pool, process, tasks)
             for future in as_completed(futures):
                 yield futures[future], future.exception()
     except BrokenProcessPool as problem:  # while tasks were handed in

@@ -2,12 +2,19 @@
 
 import os
 import signal
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext, SpawnContext
 from threading import Thread
+from typing import TypeVar
+
+from tam_calibration.files.whole_files import remove_unfinished, temporary_place
+from tam_calibration.model.signals import postponed
+
+Task = TypeVar("Task")
+Done = TypeVar("Done")
 
 
 @contextmanager
@@ -32,7 +39,30 @@ def processes(jobs: int, context: ForkServerContext | SpawnContext) -> Iterator[
             telling.close()
             pool.shutdown(cancel_futures=True)
             raise
-        pool.shutdown()
+        else:
+            pool.shutdown()
+        finally:
+            remove_unfinished(temporary_place())  # which processes that end at once leave
+
+
+def submit_all(
+    pool: ProcessPoolExecutor, work: Callable[[Task], Done], tasks: Iterable[Task]
+) -> dict[Future[Done], Task]:
+    """Hand in tasks, and return them by what will hold their results.
+
+    A signal waits until that is done: a process that is just being started would not be ended with the others.
+
+    Parameters
+    ----------
+    pool : ProcessPoolExecutor
+        As `processes` gives it.
+    work : callable
+        Does a task.
+    tasks : iterable
+        What it is called with.
+    """
+    with postponed():
+        return {pool.submit(work, task): task for task in tasks}
 
 
 def _begin(told: Connection) -> None:

@@ -111,7 +111,7 @@ class Task:
         """
         digest = sha256(os.fsencode(path)).hexdigest()[:_DIGEST_LETTERS]
         own = Path("recordings", printable(path.parent.name), f"{printable(path.name)}-{digest}")
-        return cls(path, out.resolve() / own, options)
+        return cls(path, Path(os.path.realpath(out)) / own, options)
 
     def result(self, status: Status, problems: dict[str, str], **rest: Any) -> Result:
         """Return a result of this recording.
@@ -125,8 +125,8 @@ class Task:
         **rest
             Further fields of `Result`.
         """
-        name, group, path = (printable(str(part)) for part in (self.path.name, self.path.parent.name, self.path))
-        return Result(name, group, path, status, problems, self.options.digest, **rest)
+        names = printable(self.path.name), printable(self.path.parent.name), printable(self.path)
+        return Result(*names, status, problems, self.options.digest, **rest)
 
     def is_done(self) -> bool:
         """Whether its result is there, of this recording as it is now and of these options."""

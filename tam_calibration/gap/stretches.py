@@ -10,7 +10,7 @@ import numpy as np
 from tam_calibration.model.recording import Recording, SampleSource
 
 MOST_SAMPLES = 100_000
-"""Samples that a diagnosis looks at, at most: a quarter of an hour at 100 Hz, some 300 MiB of four sensors."""
+"""Samples that a diagnosis looks at, at most: a quarter of an hour at 100 Hz, in less than 500 MiB."""
 
 STRETCH = 1000
 """Samples of a stretch: many times the memory of filters and loops, and a hundredth of all that are looked at."""

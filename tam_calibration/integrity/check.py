@@ -35,10 +35,10 @@ def faults_of(source: SampleSource, array: Array) -> list[Fault]:
         return []
     overview = Overview.of(source)
     holds, copies = Holds(source.sensor_count), Copies(source.sensor_count)
-    for block in source.blocks():
-        holds.add(block)
-        copies.add(block)
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # readings may be any finite numbers
+        for block in source.blocks():
+            holds.add(block)
+            copies.add(block)
         faults = holds.faults(source)
         faults += _new(faults, copies.faults(overview))
         faults += _new(faults, in_other_units(overview, array))

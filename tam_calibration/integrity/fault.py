@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from tam_calibration.correction.limits import LIMITS
+from tam_calibration.correction.acceptance import LIMITS
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import to_nanotesla
 

@@ -23,13 +23,13 @@ NORTH = 0.7
 ENOUGH = 300
 """Attitudes that tell how a sensor is placed: thirty for each product of an axis and a component of the field."""
 
-_LEVEL = 0.05
+LEVEL = 0.05
 """Part of the field that must be level before north is told by it."""
 
-_ONE_FIELD = 0.1
+ONE_FIELD = 0.1
 """Of the singular values of what sensor and field make together, the second to the first: of one field it is 0."""
 
-_UNEXPLAINED = 0.01
+UNEXPLAINED = 0.01
 """Share of the variance of readings that attitude leaves where it is that of the sensor: an error of six degrees."""
 
 _REVERSALS = [np.array(signs) for signs in product((1.0, -1.0), repeat=3)]
@@ -144,7 +144,7 @@ class _Placed:
     @property
     def points_north(self) -> bool:
         level = float(np.hypot(*self.field[:2]))
-        return level > _LEVEL * float(np.linalg.norm(self.field)) and float(self.field[1]) > NORTH * level
+        return level > LEVEL * float(np.linalg.norm(self.field)) and float(self.field[1]) > NORTH * level
 
 
 def _placed(overview: Overview, sensor: int) -> _Placed | None:
@@ -163,22 +163,25 @@ def _placed(overview: Overview, sensor: int) -> _Placed | None:
     turns, readings = turns - turns.mean(axis=0), readings - readings.mean(axis=0)
     products, _, rank, _ = np.linalg.lstsq(turns, readings, rcond=1e-3)
     left = readings - turns @ products
-    if rank < 9 or np.sum(left**2) > _UNEXPLAINED * np.sum(readings**2):
+    if rank < 9 or np.sum(left**2) > UNEXPLAINED * np.sum(readings**2):
         return None
     # Of row a of M and component c of h: products[(c, b), a] = M[a, b] h[c].
     stacked = products.reshape(3, 3, 3).transpose(2, 1, 0).reshape(9, 3)
     one, size, world = np.linalg.svd(stacked, full_matrices=False)
-    if size[1] > _ONE_FIELD * size[0]:
+    if size[1] > ONE_FIELD * size[0]:
         return None
     axes = one[:, 0].reshape(3, 3)
     return _Placed(axes / np.linalg.norm(axes, axis=1, keepdims=True), world[0])
 
 
 def _against_attitude(placements: dict[int, _Placed], groups: list[list[int]]) -> list[int]:
-    """Return the sensors that attitude shows to be left-handed; none where it does not tell."""
+    """Return the sensors that attitude shows to be left-handed; none where it does not tell.
+
+    Of a group that has the same hand one sensor along the array tells that it is the right one.
+    """
     if not placements or any(sensor not in placements for group in groups for sensor in group):
         return []
-    sound = [all(placements[sensor].is_along_array for sensor in group) for group in groups]
+    sound = [any(placements[sensor].is_along_array for sensor in group) for group in groups]
     if all(sound) or (len(groups) > 1 and not any(sound)):
         return []
     wrong = groups[sound.index(False)]

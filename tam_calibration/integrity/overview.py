@@ -14,7 +14,10 @@ ENOUGH = 2000
 SHARED = 0.9
 """Least canonical correlation of sensors that both show the motion in all directions, and not their noise."""
 
-_LONE = 0.01
+LARGEST_T = 1e9
+"""Tesla: the Earth's field in nT, taken for T, has some 1e4; squares of larger numbers are none."""
+
+LONE = 0.01
 """Share of the samples at either end that may be spikes, and do not count for the spread of an axis."""
 
 
@@ -37,9 +40,9 @@ class Overview:
 
     @cached_property
     def values_T(self) -> FloatArray:
-        """(3K, n) readings of all axes, in the order of time."""
-        values: FloatArray = np.ascontiguousarray(self.recording.readings_T.reshape(self.recording.sample_count, -1).T)
-        return values
+        """(3K, n) readings of all axes, in the order of time, those that are no field at all moved to the largest."""
+        values = np.ascontiguousarray(self.recording.readings_T.reshape(self.recording.sample_count, -1).T)
+        return np.clip(values, -LARGEST_T, LARGEST_T, out=values)
 
     @cached_property
     def sorted_T(self) -> FloatArray:
@@ -51,7 +54,7 @@ class Overview:
     def without_spikes_T(self) -> FloatArray:
         """(3K, n) readings about their mean, those beyond all but one per cent moved to there."""
         count = self.sorted_T.shape[1]
-        lone = int(_LONE * count)
+        lone = int(LONE * count)
         low, high = self.sorted_T[:, lone : lone + 1], self.sorted_T[:, count - 1 - lone : count - lone]
         clipped = np.clip(self.values_T, low, high)
         centered: FloatArray = clipped - clipped.mean(axis=1, keepdims=True)

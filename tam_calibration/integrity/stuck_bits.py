@@ -69,22 +69,23 @@ class _Bands:
 
 def with_stuck_bits(overview: Overview) -> Iterator[Fault]:
     """Yield the axes that leave out bands of values."""
-    for column, row in enumerate(overview.sorted_T):
-        values = row[np.append(True, np.diff(row) > rounding(row))]
-        for part in _parts(values):
-            bands = _bands(part)
-            if bands is not None and _is_of_converter(overview, column, part, bands):
-                sensor, axis = column // 3 + 1, "xyz"[column % 3]
-                sentence = (
-                    f"{channel(sensor, axis)} leaves out every second band of {in_nanotesla(bands.period_T / 2)} "
-                    f"{between(overview.time_s)}: a bit of its converter is stuck"
-                )
-                yield Fault("stuck_bits", sensor, axis, overview.time_s, sentence)
-                break
+    parts = [(column, part) for column, row in enumerate(overview.sorted_T) for part in _parts(row)]
+    told = set()
+    for (column, part), cycles in zip(parts, _cycles([part for _, part in parts]), strict=True):
+        bands = None if cycles is None or column in told else _bands(part, cycles)
+        if bands is not None and _is_of_converter(overview, column, part, bands):
+            told.add(column)
+            sensor, axis = column // 3 + 1, "xyz"[column % 3]
+            sentence = (
+                f"{channel(sensor, axis)} leaves out every second band of {in_nanotesla(bands.period_T / 2)} "
+                f"{between(overview.time_s)}: a bit of its converter is stuck"
+            )
+            yield Fault("stuck_bits", sensor, axis, overview.time_s, sentence)
 
 
-def _parts(values: FloatArray) -> Iterator[FloatArray]:
-    """Yield all values, and those that lie nearest to each other."""
+def _parts(ordered: FloatArray) -> Iterator[FloatArray]:
+    """Yield all values of increasing readings (n,), and those that lie nearest to each other."""
+    values = ordered[np.append(True, np.diff(ordered) > rounding(ordered))]
     if len(values) >= DIFFERENT:
         yield values
     if len(values) >= 2 * NEAR:
@@ -92,20 +93,28 @@ def _parts(values: FloatArray) -> Iterator[FloatArray]:
         yield values[start : start + NEAR]
 
 
-def _bands(values: FloatArray) -> _Bands | None:
-    """Return the bands of increasing values (n,), by the period at which their phases agree best."""
+def _cycles(parts: list[FloatArray]) -> list[float | None]:
+    """Return how many periods at which the phases agree best fit into the range of each part; None: they do not agree.
+
+    To half a period: with as many zeros behind, a histogram has two frequencies for each period.
+    """
+    histogram = np.empty((len(parts), CELLS))
+    for row, values in zip(histogram, parts, strict=True):
+        place = (values - values[0]) / (values[-1] - values[0]) * (CELLS - 1)
+        row[:] = np.bincount((place + 0.5).astype(np.intp), minlength=CELLS) / len(values)
+    coherence = np.abs(np.fft.rfft(histogram, 2 * CELLS, axis=1)[:, : CELLS // 2])
+    coherence[:, : int(2 * FEWEST_PERIODS)] = 0
+    best = coherence.argmax(axis=1)
+    agree = coherence[range(len(parts)), best] >= COHERENT
+    return [index / 2 * (CELLS - 1) / CELLS if is_one else None for index, is_one in zip(best, agree, strict=True)]
+
+
+def _bands(values: FloatArray, cycles: float) -> _Bands | None:
+    """Return the bands of increasing values (n,), of which a number fits into the range that is known to a half."""
     span = float(values[-1] - values[0])
-    place = (values - values[0]) / span
-    histogram = np.bincount((place * (CELLS - 1) + 0.5).astype(np.intp), minlength=CELLS)
-    # With as many zeros behind, there are two frequencies for each period that fits into the range.
-    coherence = np.abs(np.fft.rfft(histogram, 2 * CELLS)[: CELLS // 2]) / len(values)
-    coherence[: int(2 * FEWEST_PERIODS)] = 0
-    best = int(coherence.argmax())
-    if coherence[best] < COHERENT:
-        return None
-    near = (best + np.linspace(-1, 1, 33)) / 2 * (CELLS - 1) / CELLS
-    cycles = float(near[np.abs(np.exp(2j * np.pi * place * near[:, None]).mean(axis=1)).argmax()])
-    return _Bands.of(values, span / cycles)
+    near = cycles + np.linspace(-0.5, 0.5, 33)
+    phases = np.exp(2j * np.pi * (values - values[0]) / span * near[:, None])
+    return _Bands.of(values, span / float(near[np.abs(phases.mean(axis=1)).argmax()]))
 
 
 def _is_of_converter(overview: Overview, column: int, values: FloatArray, bands: _Bands) -> bool:

@@ -36,32 +36,27 @@ def in_other_units(overview: Overview, array: Array) -> Iterator[Fault]:
         What the intensity of the field can be.
     """
     field, scalar_T = array.field, _scalar(overview)
-    spread, size = overview.spread_T, np.sqrt(np.sum(overview.spread_T**2, axis=1))
-    wrong = _of_sensors(overview, field if scalar_T is None or not field.hold(scalar_T) else scalar_T)
-    sound = np.flatnonzero(~wrong.all(axis=1) & (wrong == 0).all(axis=1))
-    usual = float(np.median(size[sound])) if len(sound) else np.nan
+    known_T = scalar_T if scalar_T is not None and field.hold(scalar_T) else None
+    size = np.sqrt(np.sum(overview.spread_T**2, axis=1))
+    wrong = _of_sensors(overview, field if known_T is None else known_T)
     if wrong.all():
-        if scalar_T is not None and field.hold(scalar_T) and _may_be_read(overview, field):
-            yield _fault(overview, None, "", float(np.median(size)), scalar_T)
+        if known_T is not None and _may_be_read(overview, field):
+            yield _fault(overview, None, "", float(np.median(size)), known_T)
         return
-    if not len(sound):
-        usual = field.middle_T if scalar_T is None or not field.hold(scalar_T) else scalar_T
+    sound = size[~wrong.any(axis=1)]
+    usual = float(np.median(sound)) if len(sound) else known_T or field.middle_T
     for sensor, each in enumerate(wrong):
         if each.all():
             yield _fault(overview, sensor, "", float(size[sensor]), usual)
             continue
         for axis in np.flatnonzero(each):
-            others = np.delete(spread[sensor], axis).max() if overview.sensor_count == 1 else usual / np.sqrt(3)
-            yield _fault(overview, sensor, "xyz"[axis], float(spread[sensor, axis]), float(others))
-    if scalar_T is not None and not field.hold(scalar_T) and len(sound) and _is_of(usual, field):
-        yield Fault(
-            "unit",
-            None,
-            "",
-            overview.time_s,
+            yield _fault(overview, sensor, "xyz"[axis], float(overview.spread_T[sensor, axis]), usual / np.sqrt(3))
+    if scalar_T is not None and known_T is None and len(sound) and _is_of(usual, field, scalar_T):
+        sentence = (
             f"the scalar reads {in_nanotesla(scalar_T)} {between(overview.time_s)}, where the sensors vary by "
-            f"{in_nanotesla(usual)}: it is in another unit",
+            f"{in_nanotesla(usual)}: it is in another unit"
         )
+        yield Fault("unit", None, "", overview.time_s, sentence)
 
 
 def _scalar(overview: Overview) -> float | None:
@@ -78,43 +73,50 @@ def _may_be_read(overview: Overview, field: FieldBounds) -> bool:
     return True
 
 
-def _is_of(size_T: float, field: FieldBounds) -> bool:
-    """Whether readings that spread so far may be those of a field within bounds."""
-    return field.low_T * TURNED < size_T < field.high_T * 2
+def _is_of(size_T: float, field: FieldBounds, scalar_T: float) -> bool:
+    """Whether readings that spread so far may be those of a field within bounds, and not of what the scalar reads."""
+    is_apart = not size_T / APART < scalar_T < size_T * APART
+    return is_apart and field.low_T * TURNED < size_T < field.high_T * 2
 
 
 def _of_sensors(overview: Overview, reference: FieldBounds | float) -> FloatArray:
-    """Return (K, 3) whether each axis is too small (-1), too large (1) or neither (0) for the other sensors."""
+    """Return (K, 3) whether each axis is too small (-1), too large (1) or neither (0)."""
     low_T, high_T = (reference, reference) if isinstance(reference, float) else (reference.low_T, reference.high_T)
     spread, principal = overview.spread_T, overview.principal_T
-    wrong = np.zeros_like(spread)
-    for sensor, own in enumerate(spread):
-        least, most = np.delete(principal[:, 0], sensor), np.delete(principal[:, 2], sensor)
-        is_turned = (least > TURNED * np.delete(principal[:, 2], sensor)) & (least > TURNED * low_T)
-        small = (own[:, None] * APART < least) & is_turned
-        large = own[:, None] > APART * most
-        wrong[sensor] -= 2 * small.sum(axis=1) > len(least)
-        wrong[sensor] += 2 * large.sum(axis=1) > len(least)
-    whole = np.sqrt(np.sum(spread**2, axis=1))
+    size = np.sqrt(np.sum(spread**2, axis=1))
+    wrong = _against_others(spread, principal, TURNED * low_T)
+    large, small = (wrong.sum(axis=1) == sign * 3 for sign in (1, -1))
+    if large.any() and small.any() and (large | small).all():
+        off = np.abs(np.log(np.maximum(size, np.finfo(float).tiny) / np.sqrt(low_T * high_T)))
+        wrong[large if off[large].min() < off[small].min() else small] = 0
     # No field spreads further than it is strong, whatever it is added to.
-    too_large = spread > APART * high_T
-    if overview.sensor_count == 2 and (np.abs(wrong.sum(axis=1)) == 3).all():
-        right = 0 if (not too_large[0].any() and whole[0] > whole[1]) or too_large[1].any() else 1
-        wrong[right] = 0
-    wrong[too_large] = 1
+    wrong[spread > APART * high_T] = 1
     if overview.sensor_count == 1:
         wrong[0][spread[0] * ALONE_APART < np.median(spread[0])] = -1
-    is_round = principal[:, 0] ** 2 > ALL_ROUND * principal[:, 2] ** 2
-    is_small = is_round & (whole * APART < low_T) & (wrong == 0).all(axis=1)
     # At rest all sensors read their noise, which is round too, and small.
-    if len(is_small) > 1 and is_small.all() and overview.shared_motion(0, 1) > SHARED:
+    is_round = (principal[:, 0] ** 2 > ALL_ROUND * principal[:, 2] ** 2).all() and not wrong.any()
+    if is_round and (size * APART < low_T).all() and len(size) > 1 and overview.shared_motion(0, 1) > SHARED:
         wrong[:] = -1
     return wrong
 
 
+def _against_others(spread: FloatArray, principal: FloatArray, turned_T: float) -> FloatArray:
+    """Return (K, 3) whether most other sensors vary more in each direction (-1), or less in every one (1), or not (0).
+
+    Sensors that are hardly turned in some direction, by less than ``turned_T`` say, tell nothing of what is too small.
+    """
+    wrong = np.zeros_like(spread)
+    for sensor, own in enumerate(spread):
+        least, most = np.delete(principal[:, 0], sensor), np.delete(principal[:, 2], sensor)
+        small = (own[:, None] * APART < least) & (least > TURNED * most) & (least > turned_T)
+        large = own[:, None] > APART * most
+        wrong[sensor] += (2 * large.sum(axis=1) > len(least)).astype(int) - (2 * small.sum(axis=1) > len(least))
+    return wrong
+
+
 def _fault(overview: Overview, sensor: int | None, axis: str, own_T: float, usual_T: float) -> Fault:
-    ratio = np.log10(own_T / usual_T) if own_T > 0 else -np.inf
-    times = f"about {10 ** abs(round(ratio)):.0f} times too {'much' if ratio > 0 else 'little'}"
+    ratio = np.log10(max(own_T, np.finfo(float).tiny) / usual_T)
+    times = f"about {10.0 ** abs(round(ratio)):.7g} times too {'much' if ratio > 0 else 'little'}"
     subject = "every sensor" if sensor is None else channel(sensor + 1, axis)
     sentence = (
         f"{subject} varies by {in_nanotesla(own_T)} {between(overview.time_s)}, {times}: it is in another unit than "

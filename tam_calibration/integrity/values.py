@@ -24,10 +24,10 @@ MANY_AT_END = 0.01
 COARSE = 10.0
 """Of the error of rounding to the stated noise: standard errors are told ten times too small."""
 
-_REPEATING = 0.05
+REPEATING = 0.05
 """Share of readings that others repeat from which the steps can be seen."""
 
-_OFF_STEP = 0.05
+OFF_STEP = 0.05
 """Part of a step by which readings may miss it: those without steps miss by a quarter."""
 
 
@@ -85,12 +85,12 @@ def _step(ordered: FloatArray) -> float | None:
     """Return the step of readings (n,) in increasing order, None where there is none to be seen."""
     gaps = np.diff(ordered)
     rising = gaps[gaps > rounding(ordered)]
-    if len(rising) < 2 or len(rising) > (1 - _REPEATING) * len(gaps):
+    if len(rising) < 2 or len(rising) > (1 - REPEATING) * len(gaps):
         return None
     step = float(rising.min())
     multiples = np.round(rising / step)
     step = float(rising.sum() / multiples.sum())
-    return step if np.abs(rising / step - np.round(rising / step)).max() < _OFF_STEP else None
+    return step if np.abs(rising / step - np.round(rising / step)).max() < OFF_STEP else None
 
 
 def rounding(ordered: FloatArray) -> float:

@@ -27,7 +27,7 @@ from tam_calibration.messages.stream import (
     sensor_stream,
 )
 from tam_calibration.messages.timeline import STEP_NS, StampStep
-from tam_calibration.messages.usage import Usage
+from tam_calibration.messages.usage import Usage, why_lost
 from tam_calibration.model.units import FloatArray
 
 _MAXIMUM_AGE_NS = {
@@ -146,7 +146,13 @@ class Synchroniser:
     def usage(self) -> Usage:
         """How many of sensor 1's samples were used, and why not the others."""
         first, *others = self._sensors
-        return Usage.of(self.delivered, first, others, self._patience_ns)
+        channels = [stream for name, stream in self._streams.items() if name in CHANNEL_COLUMNS]
+        return Usage.of(self.delivered, first, others, self._patience_ns, channels)
+
+    @property
+    def lost(self) -> list[str]:
+        """Why most messages of a sensor cannot be used, a clause for each sensor of which that is so."""
+        return [why for stream in self._sensors if (why := why_lost(stream)) is not None]
 
     @property
     def silent(self) -> list[str]:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 
 _WARNED_BELOW = 0.9
 _REFUSED_BELOW = 0.5
+
+_LOST_FROM = 0.5
+"""Part of the messages of a stream that cannot be used from which it is as if it were not there."""
 
 _ALIKE = 0.9
 """Least rate of a sensor over that of sensor 1 at which standard errors stay within 5 % though readings count twice."""
@@ -43,6 +47,10 @@ class Usage:
         Samples in which the value of each sensor lies between its readings.
     unfinished : str
         How a recorder left the recording, as a clause; empty where it was finished.
+    lost : tuple of str
+        The channels most of whose messages cannot be used, each with why.
+    scalar_is_lost : bool
+        Whether the scalar is one of them.
     """
 
     used: int
@@ -51,9 +59,13 @@ class Usage:
     readings: tuple[int, ...] = ()
     interpolated: tuple[int, ...] = ()
     unfinished: str = ""
+    lost: tuple[str, ...] = ()
+    scalar_is_lost: bool = False
 
     @classmethod
-    def of(cls, used: int, first: Stream, others: Sequence[Stream], patience_ns: int) -> "Usage":
+    def of(
+        cls, used: int, first: Stream, others: Sequence[Stream], patience_ns: int, channels: Sequence[Stream] = ()
+    ) -> "Usage":
         """Return the usage that the streams of the sensors tell.
 
         Parameters
@@ -66,6 +78,8 @@ class Usage:
             Of the other sensors.
         patience_ns : int
             How far the stamps of one may lag behind those of another, nanoseconds.
+        channels : sequence of Stream
+            Of what is recorded beside the sensors.
         """
         own = _own_faults(first.losses)
         reasons = [(count, f"{count} {fault}: look at the driver of {first.name}") for count, fault in own]
@@ -80,14 +94,18 @@ class Usage:
             tuple(text for _, text in told),
             tuple(stream.losses.received - stream.losses.unusable for stream in (first, *others)),
             (0, *(stream.interpolated for stream in others if isinstance(stream, InterpolatedStream))),
+            lost=tuple(why for stream in channels if (why := why_lost(stream)) is not None),
+            scalar_is_lost=any(stream.name == "scalar" and why_lost(stream) is not None for stream in channels),
         )
 
     @classmethod
     def from_json(cls, text: str) -> "Usage":
         """Return the usage that `to_json` wrote."""
         content = json.loads(text)
-        tuples = {name: tuple(content[name]) for name in ("reasons", "readings", "interpolated")}
-        return cls(**content | tuples)
+        given: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in content.items()
+        }
+        return cls(**given)
 
     def to_json(self) -> str:
         """Return the usage as text for other processes."""
@@ -99,17 +117,19 @@ class Usage:
         return f"{self.used} of {self.received} samples of sensor 1 used{why}"
 
     def warnings(self) -> tuple[str, ...]:
-        """Return warnings where less than nine tenths were used, and where the recording was left unfinished.
+        """Return warnings: few samples used, a recording that was left unfinished, and each channel that is lost.
 
         Raises
         ------
         Refused
-            When less than half were used.
+            When less than half were used, or the scalar, which tells the scale, is lost.
         """
         if self.used < _REFUSED_BELOW * self.received:
             raise Refused(f"only {self}; mend that and record again")
+        if self.scalar_is_lost:
+            raise Refused(f"{'; '.join(self.lost)}: mend that, or leave the topic out to do without")
         few = (f"only {self}",) if self.used < _WARNED_BELOW * self.received else ()
-        return (*few, self.unfinished) if self.unfinished else few
+        return (*few, *((self.unfinished,) if self.unfinished else ()), *self.lost)
 
     def with_each_reading_once(self, samples: SampleSource) -> SampleSource:
         """Return samples for a fit, thinned where a sensor that is read less often would count more than once.
@@ -183,6 +203,22 @@ def _turning(samples: SampleSource) -> tuple[FloatArray, float]:
         fields.append(length)
     rate = np.concatenate(rates)
     return rate[:: -(-len(rate) // _TURNS_SEEN)], float(np.concatenate(fields).mean())
+
+
+def why_lost(stream: Stream) -> str | None:
+    """Return why most messages of a stream cannot be used, in one clause; None where they can.
+
+    Parameters
+    ----------
+    stream : Stream
+        Of a sensor or a channel.
+    """
+    faults = [(count, fault) for count, fault in _own_faults(stream.losses) if count]
+    if sum(count for count, _ in faults) <= _LOST_FROM * stream.losses.received:
+        return None
+    zero = ": all its stamps are zero" if stream.timeline.newest_ns == 0 else ""
+    told = ", ".join(f"{count} {fault}" for count, fault in faults)
+    return f"of {stream.losses.received} messages of {stream.name} {told}{zero}"
 
 
 def _own_faults(losses: Losses) -> list[tuple[int, str]]:

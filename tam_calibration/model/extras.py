@@ -5,7 +5,7 @@ from importlib import import_module
 from tam_calibration.model.exceptions import InputError
 
 EXTRAS = {
-    "bags": ("rosbags", "zstandard"),
+    "bags": ("rosbags", "zstandard", "lz4"),
     "report": ("jinja2", "matplotlib"),
     "fleet": ("distributed",),
 }

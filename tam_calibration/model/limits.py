@@ -72,8 +72,9 @@ LENGTH = Limits(0.0, 1e3, "m")
 BASELINE = Limits(1e-4, 1e3, "m")
 """Between opposite sensors: those on one chip are a millimetre apart."""
 
-NOISE = Limits(1e-25, 1e-3, "T")
-"""Standard deviation of a reading: rounding to 64 bits makes 1e-21 T of the Earth's field; 1 mT is twenty times it."""
+NOISE = Limits(1e-35, 1e-3, "T")
+"""Standard deviation of a reading: rounding to 64 bits makes 1e-21 T of the Earth's field, and its square must not be
+lost to rounding; 1 mT is twenty times the field."""
 
 DELAY = Limits(0.0, 60.0, "s")
 """Of a stamp: topics are joined within such a time."""

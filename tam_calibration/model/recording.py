@@ -156,12 +156,15 @@ class Recording:
             if bad.any():
                 index = np.argwhere(bad)[0]
                 where = f"sensor {index[1] + 1} axis {'xyz'[index[2]]}" if name == "readings_T" else name
-                count, first = int(bad.reshape(len(bad), -1).any(axis=1).sum()), value[tuple(index)]
+                bad_samples, first = np.flatnonzero(bad.reshape(len(bad), -1).any(axis=1)), value[tuple(index)]
+                first_s, last_s = self.time_s[bad_samples[[0, -1]]].tolist()
                 kind, mend = f"{'' if is_channel else 'NaN or '}infinite values", "remove them"
                 if np.isfinite(first):
                     kind, mend = f"values beyond {largest:g}", f"{first:g} is of another unit, or damage"
-                samples = f"{count} of {self.sample_count} samples"
-                raise InputError(f"{samples} hold {kind}, first {where} in sample {index[0] + 1}: {mend}")
+                raise InputError(
+                    f"{len(bad_samples)} of {self.sample_count} samples hold {kind}, first {where} in sample "
+                    f"{index[0] + 1}, between {first_s:.2f} and {last_s:.2f} s: {mend}"
+                )
 
     def _check_attitude(self) -> None:
         if self.attitude is None:

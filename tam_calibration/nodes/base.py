@@ -12,7 +12,7 @@ from rclpy.parameter import Parameter
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.answering import AnsweringNode
-from tam_calibration.nodes.node_parameters import Rule, array_name, declare, unknown_parameters
+from tam_calibration.nodes.node_parameters import Rule, array_name, declare, require_quality, unknown_parameters
 from tam_calibration.nodes.sole_name import take_name
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
@@ -43,7 +43,7 @@ class TamNode(AnsweringNode):
     Raises
     ------
     InputError
-        When a node of the same name runs.
+        When a node of the same name runs, or a quality of service is none.
     ParameterException
         When a value has the wrong type or is out of bounds.
     """
@@ -55,6 +55,7 @@ class TamNode(AnsweringNode):
         self._unknown_parameters = unknown_parameters(self, rules)
         for remark in self._unknown_parameters.values():
             self.get_logger().warning(remark)
+        require_quality(self)
         declare(self, rules)
         take_name(self.get_fully_qualified_name(), self.context.get_domain_id())
         self._unusable, self._unusable_reported = Counter[str](), Counter[str]()

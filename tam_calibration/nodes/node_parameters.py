@@ -13,6 +13,7 @@ from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.messages.point_cloud import FRAME_ID as DEFAULT_FRAME_ID
 from tam_calibration.messages.transforms import STATIC_TRANSFORMS
 from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.nodes.static_transforms import StaticTransforms
 
 
@@ -52,7 +53,13 @@ FRAME_ID = Rule("frame_id", DEFAULT_FRAME_ID, "Frame of all that is published: t
 
 _OF_ROS = ("use_sim_time", "start_type_description_service")
 _QOS_OVERRIDES = "qos_overrides."
-_QOS_POLICIES = ("depth", "durability", "history", "reliability")
+_QOS_CHOICES = {
+    "durability": ("volatile", "transient_local", "system_default"),
+    "history": ("keep_last", "keep_all", "system_default"),
+    "reliability": ("reliable", "best_effort", "system_default"),
+}
+_DEEPEST = 1_000_000
+"""Messages that a queue holds at most: a quarter of an hour of 1000 Hz."""
 
 
 def unknown_parameters(node: Node, rules: Sequence[Rule]) -> dict[str, str]:
@@ -74,12 +81,36 @@ def unknown_parameters(node: Node, rules: Sequence[Rule]) -> dict[str, str]:
     for name in node.get_parameters_by_prefix(""):
         known = [rule.name for rule in rules] + list(_OF_ROS)
         if name.startswith(_QOS_OVERRIDES):
-            known = [f"{name.rpartition('.')[0]}.{policy}" for policy in _QOS_POLICIES]
+            known = [f"{name.rpartition('.')[0]}.{policy}" for policy in ("depth", *_QOS_CHOICES)]
         if name not in known:
             node.undeclare_parameter(name)
             near = "".join(f": is {each} meant?" for each in get_close_matches(name, known, 1))
             remarks[name] = f"the parameter {name} is not known here and without effect{near}"
     return remarks
+
+
+def require_quality(node: Node) -> None:
+    """Check the quality of service that a node was given (``qos_overrides.…``).
+
+    Parameters
+    ----------
+    node : Node
+        That has declared all it was given.
+
+    Raises
+    ------
+    InputError
+        When a value is none of its policy.
+    """
+    for name in node.get_parameters_by_prefix(_QOS_OVERRIDES.rstrip(".")):
+        value = node.get_parameter(f"{_QOS_OVERRIDES}{name}").value
+        choices = _QOS_CHOICES.get(name.rpartition(".")[2])
+        if choices is None:
+            is_right, right = type(value) is int and 1 <= value <= _DEEPEST, f"a whole number from 1 to {_DEEPEST}"
+        else:
+            is_right, right = str(value).lower() in choices, f"one of {', '.join(choices)}"
+        if not is_right:
+            raise InputError(f"the parameter {_QOS_OVERRIDES}{name} must be {right}, not {quoted(value)}")
 
 
 def declare(node: Node, rules: Sequence[Rule]) -> None:

@@ -79,10 +79,10 @@ def edit(path, change):
 
 
 def test_truncated_bags(folder):
-    """sqlite3 and mcap that were cut."""
+    """sqlite3 and mcap that were cut before the first message; what is left behind it is in ``test_recover``."""
     for data, name in ((folder / "run" / "run.db3", "run"), (folder / "run.mcap", "run.mcap")):
-        os.truncate(data, data.stat().st_size // 2)
-        refuse_recording(folder, name, "is damaged or truncated")
+        os.truncate(data, 90)
+        refuse_recording(folder, name, "is damaged or truncated: no message in it is whole")
 
 
 def test_empty_files_and_bags(folder):
@@ -96,9 +96,10 @@ def test_empty_files_and_bags(folder):
 
 
 def test_a_bag_without_index(folder):
-    """A folder without metadata, and one that is no bag at all."""
+    """A folder without metadata, in which no file of a bag is left."""
     (folder / "run" / "metadata.yaml").unlink()
-    refuse_recording(folder, "run", "holds no metadata.yaml", "reindex")
+    (folder / "run" / "run.db3").unlink()
+    refuse_recording(folder, "run", "holds no metadata.yaml, nor a file that ends in .db3 or .mcap: is it a bag?")
 
 
 def write_topics(path, topics):

@@ -3,13 +3,16 @@
 import os
 import socket
 from pathlib import Path
+from shutil import copytree
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
 from tam_calibration.files import write_array, write_calibration, write_recording
 from tam_calibration.fit import calibrate
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import MOST_SENSORS, Recording
 from tam_calibration.simulation.scenario import MOST_READINGS
 
@@ -23,15 +26,22 @@ effects: [{effects}]
 """
 
 
+@pytest.fixture(scope="module")
+def good_files(tmp_path_factory, recording, cross):
+    """Return a folder with a recording, its bag, array and calibration."""
+    folder = tmp_path_factory.mktemp("good")
+    write_recording(folder / "run.csv", recording)
+    write_recording(folder / "run", recording)
+    write_array(folder / "array.yaml", cross)
+    write_calibration(folder / "c.yaml", calibrate(recording, cross))
+    return folder
+
+
 @pytest.fixture
-def folder(tmp_path, monkeypatch, recording, cross):
-    """Give a working folder with a recording, its bag, array and calibration."""
+def folder(good_files, tmp_path, monkeypatch):
+    """Give a working folder with copies of them."""
+    copytree(good_files, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    write_recording(Path("run.csv"), recording)
-    write_recording(Path("run"), recording)
-    write_array(Path("array.yaml"), cross)
-    write_calibration(Path("c.yaml"), calibrate(recording, cross))
-    Path("scenario.yaml").write_text(SCENARIO.format(samples=100, effects=""))
     return tmp_path
 
 
@@ -79,6 +89,20 @@ def test_only_regular_files_are_read(folder, name, kind):
     sentence = refused(*COMMANDS[name])
     assert name in sentence
     assert ("no regular file" in sentence) == (kind != "loop")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["batch", "loop.csv", "--array", "array.yaml", "--out", "results"],
+        ["batch", "run.csv", "--array", "array.yaml", "--out", "loop.csv"],
+        ["recover", "run", "-o", "loop.csv"],
+    ],
+)
+def test_a_loop_of_links_is_told_wherever_it_stands(folder, arguments):
+    """As a pattern that finds nothing, or a place where nothing can be written."""
+    put("loop", folder / "loop.csv")
+    assert "loop.csv" in refused(*arguments)
 
 
 @pytest.mark.parametrize("name", ["metadata.yaml", "run.db3"])
@@ -132,10 +156,6 @@ def test_an_array_has_a_largest_number_of_sensors(folder, number):
 
 def test_readings_of_more_sensors_are_no_recording():
     """Nor from Python."""
-    import numpy as np
-
-    from tam_calibration.model.exceptions import InputError
-
     with pytest.raises(InputError, match="there are 65 sensors, and an array has at most 64"):
         Recording(np.arange(3.0), np.ones((3, 65, 3)))
 

@@ -27,26 +27,32 @@ def run(recording, change, command, *options):
 
 
 def repeated(readings):
+    """Sensor 2 is a copy of sensor 1."""
     readings[:, 1] = readings[:, 0]
 
 
 def mirrored(readings):
+    """Axis y of sensor 1 is reversed."""
     readings[:, 0, 1] *= -1
 
 
 def unit(readings):
+    """Axis y of sensor 3 is in microtesla."""
     readings[:, 2, 1] *= 1e-3
 
 
 def frozen(readings):
+    """Sensor 4 holds its reading for a second."""
     readings[100:200, 3] = readings[100, 3]
 
 
 def saturated(readings):
+    """Axis z of sensor 2 ends at 40 µT."""
     readings[:, 1, 2] = np.minimum(readings[:, 1, 2], 40e-6)
 
 
 def quantised(readings):
+    """Sensor 3 reads whole microtesla."""
     readings[:, 2] = np.round(readings[:, 2], 6)
 
 

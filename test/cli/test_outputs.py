@@ -89,6 +89,8 @@ TWIN = "simulate --from-calibration c.yaml --recording"
         "blind make bag/cases --seed 1",
         "demo --output-dir bag",
         "reproduce li2018a --output-dir bag",
+        "recover bag -o bag/new",
+        "recover bag -o other.mcap",
     ],
 )  # fmt: skip
 def test_no_output_costs_what_is_stored(stored, monkeypatch, command):

@@ -15,7 +15,7 @@ from tam_calibration.correction.calibration import Corrected
 from tam_calibration.files import read_recording, read_samples, write_recording
 from tam_calibration.files.recording_file import read_pieces, write_corrected
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.model.recording import Recording
 
@@ -247,6 +247,19 @@ def test_topics_that_cannot_be_joined_are_explained(tmp_path):
     silent = [one for one in two_sensors() if "tam_2" not in one[0]]
     path = write(tmp_path / "b", silent, types=[("/tam_2/magnetic_field", FIELD)])
     refuse(path, "no sample could be joined .*nothing arrived from tam_2")
+
+
+@pytest.mark.parametrize("sensor", [1, 2])
+def test_a_sensor_whose_stamps_are_all_zero_is_named(tmp_path, sensor):
+    """The data do not allow a recording: no sample joins."""
+    messages = [
+        (f"/tam_{k}/magnetic_field", stamp_ns, field(0 if k == sensor else stamp_ns))
+        for stamp_ns in stamps()
+        for k in (1, 2)
+    ]
+    path = write(tmp_path / "bag", messages)
+    with pytest.raises(Refused, match=rf"of 20 messages of tam_{sensor} 19 repeat .* all its stamps are zero"):
+        read_recording(path)
 
 
 def test_a_bag_of_several_rounds_is_refused(tmp_path):

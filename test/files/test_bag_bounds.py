@@ -14,6 +14,7 @@ from tam_calibration.files.bag import open_bag, raw_messages
 from tam_calibration.files.bag_bounds import check_expansion, check_piece, unpack
 from tam_calibration.files.bag_digests import write_digests
 from tam_calibration.files.bag_recovery import recover
+from tam_calibration.files.bag_storages import STORAGES
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 
@@ -179,3 +180,16 @@ def test_digests_are_bounded(tmp_path):
         assert reader.message_count == 20
     digests.write_text(" " * ((1 << 20) - len(text) + 2) + text)
     refuse(tmp_path / "bag", "digests.json is damaged: remove it")
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("is_finished", [False, True])
+def test_a_topic_that_is_described_at_length_is_refused(tmp_path, monkeypatch, storage, is_finished):
+    """Its quality of service is YAML, which takes long where it nests."""
+    monkeypatch.setattr("rosbags.rosbag2.writer.dump_qos_v9", lambda profiles: "[" * 70_000)
+    file = write(tmp_path / "bag", CompressionMode.NONE, StoragePlugin[storage.upper()])
+    if not is_finished:
+        file.write_bytes(file.read_bytes()[:-1])
+    metadata = tmp_path / "bag" / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("[" * 70_000, ""))
+    refuse(tmp_path / "bag", "a topic is described by 70.* bytes: more than 65536 are not read")

@@ -1,12 +1,22 @@
 """Damage of bags is noticed: changed in one byte, they are refused or give the same numbers."""
 
+import json
 import random
+import sqlite3
+import struct
+from contextlib import closing
+from hashlib import sha256
+from zlib import crc32
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader
 
-from tam_calibration.files import read_recording, write_recording
+from tam_calibration.files import bag_mcap, bag_recovery, read_recording, write_recording
+from tam_calibration.files.bag import open_bag, raw_blocks
+from tam_calibration.files.bag_damage import Damage, describe
+from tam_calibration.files.bag_digests import DIGESTS
 from tam_calibration.files.bag_writing import TYPESTORE, BlockWriter
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
@@ -32,11 +42,11 @@ def small_recording(samples=60):
     return Recording(1.7e9 + np.arange(samples) / 64, readings, 5e-5 + 1e-9 * rng.normal(size=samples))
 
 
-def make(folder, kind):
+def make(folder, kind, samples=60):
     """Write the recording as a bag of that kind, and return its path."""
     name, compression = KINDS[kind]
     plain = folder / ("run.mcap" if name == "run.mcap" else "plain")
-    write_recording(plain, small_recording())
+    write_recording(plain, small_recording(samples))
     if name == "run.mcap":
         return plain
     writer = BlockWriter(folder / "bag", name)
@@ -71,10 +81,146 @@ def test_a_changed_byte_is_noticed_or_changes_nothing(tmp_path, kind):
         content = file.read_bytes()
         place, change = draw.randrange(len(content)), draw.randrange(1, 256)
         file.write_bytes(content[:place] + bytes([content[place] ^ change]) + content[place + 1 :])
+        bag_recovery._readable.cache_clear()  # two changes may fall into one tick of the file system's clock
         try:
             assert values_of(read_recording(path)) == whole, f"seed {seed}: {file.name}, byte {place} ^ {change}"
         except InputError:
             refused += 1
         file.write_bytes(content)
     assert refused > CHANGES // 2
+    bag_recovery._readable.cache_clear()
     assert values_of(read_recording(path)) == whole
+
+
+def spoil(file, sample, sensor):
+    """Change one bit of a reading of a sensor in a file of the small recording, that of the sample with this number."""
+    reading = small_recording().readings_T[sample, sensor].tobytes()
+    content = file.read_bytes()
+    place = content.index(reading)
+    file.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
+
+
+def refusal(path):
+    """Return the sentence with which a bag is refused."""
+    with pytest.raises(InputError) as problem:
+        read_recording(path)
+    assert "\n" not in str(problem.value)
+    return str(problem.value)
+
+
+@pytest.mark.parametrize("with_digests", [True, False])
+def test_the_damaged_message_is_named(tmp_path, with_digests):
+    """Of a database with topic, number and time; by its CRC also where the digests are gone."""
+    path = tmp_path / "run"
+    write_recording(path, small_recording(), "sqlite3")
+    spoil(path / "run.db3", 32, 1)
+    if not with_digests:
+        (path / DIGESTS).unlink()
+    why = f"run.db3 changed since it was written, by {DIGESTS}; " if with_digests else ""
+    assert refusal(path) == (
+        f"{path} is damaged or truncated: {why}damaged: message 33 of /tam_2/magnetic_field, recorded at "
+        f"1700000000.500 s; `tam recover {path} -o NEW` keeps what is whole"
+    )
+
+
+@pytest.mark.parametrize("name", ["run.mcap", "run"])
+def test_the_messages_of_a_damaged_chunk_are_named(tmp_path, monkeypatch, name):
+    """Topic by topic with their numbers and times; the other chunks are recovered."""
+    monkeypatch.setattr(bag_mcap, "CHUNK_BYTES", 4_000)
+    path = tmp_path / name
+    write_recording(path, small_recording(), "mcap")
+    spoil(path if path.is_file() else path / "run.mcap", 0, 0)
+    assert "damaged: messages 1 to 9 of /tam_1/magnetic_field, recorded at 1700000000.000 s to " in refusal(path)
+    found = bag_recovery.recover(path, tmp_path / "new")
+    assert found.faults[0].startswith("the chunk at byte ") and 60 < found.messages < 180
+    assert f"{found.messages} whole messages are recovered" in str(found) and found.faults[0] in str(found)
+    again = read_recording(tmp_path / "new")
+    assert_array_equal(again.readings_T, small_recording().readings_T[-again.sample_count :])
+
+
+def test_a_chunk_is_checked_where_only_it_has_a_crc(tmp_path, monkeypatch):
+    """As in the files of ROS, which have no CRC of the data section."""
+    monkeypatch.setattr(bag_mcap, "seal", lambda path: None)
+    path = tmp_path / "run.mcap"
+    write_recording(path, small_recording())
+    assert read_recording(path).sample_count == 60
+    spoil(path, 30, 0)
+    assert "damaged: messages 1 to 60 of /tam_1/magnetic_field, recorded at" in refusal(path)
+
+
+def test_the_crcs_are_those_of_the_specification(tmp_path):
+    """Of all before the record of the end of data; of the summary and the footer before its CRC."""
+    path = tmp_path / "run.mcap"
+    write_recording(path, small_recording())
+    content = path.read_bytes()
+    summary, _, summary_crc = struct.unpack("<QQI", content[-28:-8])
+    assert content[summary - 13 : summary - 4] == struct.pack("<BQ", 15, 4)
+    assert crc32(content[: summary - 13]) == struct.unpack("<I", content[summary - 4 : summary])[0] != 0
+    assert crc32(content[summary:-12]) == summary_crc != 0
+    with Reader(path) as reader:
+        [chunk] = reader.storage.chunks
+    head = chunk.chunk_start_offset + 9
+    stored = content[head + 40 : head + 40 + chunk.uncompressed_size]
+    assert crc32(stored) == int.from_bytes(content[head + 24 : head + 28], "little") != 0
+
+
+def test_the_crc_of_a_message_is_of_its_topic_time_and_bytes(tmp_path):
+    """As text, so that any program can compute it."""
+    write_recording(tmp_path / "run", small_recording(), "sqlite3")
+    with closing(sqlite3.connect(tmp_path / "run" / "run.db3")) as database:
+        rows = database.execute("SELECT topic_id, timestamp, data, crc32 FROM messages").fetchall()
+    assert len(rows) == 180
+    assert all(crc == crc32(b"%d %d" % (topic, time) + data) for topic, time, data, crc in rows)
+
+
+def test_the_digests_are_of_every_file(tmp_path):
+    """Their sizes and SHA-256; a bag without them is read, one with damaged ones is not."""
+    path = tmp_path / "run"
+    write_recording(path, small_recording())
+    told = json.loads((path / DIGESTS).read_text())
+    for file in (path / "run.db3", path / "metadata.yaml"):
+        content = file.read_bytes()
+        assert told.pop(file.name) == {"bytes": len(content), "sha256": sha256(content).hexdigest()}
+    assert not told
+    (path / DIGESTS).write_text("[" * 100_000)
+    assert f"{DIGESTS} is damaged: remove it" in refusal(path)
+    (path / DIGESTS).unlink()
+    assert read_recording(path).sample_count == 60
+
+
+def test_a_topic_that_the_metadata_name_otherwise_is_not_lost_in_silence(tmp_path):
+    """It is named."""
+    path = tmp_path / "run"
+    write_recording(path, small_recording())
+    (path / DIGESTS).unlink()
+    text = (path / "metadata.yaml").read_text()
+    (path / "metadata.yaml").write_text(text.replace("/scalar/intensity", "/scalar/intensitx"))
+    with (
+        open_bag(path) as reader,
+        pytest.raises(InputError, match="60 messages of /scalar/intensitx, which no file has"),
+    ):
+        list(raw_blocks(reader, reader.connections))
+
+
+def test_a_sentence_names_three_stretches_and_counts_the_others():
+    """So that it stays a sentence."""
+    damages = [Damage(f"/{number}", 7, 7 + number, 10**9, 2 * 10**9) for number in range(5)]
+    assert describe(damages) == (
+        "damaged: messages 7 to 7 of /0, recorded at 1.000 s to 2.000 s; messages 7 to 8 of /1, recorded at 1.000 s to "
+        "2.000 s; messages 7 to 9 of /2, recorded at 1.000 s to 2.000 s; 9 more".replace("messages 7 to 7", "message 7")
+    )
+    assert describe([]) == ""
+    told = str(bag_recovery.Recovered(5, 10**9, 3 * 10**9, tuple("abcde"))).partition("after it began")[2]
+    assert told == "; a; b; c; 2 faults more"
+
+
+def test_of_a_packed_file_that_is_damaged_the_beginning_is_recovered(tmp_path):
+    """As far as it can be unpacked, which is told."""
+    path = make(tmp_path, "sqlite3, zstd by file", 2_000)
+    file = next(path.glob("*.zstd"))
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) // 2] + b"\xff" * 1000 + content[len(content) // 2 + 1000 :])
+    assert f"{file.name} changed since it was written" in refusal(path)
+    found = bag_recovery.recover(path, tmp_path / "new")
+    assert found.faults[0] == f"{file.name} cannot be unpacked to its end"
+    assert 1_000 < found.messages < 5_000

@@ -4,13 +4,18 @@ import random
 import shutil
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import bag_recorder
 import pytest
 from bag_recorder import STORE, TEXT, TOPICS, message
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader
 
+from tam_calibration.files import bag_mcap
 from tam_calibration.files.bag import open_bag, raw_messages
 from tam_calibration.files.bag_recovery import recover
 from tam_calibration.files.bag_storages import STORAGES
@@ -163,3 +168,50 @@ def test_a_damaged_message_is_left_out_and_told(tmp_path):
     found = recover(file.parent, tmp_path / "new")
     assert found.faults == ("message 501 is damaged",)
     assert read_plainly(tmp_path / "new") == [message(number) for number in range(1_000) if number != 500]
+
+
+@pytest.mark.parametrize("part", [0.3, 0.6, 0.9])
+def test_room_that_was_never_written_to_holds_no_message(tmp_path, monkeypatch, part):
+    """Zeros, as a file system leaves them after a power cut: neither they nor the message that ends in them count."""
+    monkeypatch.setattr(bag_mcap.McapBlockWriter, "close_chunk", bag_mcap.McapWriter.close_chunk)  # without CRC
+    file = finished(tmp_path / "bag", ("mcap", CompressionMode.NONE))
+    content = file.read_bytes()
+    place = int(len(content) * part)
+    for begin in (place, place + 1, place + 40):
+        file.write_bytes(content[:begin] + bytes(len(content) - begin))
+        found = recover(file.parent, tmp_path / f"{begin}")
+        assert check_prefix(read_plainly(tmp_path / f"{begin}"), 100) == found.messages
+
+
+@settings(max_examples=30)
+@given(st.data())
+def test_nothing_but_sentences_comes_of_any_file(material, data):
+    """Whatever stands in an mcap file or a database: messages, or one sentence."""
+    name, content = data.draw(st.sampled_from(sorted(material.items())))
+    for _ in range(data.draw(st.integers(1, 4))):
+        place = data.draw(st.integers(0, len(content)))
+        patch = data.draw(st.binary(max_size=12))
+        keeps = data.draw(st.booleans())
+        content = content[:place] + patch + content[place + len(patch) * keeps :]
+    with TemporaryDirectory() as folder:
+        file = Path(folder, name)
+        file.write_bytes(content)
+        for look in (lambda: open_and_read(file), lambda: recover(file, Path(folder, "new"))):
+            with suppress(InputError):
+                look()
+
+
+@pytest.fixture(scope="module")
+def material(tmp_path_factory):
+    """Return small files of each storage by names of their own."""
+    folder = tmp_path_factory.mktemp("material")
+    files = {
+        storage: finished(folder / storage / "bag", (storage, CompressionMode.NONE), range(30)) for storage in STORAGES
+    }
+    return {f"{storage}{file.suffix}": file.read_bytes() for storage, file in files.items()}
+
+
+def open_and_read(path):
+    """Read all messages of a bag."""
+    with open_bag(path) as reader:
+        return list(raw_messages(reader, reader.connections))

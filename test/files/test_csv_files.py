@@ -5,6 +5,8 @@ from time import perf_counter
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.files import read_recording, write_recording
@@ -119,6 +121,15 @@ HEADER = "time_s,b1x_nT,b1y_nT,b1z_nT\n"
         (HEADER + "0,1,2,3\n1,1,,3\n", "first sensor 1 axis y in sample 2"),
         (HEADER + "0,1,2,3\n1,1,2,3\n1,1,2,4\n", "time repeats at sample 3"),
         (HEADER + "0,1,2,3\n2,1,2,3\n1,1,2,4\n", "time goes backwards at sample 3"),
+        (HEADER + "0,1,2,3\n1,1,2,3\n2,1,1e300,4\n", "column b1y_nT: 1 of 3 values are beyond 1 T, first in sample 3"),
+        (HEADER + "0,1,1e300,3\n", "values beyond 1e.09, first sensor 1 axis y in sample 1: 1e.291 is of another unit"),
+        (
+            HEADER.replace("nT", "uT") + "0,1,1e308,3\n",
+            "hold NaN or infinite values, first sensor 1 axis y in sample 1",
+        ),
+        (HEADER + "0,1,2,3\n1e-7,1,2,3\n", "2 samples in 1e-07 s: time_s must be in seconds"),
+        (HEADER + f"0,1,{'x' * 5000},3\n", "line 2 column b1y_nT: 'x{20,30}[.]{3}x{20,30}' is not a number$"),
+        (HEADER.replace("b1y", "b" * 5000) + "0,1,2,3\n", "column 'b{20,30}[.]{3}b{20,30}_nT' is not known"),
     ],
 )
 def test_a_fault_is_one_sentence(read, text, sentence):
@@ -126,7 +137,7 @@ def test_a_fault_is_one_sentence(read, text, sentence):
     with pytest.raises(InputError, match=sentence) as problem:
         read(text)
     assert "recording.csv" in str(problem.value)
-    assert "\n" not in str(problem.value)
+    assert "\n" not in str(problem.value) and len(str(problem.value)) < 500
 
 
 def test_other_files_are_refused(tmp_path):
@@ -144,3 +155,34 @@ def test_the_number_of_sensors_is_checked(tmp_path):
     write_recording(tmp_path / "a.csv", full_recording(2))
     with pytest.raises(InputError, match="the recording has 2 sensors, not 4"):
         read_recording(tmp_path / "a.csv", sensor_count=4)
+
+
+_CELLS = st.one_of(
+    st.floats().map(repr),
+    st.sampled_from(
+        ["", " ", "nan", "-inf", "1e308", "1e-308", "1e999", "0x10", "1_0", "1+2j", '"1"', "\x0b1", "é", "\0"]
+    ),
+    st.text(max_size=5),
+)
+_NAMES = st.sampled_from(
+    ["time_s", "b1x_nT", "b1y_nT", "b1z_nT", "b2x_uT", "scalar_G", "temperature_C", "current_A", "qx", "qy", "qz", "qw"]
+)
+_TABLES = st.builds(
+    lambda names, rows: "\n".join([",".join(names), *(",".join(row) for row in rows)]),
+    st.one_of(st.just(["time_s", "b1x_nT", "b1y_nT", "b1z_nT"]), st.lists(st.one_of(_NAMES, st.text(max_size=5)))),
+    st.lists(st.lists(_CELLS, min_size=4, max_size=4), max_size=4),
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.one_of(st.binary(), st.text().map(str.encode), _TABLES.map(str.encode)))
+def test_any_file_is_a_recording_or_a_fault(tmp_path, content):
+    """Nothing but `InputError` is raised and nothing warned of, in one short line with the name of the file."""
+    path = tmp_path / "any.csv"
+    path.write_bytes(content)
+    try:
+        recording = read_recording(path)
+    except InputError as problem:
+        assert "any.csv" in str(problem) and "\n" not in str(problem) and len(str(problem)) < 500 + len(str(path))
+    else:
+        assert np.isfinite(recording.readings_T).all()

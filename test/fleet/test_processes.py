@@ -4,10 +4,12 @@ import os
 import select
 import signal
 from multiprocessing import get_context
+from tempfile import mkdtemp
 
 import pytest
 
-from tam_calibration.fleet.processes import processes
+from tam_calibration.files.whole_files import UNFINISHED
+from tam_calibration.fleet.processes import processes, submit_all
 
 PATIENCE_S = 30
 
@@ -22,6 +24,43 @@ def test_a_failure_ends_them_at_once(how, end):
         raise end
     assert select.select([watched], [], [], PATIENCE_S)[0] == [watched]
     os.close(watched)
+
+
+@pytest.mark.parametrize("end", [None, SystemExit(143)], ids=repr)
+def test_they_leave_no_temporary_folder(tmp_path, monkeypatch, end):
+    """Neither when they are done, as they end without a word to what they keep, nor when they are ended."""
+    monkeypatch.setattr("tempfile.tempdir", None)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    try:
+        with processes(1, get_context("spawn")) as pool:
+            assert pool.submit(mkdtemp, UNFINISHED, ".tam.").result().startswith(str(tmp_path))
+            if end is not None:
+                raise end
+    except SystemExit:
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_signal_waits_until_all_are_started(capfd):
+    """One that came while a process was being started left it alone: it failed with a traceback."""
+
+    def tasks():
+        yield 1
+        signal.raise_signal(signal.SIGTERM)
+        yield 2
+
+    handed_in = []
+
+    def end(number, frame):
+        raise SystemExit(143)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        with pytest.raises(SystemExit), processes(2, get_context("forkserver")) as pool:
+            submit_all(pool, abs, map(lambda task: handed_in.append(task) or task, tasks()))
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert handed_in == [1, 2] and capfd.readouterr().err == ""
 
 
 def test_what_is_begun_is_done(tmp_path):

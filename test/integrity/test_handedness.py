@@ -73,12 +73,14 @@ def test_attitude_tells_one_sensor_alone(vehicle):
 
 
 def test_attitude_with_any_heading_accuses_nobody(vehicle):
-    """A world that is turned round its vertical axis leaves sound sensors sound."""
+    """A world that is turned round its vertical axis leaves sound sensors sound, one of them mounted turned."""
     from scipy.spatial.transform import Rotation
 
     for heading in range(0, 360, 30):
         turned = Rotation.from_euler("z", heading, degrees=True) * Rotation.from_quat(vehicle.recording.attitude)
-        assert replace(vehicle, recording=replace(vehicle.recording, attitude=turned.as_quat())).told == []
+        heading_to = replace(vehicle, recording=replace(vehicle.recording, attitude=turned.as_quat()))
+        assert heading_to.told == []
+        assert heading_to.spoiled(reversed_axes(sensor_3="xz")).told == []
 
 
 def test_attitude_that_is_not_the_sensors_accuses_nobody(vehicle):

@@ -67,5 +67,7 @@ def test_constants(run):
     assert 2 / np.pi > stuck_bits.COHERENT
     assert stuck_bits.EMPTY[0] < 0.5 < 0.75 < stuck_bits.EMPTY[1]
     values = np.sort(np.random.default_rng(1).uniform(0, 1, 2000))
-    assert stuck_bits._bands(values) is None
-    assert stuck_bits._bands(np.sort(np.floor(values * 40) / 20 % 1 + values % 0.025)) is not None
+    bands = np.sort(np.floor(values * 20) / 10 % 1 + values % 0.05)
+    none, twenty = stuck_bits._cycles([values, bands])
+    assert none is None and abs(twenty - bands[-1] / 0.1) < 0.5
+    assert stuck_bits._bands(bands, twenty).period_T == pytest.approx(0.1, rel=1e-3)

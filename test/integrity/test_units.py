@@ -3,6 +3,7 @@ from dataclasses import replace
 import pytest
 
 from tam_calibration.integrity import units
+from tam_calibration.model.geomagnetic_field import FieldBounds
 
 FACTORS = [1e-6, 1e-5, 1e-3, 1e-2, 1e2, 1e3, 1e5, 1e6]
 """Between nT, µT, mT and gauss, but for the ten of mT to gauss, which may be another range."""
@@ -41,6 +42,17 @@ def test_of_two_sensors_the_one_that_is_out(run, factor):
 
 
 @pytest.mark.parametrize("factor", FACTORS)
+def test_of_two_and_two_those_that_are_out(run, factor):
+    """The same."""
+
+    def change(readings):
+        readings[:, [1, 2]] *= factor
+
+    assert run.spoiled(change).told == [("unit", 2, ""), ("unit", 3, "")]
+    assert run.spoiled(change).of(1, 2, 3, 4, scalar_T=run.recording.scalar_T).told == run.spoiled(change).told
+
+
+@pytest.mark.parametrize("factor", FACTORS)
 def test_the_scalar_in_another_unit_is_named(run, factor):
     """Where the sensors read a field of the Earth."""
     recording = replace(run.recording, scalar_T=factor * run.recording.scalar_T)
@@ -62,10 +74,12 @@ def test_a_tenth_is_another_range(run):
 
 def test_little_motion_is_no_unit(vehicle):
     """A vehicle that is hardly tilted varies little along z, in all sensors."""
-    from scipy.spatial.transform import Rotation
-
-    turns = Rotation.from_quat(vehicle.recording.attitude)
     assert vehicle.told == []
     level = vehicle.recording.readings_T * [1, 1, 0.02]
     assert replace(vehicle, recording=replace(vehicle.recording, readings_T=level)).told == []
-    assert len(turns) == 1500
+
+
+def test_a_scalar_that_the_array_file_contradicts_is_in_its_unit(run):
+    """Where the sensors read what it reads, the file is wrong."""
+    elsewhere = replace(run, array=replace(run.array, field=FieldBounds(20e-6, 30e-6)))
+    assert elsewhere.told == []

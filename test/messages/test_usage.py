@@ -103,9 +103,50 @@ def test_a_sensor_of_unusable_messages_is_named():
         synchroniser.usage.warnings()
 
 
+def with_channel(name, layout, channel_stamps):
+    """Return the usage of two sensors and a channel beside them."""
+    synchroniser = Synchroniser(layout, MS)
+    for stream, stamp_ns in pairs(100):
+        synchroniser.push(stream, stamp_ns, (0.0, 0.0, 0.0))
+    for stamp_ns in channel_stamps:
+        synchroniser.push(name, stamp_ns, (20.0,))
+    return synchroniser
+
+
+def test_a_scalar_without_stamps_is_refused():
+    """The scale would be another one without it; nothing else tells that it was lost."""
+    usage = with_channel("scalar", SampleLayout(2, scalar=True), [0] * 100).usage
+    with pytest.raises(
+        Refused, match="of 100 messages of scalar 99 repeat the stamp before: all its stamps are zero: mend that"
+    ):
+        usage.warnings()
+
+
+def test_a_temperature_without_values_is_a_warning():
+    """No fit needs it; half of it may be lost."""
+    layout = SampleLayout(2, temperature=True)
+    stamps = [START + index * PERIOD for index in range(50)]
+    synchroniser = with_channel("temperature", layout, stamps)
+    synchroniser.refuse("temperature", 50)
+    assert synchroniser.usage.warnings() == ()
+    synchroniser.refuse("temperature", 1)
+    assert synchroniser.usage.warnings() == (
+        "of 101 messages of temperature 51 are damaged, not finite or without time",
+    )
+
+
+def test_sensors_that_are_lost_are_named():
+    """Where no sample is made there is nothing else to tell."""
+    zero = [(name, 0 if name == "tam_2" else stamp_ns) for name, stamp_ns in pairs(100)]
+    synchroniser = Synchroniser(SampleLayout(2), MS)
+    for stream, stamp_ns in zero:
+        synchroniser.push(stream, stamp_ns, (0.0, 0.0, 0.0))
+    assert synchroniser.lost == ["of 100 messages of tam_2 99 repeat the stamp before: all its stamps are zero"]
+
+
 def test_a_usage_goes_to_other_processes():
     """As text, without a loss."""
-    usage = Usage(5, 7, ("one", "zwölf"))
+    usage = Usage(5, 7, ("one", "zwölf"), lost=("scalar",), scalar_is_lost=True)
     assert Usage.from_json(usage.to_json()) == usage
 
 

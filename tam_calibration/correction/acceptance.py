@@ -7,7 +7,7 @@ import numpy as np
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.model.exceptions import Refused
-from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 
 LIMITS = {
     "bias": "a reading in zero field beyond the range of sensors of the Earth's field",
@@ -20,7 +20,7 @@ LIMITS = {
 _SCALE_FACTORS = (0.5, 2.0)
 """Least and largest: chips are within 30 % of their data sheets, and the nearest other unit is ten times away."""
 
-_LARGEST_NON_ORTHOGONALITY = np.radians(15.0)
+_LARGEST_NON_ORTHOGONALITY = from_degrees(15.0)
 """Of two axes, radians: ten times that of the worst chips; axes that are glued by hand are within it."""
 
 _LARGEST_BIAS_T = 2e-3

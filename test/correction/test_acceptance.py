@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.correction.limits import LIMITS, beyond_limits, within_limits
+from tam_calibration.correction.acceptance import LIMITS, beyond_limits, within_limits
 from tam_calibration.files import read_calibration, write_calibration
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError, Refused
@@ -81,7 +81,7 @@ def test_an_axis_in_another_unit_is_refused(recording, cross):
     readings[:, 2, 0] /= 1000
     wrong = replace(recording, readings_T=readings)
     with pytest.raises(Refused, match=r"scale factor of sensor 3 x is 0\.000992.*another unit or gain"):
-        calibrate(wrong, cross)
-    calibration = calibrate(wrong, cross, accept=["scale_factor"])
+        calibrate(wrong, cross, accept=["unit"])
+    calibration = calibrate(wrong, cross, accept=["unit", "scale_factor"])
     assert calibration.accepted == ("scale_factor",)
     assert calibration.errors.scale_factor[2, 0] == pytest.approx(1e-3, rel=0.2)

@@ -1,0 +1,102 @@
+"""Standard streams that are closed, full or of another encoding, and names that are no text."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tam_calibration.cli.main import main
+from tam_calibration.files import read_calibration, write_array, write_recording
+
+_PLAN = ["plan", "--array", "array.yaml", "--turntable", "90"]
+_CALIBRATE = ["calibrate", "run.csv", "--array", "array.yaml", "-o", "new.yaml"]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, recording, cross):
+    """Give a working folder with a recording and its array."""
+    monkeypatch.chdir(tmp_path)
+    write_recording("run.csv", recording)
+    write_array("array.yaml", cross)
+    return tmp_path
+
+
+def run(arguments, redirection="", command='exec "$@"', **environment):
+    """Run `tam` in a shell that redirects its streams; return its exit code and what it wrote to both."""
+    ended = subprocess.run(
+        ["bash", "-c", f"{command} {redirection}", "bash", sys.executable, "-m", "tam_calibration", *arguments],
+        capture_output=True,
+        timeout=100,
+        env=os.environ | environment,
+    )
+    return ended.returncode, ended.stdout, ended.stderr
+
+
+@pytest.mark.parametrize("arguments", [["--help"], _CALIBRATE], ids=["help", "calibrate"])
+def test_output_that_is_full_is_a_sentence(folder, arguments):
+    """Nothing else is written then, where a device says it before."""
+    sentence = b"tam: standard output cannot be written: No space left on device\n"
+    assert run(arguments, ">/dev/full") == (2, b"", sentence)
+    assert not (folder / "new.yaml").exists()
+
+
+def test_what_is_found_full_at_the_end_is_a_sentence(folder):
+    """A file that may not grow says so only when it is written to."""
+    (folder / "out.txt").write_bytes(b"x" * 1024)
+    code, output, errors = run(_PLAN, PYTHONUNBUFFERED="", command='ulimit -f 1; exec "$@" >>out.txt')
+    assert (code, output, errors) == (2, b"", b"tam: File too large\n")
+
+
+def test_output_that_is_closed_is_a_sentence(folder):
+    """The answer would be lost: nothing is written."""
+    sentence = b"tam: standard output is closed: lead it to a file, or to /dev/null\n"
+    assert run(_CALIBRATE, ">&-") == (2, b"", sentence)
+    assert not (folder / "new.yaml").exists()
+
+
+@pytest.mark.parametrize("redirection", ["2>&- <&-", "2>/dev/full"])
+def test_other_streams_that_are_closed_change_no_result(folder, redirection):
+    """What would be told beside the answer is lost, the file is written whole."""
+    code, _, errors = run(_CALIBRATE, redirection)
+    assert (code, errors) == (0, b"")
+    assert read_calibration("new.yaml").errors.sensor_count == 4
+
+
+def test_a_sentence_that_nobody_hears_keeps_its_code(folder):
+    """Bad input is exit 2 also where the sentence cannot be written."""
+    assert run(["correct", "none.csv", "--calibration", "none.yaml", "-o", "x.csv"], "2>/dev/full")[0] == 2
+
+
+def test_letters_that_an_encoding_lacks_are_written_as_escapes(folder):
+    """Tables and sentences of faults are there in ASCII surroundings too."""
+    environment = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    code, output, errors = run(_PLAN, **environment)
+    assert (code, errors) == (0, b"") and b"(\\xd7 the sensor noise" in output and output.isascii()
+    code, _, errors = run(["correct", "run.csv", "--calibration", "ä.yaml", "-o", "x.csv"], **environment)
+    assert code == 2 and errors.isascii() and errors.endswith(b".yaml cannot be read: No such file or directory\n")
+
+
+def test_names_that_are_no_text_are_read_and_written(folder):
+    """Inputs and outputs may have them; in files their bytes stand as escapes."""
+    odd = os.fsencode("run") + b"\xff\xfe.csv"
+    os.rename(b"run.csv", odd)
+    outputs = [b"-o", b"\xff.yaml", b"--json", b"\xff.json"]
+    code, output, errors = run([b"calibrate", odd, b"--array", b"array.yaml", *outputs])
+    assert (code, errors) == (0, b"") and b"written: \\udcff.yaml\n" in output
+    assert read_calibration(os.fsdecode(b"\xff.yaml")).source.name == "run\\udcff\\udcfe.csv"
+    code, _, errors = run([b"simulate", b"wu_table_1", b"-o", b"\xff"])
+    assert code == 2 and errors.startswith(b"tam: \\udcff is no name for a bag") and errors.count(b"\n") == 1
+
+
+def test_memory_that_does_not_suffice_is_a_sentence(monkeypatch, capsys):
+    """Numpy's sentence is not repeated."""
+
+    def allocate(*arguments):
+        raise MemoryError("Unable to allocate 29.8 GiB for an array")
+
+    monkeypatch.setattr("tam_calibration.cli.plan.read_array", allocate)
+    with pytest.raises(SystemExit) as end:
+        main(_PLAN, prog_name="tam")
+    assert end.value.code == 2
+    assert capsys.readouterr().err == "tam: this needs more memory than there is: give fewer samples or sensors\n"
