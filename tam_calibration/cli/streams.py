@@ -5,6 +5,13 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import TextIOWrapper
+from unicodedata import category
+
+_LONGEST = 2000
+"""Letters of a sentence: a name in it, of a file or a column, may have thousands that tell nobody more."""
+
+_NO_LETTERS = ("Cc", "Cf", "Cs", "Zl", "Zp")
+"""Categories of Unicode that end a line, command a terminal, turn the order of letters, or stand for bytes."""
 
 
 @contextmanager
@@ -43,9 +50,17 @@ def usable_streams() -> Iterator[None]:
 
 
 def tell(sentence: str) -> None:
-    """Write a sentence to standard error, where that can be written."""
+    """Write a sentence to standard error, where that can be written: one line, whatever the names in it are."""
     with suppress(OSError):
-        print(f"tam: {sentence}", file=sys.stderr, flush=True)
+        print(f"tam: {_on_one_line(sentence)}", file=sys.stderr, flush=True)
+
+
+def _on_one_line(sentence: str) -> str:
+    """Return a sentence without its middle where it is long, what is no letter by its number."""
+    if len(sentence) > _LONGEST:
+        half = _LONGEST // 2
+        sentence = f"{sentence[:half]} … {sentence[-half:]}"
+    return "".join(ascii(each)[1:-1] if category(each) in _NO_LETTERS else each for each in sentence)
 
 
 def _end(problem: OSError, code: str | int | None = 0) -> None:

@@ -7,7 +7,7 @@ import pickle
 import shutil
 import signal
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from battery import material
 from battery.cases import CASES, prepare
 from battery.judge import Answer, Bad, Files, is_answer, judge, look
 from battery.recipes import RECIPES, Recipe
-from battery.run import LIMIT_S, run, warm
+from battery.run import LIMIT_S, adopt_orphans, run, warm
 from battery.surroundings import PLAIN, Ended
 from battery.trial import May, Trial
 
@@ -206,7 +206,7 @@ class Battery:
         """Try cases as long as there are some; never returns."""
         code = 1
         try:
-            ctypes.CDLL(None).prctl(36, 1)
+            adopt_orphans()
             while number := os.read(todo, 4):
                 result = self.try_case(int.from_bytes(number, "little"))
                 os.write(done, (_line(result) + "\n").encode())
@@ -234,13 +234,13 @@ def _line(result: Result) -> str:
     return json.dumps({**vars(result), "told": told, "bad": bad})[:4000]
 
 
-def _in_child(work):  # type: ignore[no-untyped-def]
+def _in_child(work: Callable[[], Result]) -> Result:
     """Return what work returns in a fork, whose mounts are its own."""
     reader, writer = os.pipe()
     process = os.fork()
     if not process:
         try:
-            ctypes.CDLL(None).prctl(36, 1)
+            adopt_orphans()
             os.write(writer, pickle.dumps(work()))
         except BaseException:
             traceback.print_exc()

@@ -44,7 +44,7 @@ _NOTICE = re.compile(
     r"damage|recover|unfinished|truncat|checksum|CRC|cut off|not whole|do not agree|does not agree|rebuilt|lost", re.I
 )
 _WARNING = re.compile(r"^Warning: |^warnings:\n?- |\"warnings\": \[\s*\"", re.MULTILINE)
-_LONGEST_SENTENCE = 2000
+_LONGEST_SENTENCE = 2100
 _OF_THE_FILE = re.compile(r"sha256|_bytes|bytes:|software|written|\bname:|\"name\"|source")
 """Lines of a result that tell of the input's bytes, not of what it says."""
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
@@ -264,7 +264,7 @@ def _no_sentence(said: str) -> str:
     lines = said.rstrip("\n").split("\n")
     is_of_usage = lines[0].startswith("Usage: ") and len(lines) <= 5
     if lines[-1].startswith("Error: ") and (is_of_usage or len(lines) == 1):
-        lines = [f"tam: {lines[-1].removeprefix('Error: ')}"]
+        lines = [f"tam: {lines[-1].removeprefix('Error: ')[: _LONGEST_SENTENCE // 2]}"]  # with what was typed
     [first, *others] = lines
     if others:
         return f"{len(lines)} lines: {said[:300]!r}"

@@ -45,9 +45,14 @@ def warm() -> None:
         import_module(name)
     play, call = import_module("tam_calibration.cli.play"), import_module("tam_calibration.cli.call")
     play.WAIT_S = call._FIND_S = 0.2  # nobody will come
-    ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)  # what a command leaves running becomes this process's child
+    adopt_orphans()
     if threading.active_count() > 1:
         raise RuntimeError(f"a fork would lose {threading.enumerate()}")
+
+
+def adopt_orphans() -> None:
+    """Have what a command leaves running become a child of this process."""
+    ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
 
 
 def run(line: list[str], folder: Path, around: Surroundings = PLAIN, limit_s: float = LIMIT_S) -> Ended:

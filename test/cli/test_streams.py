@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from tam_calibration.cli.main import main
+from tam_calibration.cli.streams import tell
 from tam_calibration.files import read_calibration, write_array, write_recording
 
 _PLAN = ["plan", "--array", "array.yaml", "--turntable", "90"]
@@ -100,3 +101,20 @@ def test_memory_that_does_not_suffice_is_a_sentence(monkeypatch, capsys):
         main(_PLAN, prog_name="tam")
     assert end.value.code == 2
     assert capsys.readouterr().err == "tam: this needs more memory than there is: give fewer samples or sensors\n"
+
+
+@pytest.mark.parametrize(
+    ("sentence", "told"),
+    [
+        ("there is no file a\nb", "tam: there is no file a\\nb\n"),
+        (
+            "\x1b[2J\u202e\udcff is none: 54\u2009955 nT, Größe",
+            "tam: \\x1b[2J\\u202e\\udcff is none: 54\u2009955 nT, Größe\n",
+        ),
+        ("x" * 1000 + "y" * 5000 + "z" * 1000, f"tam: {'x' * 1000} … {'z' * 1000}\n"),
+    ],
+)
+def test_a_sentence_is_one_line_whatever_is_named_in_it(capsys, sentence, told):
+    """Line breaks and commands to terminals are written by their numbers, the middle of thousands of letters not."""
+    tell(sentence)
+    assert capsys.readouterr().err == told

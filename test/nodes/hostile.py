@@ -53,7 +53,7 @@ def _nonsense(serialised: bytes, kind: type, rng: Generator) -> object:
     if hasattr(message, "header"):
         sec, nanosec = pick(rng, _NO_STAMPS)
         message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
-        message.header.frame_id = pick(rng, ("", "x" * 100_000, "é\n\x1b[2J", message.header.frame_id))
+        message.header.frame_id = pick(rng, ("", "x" * 10_000, "é\n\x1b[2J", message.header.frame_id))
     value = pick(rng, _NO_VALUES)
     if kind.__name__ == "PointCloud2":
         _spoil_cloud(message, rng)
@@ -117,7 +117,7 @@ def _laughs() -> str:
     return "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 12))
 
 
-def resident_bytes(process: int) -> int:
-    """Return the resident memory of a process."""
-    with open(f"/proc/{process}/statm") as file:
-        return int(file.read().split()[1]) * 4096
+def own_memory_bytes(process: int) -> int:
+    """Return the resident memory that is a process's own, without what it shares with those that write to it."""
+    with open(f"/proc/{process}/status") as file:
+        return next(1024 * int(line.split()[1]) for line in file if line.startswith("RssAnon:"))

@@ -6,7 +6,7 @@ from itertools import count
 
 import numpy as np
 import pytest
-from nodes.hostile import hostile_messages, resident_bytes
+from nodes.hostile import hostile_messages, own_memory_bytes
 from numpy.testing import assert_array_equal
 from ros_bench import NO_ROS
 
@@ -53,12 +53,12 @@ def test_nothing_ends_and_nothing_is_lost_in_a_flood(bench, recording, cross, tm
 
     flood.go_on(FLOOD_S / 2)
     bench.storm("calibrator/calibrate")
-    before = {name: resident_bytes(process) for name, process in nodes.pids.items()}
+    before = {name: own_memory_bytes(process) for name, process in nodes.pids.items()}
     flood.go_on(FLOOD_S / 2)
     for service in SERVICES:
         assert len(bench.storm(service)) == 200
     bench.health("calibrator", lambda _, figures: not figures["busy_with"], "the calibrator is done")
-    growth = {name: resident_bytes(process) - before[name] for name, process in nodes.pids.items()}
+    growth = {name: own_memory_bytes(process) - before[name] for name, process in nodes.pids.items()}
     assert max(growth.values()) < GROWTH_BYTES, growth
 
     assert_array_equal([flood.readings_of(cloud) for cloud in flood.samples], flood.published())
