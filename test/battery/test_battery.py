@@ -24,6 +24,7 @@ SAMPLE = 25
 """Cases of each part of the sample: four parts take a minute of one core."""
 
 
+@pytest.mark.skipif("BATTERY" not in os.environ, reason="new random cases: BATTERY=1 pytest, or all with make battery")
 @pytest.mark.parametrize("part", range(4))
 def test_no_case_of_a_new_sample_is_bad(part):
     """The seed stands in the output, with what tries each bad case again."""

@@ -22,7 +22,7 @@ from tam_calibration.fit import calibrate
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason=NO_ROS)
 std_msgs = pytest.importorskip("std_msgs.msg", reason=NO_ROS)
 
-SOAK_S = float(os.environ.get("SOAK_S", "20"))
+SOAK_S = float(os.environ.get("SOAK_S", "0"))
 """How long it lasts."""
 
 BETWEEN_S = min(10.0, SOAK_S / 5)
@@ -36,6 +36,7 @@ NODES = ("collector", "calibrator", "corrector", "localizer")
 BAD_MESSAGES = 300
 
 
+@pytest.mark.skipif(not SOAK_S, reason="it takes the whole machine: make soak, or SOAK_S=20 pytest")
 def test_every_sample_that_was_acknowledged_is_there(bench, recording, cross, tmp_path):
     """Killed nodes, silent sensors, bad messages and full disks, in random order and each at least once."""
     seed = int(os.environ.get("SOAK_SEED", np.random.SeedSequence().entropy % 2**32))
