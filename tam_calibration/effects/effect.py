@@ -155,6 +155,8 @@ class Effect(ABC):
     looks_like : mapping
         Functions without physics that explain it, each with its rank among the effects that the function may be in
         truth: the most plausible has the smallest.
+    shows_as : tuple of str
+        Names of the faults of channels that it makes, as the check before a fit has them (``integrity``).
     output_stage : int
         When it acts on the rows of a simulation: an effect of a higher stage comes after all of lower ones.
     """
@@ -172,6 +174,7 @@ class Effect(ABC):
     is_any_course: ClassVar[bool] = False
     may_be: ClassVar[tuple[str, ...]] = ()
     looks_like: ClassVar[Mapping[str, int]] = {}
+    shows_as: ClassVar[tuple[str, ...]] = ()
     output_stage: ClassVar[int] = 0
 
     def oversize(self, covariates: Covariates, fitted: FittedEffect) -> str | None:

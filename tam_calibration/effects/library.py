@@ -1,5 +1,6 @@
 """All effects that are installed, ours and those that other packages bring by an entry point, and their numbers."""
 
+from collections.abc import Collection
 from functools import cache
 from importlib.metadata import entry_points
 
@@ -51,6 +52,11 @@ def effect_named(name: str) -> Effect:
     if name not in effects:
         raise InputError(f"there is no effect {quoted(name)}: choose one of {', '.join(effects)}")
     return effects[name]
+
+
+def shown_by(effects: Collection[str]) -> set[str]:
+    """Return the names of the faults of channels that some effects make, which are given by their names."""
+    return {fault for name in effects for fault in effect_named(name).shows_as}
 
 
 _SAMPLES = 8

@@ -38,6 +38,7 @@ class Outliers(FoundEffect):
         "A disturbance of the transmission or a short event nearby puts single readings, or a few in a row, far off "
         "(Cook and Weisberg 1982, mean-shift model)."
     )
+    shows_as = ("zero",)
     excitation = "a record of at least some dozens of samples"
     is_of_extremes = True
     may_repeat = True

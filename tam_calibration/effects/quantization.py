@@ -56,6 +56,7 @@ class Quantization(FoundEffect):
         "A converter or a telegram with few digits rounds readings to steps; rounding adds a variance of step²/12 "
         "(Bennett 1948)."
     )
+    shows_as = ("quantised",)
     excitation = "a field that moves through many steps"
     output_stage = 2
     units: ClassVar[Mapping[str, str]] = {"step": "T", "offset": "T"}

@@ -48,6 +48,7 @@ class Saturation(FoundEffect):
         "An axis cannot read beyond the range of its amplifier or converter: the reading stays at the limit "
         "(IEEE Std 1241-2010)."
     )
+    shows_as = ("saturated",)
     excitation = "turns that bring the axis to the end of its range, for several readings"
     is_of_extremes = True
     output_stage = 1

@@ -35,6 +35,7 @@ class StaleSamples(FoundEffect):
         "come in a later period (vacant sampling; Nilsson, Real-time control systems with delays, Lund Institute of "
         "Technology, 1998)."
     )
+    shows_as = ("frozen",)
     excitation = "turn the array steadily, with two sensors or more"
     units: ClassVar[Mapping[str, str]] = {"rate": "1", "burst": "1", "samples late": "1"}
 

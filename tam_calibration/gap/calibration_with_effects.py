@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration, EffectSize
-from tam_calibration.effects.library import effect_named, installed_effects
+from tam_calibration.effects.library import effect_named, installed_effects, shown_by
 from tam_calibration.effects.removal import added_to, on_sensors
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.identifiability import require_determined
@@ -74,7 +74,9 @@ def calibrate_with_effects(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
             "use the array file of this recording"
         )
-    faults = require_sound(recording, array, accept, sought=installed_effects() if _AUTO in effects else effects)
+    faults = require_sound(
+        recording, array, accept, sought=shown_by(installed_effects() if _AUTO in effects else effects)
+    )
     recording.check_plausible(array.field)
     require_determined(recording, array)
     if _AUTO in effects:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from numpy.linalg import LinAlgError
 
-from tam_calibration.effects.library import installed_effects
+from tam_calibration.effects.library import installed_effects, shown_by
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.refusal import (
@@ -75,7 +75,7 @@ def diagnose(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
             "use the array file of this recording"
         )
-    faults = require_sound(recording, array, accept, sought=installed_effects())
+    faults = require_sound(recording, array, accept, sought=shown_by(installed_effects()))
     seen, of_stretches = in_stretches(recording)
     seen.check_plausible(array.field)
     grave = [fault.sentence for fault in faults if fault.severity == "refusal"]

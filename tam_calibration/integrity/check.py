@@ -69,7 +69,7 @@ def require_sound(
     accept : collection of str
         Names of faults that refuse nothing.
     sought : collection of str
-        Names of the effects that will be fitted beside the errors: what they are found by refuses nothing.
+        Names of faults that the effects show as which will be fitted beside the errors: those refuse nothing.
 
     Returns
     -------
@@ -88,7 +88,9 @@ def require_sound(
     refuse(
         fault
         for fault in faults
-        if fault.severity == "refusal" and fault.name not in accept and fault.effect not in sought
+        if fault.severity == "refusal"
+        and fault.name not in accept
+        and not (fault.may_be_effect and fault.name in sought)
     )
     return faults
 

@@ -48,8 +48,8 @@ class Fault:
         What it is, where and when, for people.
     severity : str
         Whether the numbers of a fit would be wrong ("refusal") or hardly ("warning").
-    effect : str
-        The effect of the library by which a diagnosis finds it; empty where there is none.
+    may_be_effect : bool
+        Whether an effect can make it, which a diagnosis then finds: not what lasts all the time, for example.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Fault:
     time_s: tuple[float, float]
     sentence: str
     severity: Severity = "refusal"
-    effect: str = ""
+    may_be_effect: bool = False
 
 
 def channel(sensor: int, axis: str = "") -> str:

@@ -115,8 +115,7 @@ class Holds:
                 f"sensor {sensor + 1} reads exactly zero on all axes in {count} sample{'s' * (count > 1)} "
                 f"{between(time_s)}, which no sensor in a field does: its driver had no reading"
             )
-            effect = "outliers" if count < self._count else ""
-            faults.append(Fault("zero", int(sensor) + 1, "", time_s, sentence, effect=effect))
+            faults.append(Fault("zero", int(sensor) + 1, "", time_s, sentence, may_be_effect=count < self._count))
         return faults
 
     def _holds(self) -> list[_Hold]:
@@ -178,7 +177,7 @@ def _fault(hold: _Hold, whose: str, source: SampleSource) -> Fault:
         f"{channel(sensor + 1, name)} reads the same {value} {'throughout, ' * is_dead}{between(hold.time_s)}, where "
         f"{whose}: it is frozen"
     )
-    return Fault("frozen", sensor + 1, name, hold.time_s, sentence, effect="" if is_dead else "stale_samples")
+    return Fault("frozen", sensor + 1, name, hold.time_s, sentence, may_be_effect=not is_dead)
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,7 +61,7 @@ def _at_end(overview: Overview, column: int, name: str, end_T: float, there: np.
         f"{between(span)}: it is saturated"
     )
     severity: Severity = "refusal" if share >= MANY_AT_END else "warning"
-    return Fault("saturated", sensor, axis, span, sentence, severity, effect="saturation")
+    return Fault("saturated", sensor, axis, span, sentence, severity, may_be_effect=True)
 
 
 def in_steps(overview: Overview, array: Array) -> Iterator[Fault]:
@@ -78,7 +78,7 @@ def in_steps(overview: Overview, array: Array) -> Iterator[Fault]:
                 f"{step / np.sqrt(12) / noise:.3g} times the stated noise: state the noise of these readings, or leave "
                 "it out"
             )
-            yield Fault("quantised", sensor, axis, overview.time_s, sentence, effect="quantization")
+            yield Fault("quantised", sensor, axis, overview.time_s, sentence, may_be_effect=True)
 
 
 def _step(ordered: FloatArray) -> float | None:

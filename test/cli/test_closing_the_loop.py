@@ -135,7 +135,7 @@ def test_a_twin_does_not_overwrite_its_run(folder, recording, cross):
     write_recording("run.csv", recording)
     write_calibration("c.yaml", calibrate(recording, cross))
     result = run("simulate", "--from-calibration", "c.yaml", "--recording", "run.csv", "-o", "run.csv", code=2)
-    assert "would overwrite an input" in result.stderr
+    assert "run.csv would be overwritten" in result.stderr
 
 
 def write_drifting(folder, count):

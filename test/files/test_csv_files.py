@@ -122,7 +122,10 @@ HEADER = "time_s,b1x_nT,b1y_nT,b1z_nT\n"
         (HEADER + "0,1,2,3\n1,1,2,3\n1,1,2,4\n", "time repeats at sample 3"),
         (HEADER + "0,1,2,3\n2,1,2,3\n1,1,2,4\n", "time goes backwards at sample 3"),
         (HEADER + "0,1,2,3\n1,1,2,3\n2,1,1e300,4\n", "column b1y_nT: 1 of 3 values are beyond 1 T, first in sample 3"),
-        (HEADER + "0,1,1e300,3\n", "values beyond 1e.09, first sensor 1 axis y in sample 1: 1e.291 is of another unit"),
+        (
+            HEADER + "0,1,1e300,3\n",
+            "values beyond 1e.09, first sensor 1 axis y in sample 1, between .* s: 1e.291 is of another unit",
+        ),
         (
             HEADER.replace("nT", "uT") + "0,1,1e308,3\n",
             "hold NaN or infinite values, first sensor 1 axis y in sample 1",

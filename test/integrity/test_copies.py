@@ -11,7 +11,7 @@ from tam_calibration.model.array import Array
 def test_a_sensor_that_repeats_another_is_named(run):
     """With whom it repeats."""
     (fault,) = run.spoiled(lambda readings: readings.__setitem__((slice(None), 1), readings[:, 0])).faults
-    assert (fault.name, fault.sensor, fault.axis, fault.effect) == ("repeated", 2, "", "")
+    assert (fault.name, fault.sensor, fault.axis, fault.may_be_effect) == ("repeated", 2, "", False)
     assert fault.sentence == "sensor 2 repeats sensor 1 between 0.00 and 14.99 s: it is no sensor of its own"
 
 

@@ -23,7 +23,7 @@ def reversed_axes(**axes):
 def test_a_reversed_axis_is_named(run, sensor, axis):
     """Of the sensor that has it, also of sensor 1, against the three others."""
     (fault,) = run.spoiled(reversed_axes(**{f"sensor_{sensor}": axis})).faults
-    assert (fault.name, fault.sensor, fault.axis, fault.effect) == ("mirrored", sensor, axis, "")
+    assert (fault.name, fault.sensor, fault.axis, fault.may_be_effect) == ("mirrored", sensor, axis, False)
     assert f"axis {axis} is reversed" in fault.sentence
 
 

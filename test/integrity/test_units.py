@@ -22,7 +22,7 @@ def scaled(sensor, factor, axes=slice(None)):
 def test_an_axis_in_another_unit_is_named(run, factor):
     """And how much it is out."""
     (fault,) = run.spoiled(scaled(2, factor, 2)).faults
-    assert (fault.name, fault.sensor, fault.axis, fault.effect) == ("unit", 2, "z", "")
+    assert (fault.name, fault.sensor, fault.axis, fault.may_be_effect) == ("unit", 2, "z", False)
     times = factor if factor > 1 else 1 / factor
     assert f"about {times:.0f} times too {'much' if factor > 1 else 'little'}" in fault.sentence
 
