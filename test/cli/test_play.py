@@ -78,10 +78,15 @@ def test_loop_and_clock(bench, bag):
     clock = bench.listen(Clock, "/clock")
     bench.spin_until(lambda: len(samples) > 500, "the bag begins anew")
     assert player.end_one("player", signal.SIGINT) == 0
-    stamps = np.array([message.header.stamp.sec + message.header.stamp.nanosec / 1e9 for message in samples])
-    assert (np.diff(stamps) < 0).sum() == 1
     assert 1.7e9 <= clock[-1].clock.sec <= 1.7e9 + 4
-    bench.health("collector", lambda _, figures: figures["restarts"] == "1", "the restart is counted")
+
+    def restarts():
+        stamps = np.array([message.header.stamp.sec + message.header.stamp.nanosec / 1e9 for message in samples])
+        return int((np.diff(stamps) < 0).sum())
+
+    # A busy machine ends the player late: in another lap than the one that was waited for.
+    bench.health("collector", lambda _, figures: int(figures["restarts"]) == restarts(), "all restarts are counted")
+    assert restarts() >= 1
 
 
 def test_use_sim_time(bench, bag):
