@@ -32,11 +32,11 @@ from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SampleL
 from tam_calibration.model.array import Array
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.units import FloatArray
-from tam_calibration.nodes import ros_session
 from tam_calibration.nodes.children import Children
 from tam_calibration.nodes.cloud import make_cloud, read_cloud
 from tam_calibration.nodes.listening import RELIABLE_STREAM
 from tam_calibration.nodes.localizer_node import source_rows
+from tam_calibration.nodes.session import ros_session
 from tam_calibration.sources.dipole import Dipole
 
 RATE_HZ = 100.0
@@ -100,7 +100,11 @@ def main(seconds: float) -> None:
     array = read_array(CROSS)
     attitude, outputs, errors = samples(array, round(seconds * RATE_HZ))
     command = ["-m", "tam_calibration.nodes.start", "localizer", "--ros-args", "-p", f"regional:='{PLACE}'"]
-    with TemporaryDirectory() as logs, ros_session(), Children({"localizer": command}, Path(logs)) as children:
+    with (
+        TemporaryDirectory() as logs,
+        ros_session(exit_code=0),
+        Children({"localizer": command}, Path(logs)) as children,
+    ):
         bench = Bench()
         limit = time.perf_counter() + START_S
         while not bench.is_connected and time.perf_counter() < limit:

@@ -23,10 +23,10 @@ from spread import machine
 from streaming_bench import SENSOR_TOPICS
 
 from tam_calibration.files.text_files import write_whole
-from tam_calibration.nodes import ros_session
 from tam_calibration.nodes.children import Children
 from tam_calibration.nodes.cloud import MessageWriter, to_stamp
 from tam_calibration.nodes.listening import STREAM, waiting
+from tam_calibration.nodes.session import ros_session
 
 RESULTS = Path(__file__).parent / "results" / "receivers.csv"
 WARM_S = 2.0
@@ -67,7 +67,7 @@ class Receiver(Node):
 
 def receive(way: str, seconds: float) -> None:
     """Receive for a while and print the processor time for a message, microseconds."""
-    with ros_session():
+    with ros_session(exit_code=0):
         executor: Executor = SingleThreadedExecutor() if way.startswith("default") else EventsExecutor()
         receiver = Receiver(*WAYS[way])
         executor.add_node(receiver)
@@ -115,7 +115,7 @@ def main(seconds: float, way: str | None) -> None:
         receive(way, seconds - 1)
         return
     figures = []
-    with ros_session():
+    with ros_session(exit_code=0):
         for rate_hz in (100.0, 1000.0):
             for name in WAYS:
                 value = measure(name, rate_hz, seconds)

@@ -30,9 +30,9 @@ from tam_calibration.files import write_array, write_calibration
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
-from tam_calibration.nodes import ros_session
 from tam_calibration.nodes.children import START, Children
 from tam_calibration.nodes.scheduling import precede
+from tam_calibration.nodes.session import ros_session
 from tam_calibration.simulation import simulate
 
 RELAY = Path(__file__).parent / "streaming_relay.py"
@@ -253,7 +253,7 @@ def main(seconds: float, repeats: int) -> None:
     scenario = read_scenario("tumble_100_hz")
     calibration = calibrate(simulate(scenario).recording, scenario.array)
     console, figures = Console(), list[Figure]()
-    with TemporaryDirectory() as folder, ros_session():
+    with TemporaryDirectory() as folder, ros_session(exit_code=0):
         nodes = Nodes(calibration, Path(folder))
         for rate in (100.0, 1000.0):
             for is_alone in (True, False):

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import MagneticField, PointCloud2
 
-from tam_calibration.nodes import ros_session
+from tam_calibration.nodes.session import ros_session
 
 TYPES = {"MagneticField": MagneticField, "PointCloud2": PointCloud2}
 QUALITY = QoSProfile(depth=1000)
@@ -30,5 +30,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    with ros_session():
+    with ros_session(exit_code=0):
         main()

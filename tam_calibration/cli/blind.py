@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("recording", type=PATH)
 @click.option("--array", type=PATH, required=True, help="Array YAML of the recording.")
-@click.option("--effect", type=click.Choice(EFFECTS), required=True)
+@click.option("--effect", type=click.Choice(EFFECTS), help="Which to put in.")
 @click.option(
     "--times",
     type=Number(0, 1e6, min_open=True),
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 )
 @click.option("-o", "--output", type=PATH, required=True, help="CSV to write; the truth goes to .key.json beside it.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-def inject(recording: Path, array: Path, effect: str, times: float, output: Path, seed: int) -> None:
+def inject(recording: Path, array: Path, effect: str | None, times: float, output: Path, seed: int) -> None:
     """Put an effect into a real RECORDING, made by the check's own physics and not the library's.
 
     Its visible size is so many times the residual that the recording leaves by itself. Where the effect follows a
@@ -47,6 +47,8 @@ def inject(recording: Path, array: Path, effect: str, times: float, output: Path
     from tam_calibration.validation.blind.folder import write_json
     from tam_calibration.validation.blind.injected import inject as put
 
+    if effect is None:
+        raise InputError(f"name an effect to put in with --effect: one of {', '.join(EFFECTS)}")
     if output.suffix != ".csv":
         raise InputError(f"{output} must end in .csv")
     real = read_recording(recording)
@@ -197,7 +199,7 @@ def _run_quietly(main: click.Command, arguments: list[str]) -> str:
 def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: Path | None, failures: bool) -> None:
     """Open the keys of DIR, hold them against their commitments, and say how many answers are right."""
     from tam_calibration.files.text_files import to_json
-    from tam_calibration.validation.blind.folder import COMMITMENTS, KEYS, TIMES, read_json, read_keys, read_outcomes
+    from tam_calibration.validation.blind.folder import COMMITMENTS, KEYS, TIMES, read_keys, read_outcomes, read_times
     from tam_calibration.validation.blind.score import Score
     from tam_calibration.validation.blind.score_table import print_score, score_to_mapping
 
@@ -205,7 +207,7 @@ def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: 
     result = Score(read_outcomes(folder, keys, "answer.json"), read_outcomes(folder, keys, "answer_without.json"))
     if not result.outcomes:
         raise Refused(f"no case in {folder} has an answer: run tam blind answer {folder} first")
-    times = read_json(folder / TIMES) if (folder / TIMES).exists() else {}
+    times = read_times(folder)
     inputs = [keys_path or folder / KEYS, folder / COMMITMENTS, folder / TIMES, *(folder / name for name in keys)]
     with write_together({"json": json_path, "report": report}, inputs) as beside:
         if "json" in beside:

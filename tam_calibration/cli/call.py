@@ -5,9 +5,11 @@ import re
 import click
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.nodes import ros_session
+from tam_calibration.nodes.session import ros_session
 
 _FIND_S = 5.0
+"""Longest wait for a service, seconds: a node that runs is found within one."""
+
 _NAME = re.compile(r"(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
@@ -17,7 +19,7 @@ def command(service: str) -> None:
     """Call SERVICE, such as calibrator/calibrate, and print its answer; exit 1 when the answer is no."""
     if not _NAME.fullmatch(service):
         raise InputError(f"{service!r} is no name of a service: give one such as calibrator/calibrate")
-    with ros_session(exit_code=1):
+    with ros_session():
         from tam_calibration.nodes.client import call
 
         click.echo(call(service, _FIND_S))

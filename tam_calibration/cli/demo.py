@@ -13,6 +13,7 @@ import numpy as np
 from numpy.linalg import norm
 from rich.table import Table
 
+from tam_calibration.cli.terminal import NamedPath
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.model.array import TENSOR_OUTPUTS
 from tam_calibration.model.exceptions import Refused
@@ -20,8 +21,8 @@ from tam_calibration.model.extras import require
 from tam_calibration.model.residuals import noise_floor
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
-from tam_calibration.nodes import ros_session
 from tam_calibration.nodes.children import NODES, Children, node_commands
+from tam_calibration.nodes.session import ros_session
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -133,14 +134,11 @@ PLAY_RATE = 2.0
 _TIMEOUT_S = 30.0
 """Longest wait for a node: ten times what a start takes on two cores."""
 
-_STOPPED = 130
-"""Exit code after Ctrl-C, as shells have it: the demonstration has not shown anything."""
-
 
 @click.command()
 @click.option(
     "--output-dir",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=NamedPath(file_okay=False, path_type=Path),
     default=Path("demo_output"),
     show_default=True,
     help="Where bags, calibration, page and logs go.",
@@ -164,7 +162,7 @@ def command(output_dir: Path) -> None:
     with console.status("simulating"):
         turned, check = _simulate(output_dir)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")  # other robots shall not meet these nodes
-    with ros_session(exit_code=_STOPPED):
+    with ros_session():
         live = _run_nodes(console, output_dir, turned, check)
         _conclude(console, output_dir, turned, check, live)
         console.print(f"{time.monotonic() - begin:.0f} s in all")

@@ -8,7 +8,7 @@ import click
 
 from tam_calibration import __version__
 from tam_calibration.cli.held_warnings import HeldWarnings
-from tam_calibration.cli.streams import tell, usable_streams
+from tam_calibration.cli.streams import on_one_line, tell, usable_streams
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.signals import Ending
 
@@ -90,6 +90,10 @@ class LazyGroup(click.Group):
         try:
             with held:
                 return super().invoke(ctx)
+        except click.NoSuchOption as problem:
+            raise _on_one_line(problem) from None
+        except click.UsageError as problem:
+            raise _on_one_line(problem) if type(problem) is click.UsageError else problem from None
         except Refused as problem:
             _end(ctx, held.after(problem), code=1)
         except InputError as problem:
@@ -101,6 +105,11 @@ class LazyGroup(click.Group):
             _end(ctx, where + (problem.strerror or str(problem)), code=2)
         except MemoryError:
             _end(ctx, "this needs more memory than there is: give fewer samples or sensors", code=2)
+
+
+def _on_one_line(problem: click.UsageError) -> click.UsageError:
+    """Return an error that quotes what was typed, which may have lines."""
+    return click.UsageError(on_one_line(problem.format_message()), problem.ctx)
 
 
 def _end(ctx: click.Context, sentence: str, code: int) -> None:

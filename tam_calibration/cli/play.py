@@ -10,7 +10,7 @@ from tam_calibration.cli.terminal import PATH, Number
 from tam_calibration.files.recording_file import is_bag
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.extras import require
-from tam_calibration.nodes import ros_session
+from tam_calibration.nodes.session import ros_session
 
 if TYPE_CHECKING:
     from tam_calibration.nodes.player import Player
@@ -18,12 +18,15 @@ if TYPE_CHECKING:
 WAIT_S = 10.0
 """Longest wait for a subscriber: nodes that start beside the player are there within some seconds."""
 
+_SLOWEST = 0.001
+"""Least rate: an hour would last six weeks."""
+
 
 @click.command()
 @click.argument("bag", type=PATH)
 @click.option(
     "--rate",
-    type=Number(min=0, min_open=True),
+    type=Number(min=_SLOWEST),
     default=1.0,
     show_default=True,
     help="How many times faster than recorded.",
@@ -37,7 +40,7 @@ def command(bag: Path, rate: float, loop: bool, clock: bool) -> None:
     require("bags", "playing bags")
     from tam_calibration.files.bag import open_bag
 
-    with ros_session(), open_bag(bag) as reader:
+    with ros_session(exit_code=0), open_bag(bag) as reader:
         from tam_calibration.nodes.player import Player
 
         player = Player(reader, rate, clock)

@@ -31,9 +31,7 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
     type=PATH,
     help="Recording whose field, attitude, temperature and current the twin gets, instead of a scenario's.",
 )
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), required=True, help="A .csv, a .mcap, or a bag's folder."
-)
+@click.option("-o", "--output", type=PATH, required=True, help="A .csv, a .mcap, or a bag's folder.")
 @click.option("--seed", type=click.IntRange(min=0), help="Of the random numbers, instead of the scenario's.")
 @click.option(
     "--storage",

@@ -52,11 +52,11 @@ def usable_streams() -> Iterator[None]:
 def tell(sentence: str) -> None:
     """Write a sentence to standard error, where that can be written: one line, whatever the names in it are."""
     with suppress(OSError):
-        print(f"tam: {_on_one_line(sentence)}", file=sys.stderr, flush=True)
+        print(f"tam: {on_one_line(sentence)}", file=sys.stderr, flush=True)
 
 
-def _on_one_line(sentence: str) -> str:
-    """Return a sentence without its middle where it is long, what is no letter by its number."""
+def on_one_line(sentence: str) -> str:
+    """Return a sentence without its middle where it is long, and what is no letter by its number."""
     if len(sentence) > _LONGEST:
         half = _LONGEST // 2
         sentence = f"{sentence[:half]} … {sentence[-half:]}"

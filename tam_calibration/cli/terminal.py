@@ -15,11 +15,29 @@ from tam_calibration.files.overwriting import require_separate
 from tam_calibration.files.recording_file import TOLERANCE_S
 from tam_calibration.files.whole_files import write_set
 from tam_calibration.messages.samples import Progress as ProgressCallback
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.extras import require
 
 _PIPE_WIDTH = 120
 
-PATH = click.Path(path_type=Path, readable=False)
+
+class NamedPath(click.Path):
+    """A path, which an empty word, unlike click's, is not: it would be the working folder."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path.
+
+        Raises
+        ------
+        InputError
+            When it is an empty word.
+        """
+        if value == "":
+            raise InputError("an empty word names no file or folder: give its name")
+        return super().convert(value, param, ctx)
+
+
+PATH = NamedPath(path_type=Path, readable=False)
 """A path that is checked where it is used, in one sentence."""
 
 

@@ -113,7 +113,8 @@ class TemperatureDrift(LinearEffect):
         parts = [("offset", "T/K", change), ("quadratic offset", "T/K²", change**2)]
         if "start_s" in shape:
             since = covariates.time_s - shape["start_s"]
-            parts.append(("start", "T", np.where(since < 0, 0.0, np.exp(-np.maximum(since, 0.0) / outer))))
+            left = np.exp(-np.maximum(since, 0.0) / outer) if outer > 0 else since == 0
+            parts.append(("start", "T", np.where(since < 0, 0.0, left)))
         return [
             Term.of_row(covariates, row, name, [Coefficient(name, unit)], feature[:, None])
             for row in range(covariates.scalar_row)

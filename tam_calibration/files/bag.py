@@ -12,7 +12,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
 
 from tam_calibration.correction.partial import missing_codes
-from tam_calibration.files.bag_blocks import read_blocks
+from tam_calibration.files.bag_blocks import read_blocks, unnamed_topics
 from tam_calibration.files.bag_damage import damage_named
 from tam_calibration.files.bag_folder import PACKED
 from tam_calibration.files.bag_recovery import readable
@@ -28,7 +28,7 @@ from tam_calibration.messages.topics import StreamTopics, find_topics
 from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.exceptions import InputError, Refused, quoted
 from tam_calibration.model.limits import LARGEST
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -90,12 +90,22 @@ def open_bag(path: Path) -> Iterator[BagReader]:
         log.warning("%s: %s", path, reader.unfinished)
     with damage_named(path):
         reader.open()
+        _require_names(reader.connections)
+    if unnamed := unnamed_topics(reader):
+        log.warning("%s: its metadata do not name %s, which is not read", path, ", ".join(unnamed))
     try:
         if not reader.message_count:
             raise InputError(f"{path} holds no message: the recorder wrote nothing, or was killed")
         yield reader
     finally:
         reader.close()
+
+
+def _require_names(connections: Sequence[Connection]) -> None:
+    """Check that topics have names, which in metadata of YAML may be anything."""
+    for each in connections:
+        if not (isinstance(each.topic, str) and isinstance(each.msgtype, str)):
+            raise InputError(f"{quoted(each.topic)} of {quoted(each.msgtype)} is no topic with a type")
 
 
 def raw_messages(reader: Reader, connections: Sequence[Connection]) -> Iterator[tuple[Connection, int, bytes]]:

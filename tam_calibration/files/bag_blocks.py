@@ -20,6 +20,12 @@ COUNT, _BYTES = 16_384, 8_000_000
 """How much is gathered where messages come one by one."""
 
 
+def unnamed_topics(reader: Reader) -> list[str]:
+    """Return the topics of the files of an open bag that its metadata do not name."""
+    named = {each.topic for each in reader.connections}
+    return sorted({own.topic for file in _files(reader) for own in file.connections} - named)
+
+
 def read_blocks(
     reader: Reader, connections: Sequence[Connection], progress: Progress, with_times: bool
 ) -> Iterator[RawMessages]:
@@ -42,7 +48,7 @@ def read_blocks(
         When the files lack a topic of which the metadata count messages, or something is larger than it may be.
     """
     files = _files(reader)
-    for one in connections:
+    for one in reader.connections:
         if one.msgcount and not any(_is_same(own, one) for file in files for own in file.connections):
             raise InputError(f"the metadata count {one.msgcount} messages of {one.topic}, which no file has as they do")
     total = sum(_bytes(file) for file in files)

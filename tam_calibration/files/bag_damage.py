@@ -1,11 +1,15 @@
 """What is damaged in a bag, in words."""
 
+import errno
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 from tam_calibration.model.exceptions import InputError
+
+NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
+"""Numbers of errors of a disk on which there is no room: no fault of what is read."""
 
 NAMED = 3
 """Stretches of messages, or faults, that a sentence names."""
@@ -50,11 +54,13 @@ def damage_named(path: Path) -> Iterator[None]:
     Raises
     ------
     InputError
-        Whatever was raised within.
+        Whatever was raised within, but that a disk is full.
     """
     try:
         yield
     except Exception as problem:  # rosbags lets through whatever its decompressors and databases raise
+        if isinstance(problem, OSError) and problem.errno in NO_ROOM:
+            raise
         raise InputError(f"{path} is damaged or truncated: {_reason(problem)}") from problem
 
 
@@ -63,4 +69,7 @@ def _reason(problem: Exception) -> str:
     if isinstance(problem, OSError) and problem.strerror:
         return problem.strerror
     is_telling = type(problem).__module__.partition(".")[0] in _TELLING
-    return " ".join(str(problem).split()) if is_telling and str(problem) else "what it holds does not fit together"
+    told = " ".join(str(problem).split()) if is_telling else ""
+    if not isinstance(problem, InputError) and problem.__cause__ is not None:
+        told = told.partition(":")[0]  # behind it stands what Python said
+    return told or "what it holds does not fit together"

@@ -1,10 +1,12 @@
 """The folder of a bag: its metadata, and the files that hold its messages."""
 
 import re
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from tam_calibration.files.bag_storages import STORAGES
+from tam_calibration.files.schema import check
 from tam_calibration.files.text_files import read_text
 from tam_calibration.files.yaml_document import parse_mapping
 from tam_calibration.model.exceptions import InputError
@@ -36,14 +38,58 @@ def data_files(path: Path) -> list[Path]:
     return files
 
 
+@dataclass(frozen=True)
+class _Nanoseconds:
+    nanoseconds: int
+
+
+@dataclass(frozen=True)
+class _SinceEpoch:
+    nanoseconds_since_epoch: int
+
+
+@dataclass(frozen=True)
+class _Topic:
+    may_hold_more: ClassVar = True
+
+    name: str
+    type: str
+    serialization_format: str
+
+
+@dataclass(frozen=True)
+class _Count:
+    may_hold_more: ClassVar = True
+
+    message_count: int
+    topic_metadata: _Topic
+
+
+@dataclass(frozen=True)
+class _Metadata:
+    """What rosbags reads of the metadata; those of newer versions hold more."""
+
+    may_hold_more: ClassVar = True
+
+    version: int
+    storage_identifier: str
+    relative_file_paths: list[Any]
+    message_count: int
+    duration: _Nanoseconds
+    starting_time: _SinceEpoch
+    topics_with_message_count: list[_Count]
+    files: list[Any] = field(default_factory=list)
+    compression_mode: str = ""
+
+
 def read_metadata(folder: Path) -> dict[str, Any] | None:
-    """Return the metadata of a bag; None where the recorder did not write them, or not to the end."""
+    """Return the metadata of a bag; None where the recorder did not write them, or not to the end, or they are none."""
     try:
         information: dict[str, Any] = parse_mapping(read_text(folder / METADATA))[INFORMATION]
-        information["relative_file_paths"] = [str(name) for name in information["relative_file_paths"]]
-    except (InputError, KeyError, TypeError):
+        files = check(information, _Metadata).relative_file_paths
+    except (InputError, KeyError):
         return None
-    return information
+    return information | {"relative_file_paths": [str(name) for name in files]}
 
 
 def _found_in(folder: Path) -> list[Path]:
@@ -56,6 +102,11 @@ def _found_in(folder: Path) -> list[Path]:
     if not files:
         kinds = " or ".join(suffixes)
         raise InputError(f"{folder} holds no {METADATA}, nor a file that ends in {kinds}: is it a bag?")
+    if len(recordings := sorted({re.sub(r"_\d+$", "", each.name.partition(".")[0]) for each in files})) > 1:
+        raise InputError(
+            f"{folder} holds no {METADATA}, but files of several recordings, {recordings[0]} and {recordings[1]} among "
+            "them: name one of them"
+        )
     return sorted(files, key=_in_order)
 
 

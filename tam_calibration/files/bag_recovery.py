@@ -3,7 +3,7 @@
 import shutil
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain, islice
@@ -13,7 +13,7 @@ from weakref import finalize
 from rosbags.interfaces import Connection
 
 from tam_calibration.files.bag_bounds import ZSTD_BEGINNING, unpack_file, unpack_message
-from tam_calibration.files.bag_damage import NAMED, damage_named
+from tam_calibration.files.bag_damage import NAMED, NO_ROOM, damage_named
 from tam_calibration.files.bag_digests import DIGESTS, are_complete, changed_files
 from tam_calibration.files.bag_folder import INFORMATION, METADATA, PACKED, data_files, read_metadata
 from tam_calibration.files.bag_storages import guard_of, storage_of
@@ -70,6 +70,10 @@ class ReadableBag:
 
     def __init__(self, path: Path) -> None:
         self.path, self.unfinished = path, ""
+        with _room_named(path):
+            self._make_readable(path)
+
+    def _make_readable(self, path: Path) -> None:
         files = data_files(path)
         with damage_named(path):
             is_proven = path.is_dir() and _is_proven(path, files)
@@ -142,6 +146,21 @@ def _is_without_metadata(path: Path) -> bool:
     return path.is_dir() and read_metadata(path) is None
 
 
+@contextmanager
+def _room_named(path: Path) -> Iterator[None]:
+    """Have it told that there is no room for what is unpacked or recovered of a bag."""
+    try:
+        yield
+    except (OSError, InputError) as problem:
+        cause = problem if isinstance(problem, OSError) else problem.__cause__
+        if not isinstance(cause, OSError) or cause.errno not in NO_ROOM:
+            raise
+        place = temporary_place().parent
+        raise InputError(
+            f"{path} cannot be unpacked or recovered in {place}: {cause.strerror}; let TMPDIR name a folder with room"
+        ) from cause
+
+
 def _is_packed(files: list[Path]) -> bool:
     """Return whether some of the files of a bag are packed as a whole."""
     return any(file.suffix == PACKED for file in files)
@@ -189,7 +208,8 @@ def recover(path: Path, target: Path) -> Recovered:
     files = data_files(path)
     faults: list[str] = []
     with unfinished(temporary_place()) as folder:
-        unpacked = _unpack(path, files, folder, faults) if _is_packed(files) else files
+        with _room_named(path):
+            unpacked = _unpack(path, files, folder, faults) if _is_packed(files) else files
         return _recover(path, unpacked, target, faults)
 
 

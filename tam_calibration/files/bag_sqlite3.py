@@ -10,7 +10,7 @@ from rosbags.rosbag2 import CompressionMode, ReaderError
 from rosbags.rosbag2.metadata import ReaderMetadata
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader, Sqlite3Writer
 
-from tam_calibration.files.sqlite3_guard import CRC_COLUMN, TABLES, Sqlite3Guard, crc_of, read_connections
+from tam_calibration.files.sqlite3_guard import CRC_COLUMN, TABLES, Sqlite3Guard, crc_of, in_uri, read_connections
 from tam_calibration.messages.cdr import NOT_READ, RawMessages
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import IntArray
@@ -37,6 +37,14 @@ class QuickSqlite3Reader(Sqlite3Reader):
 
     Counting takes as long as reading them; ``msgcount`` is 0 in its connections.
     """
+
+    def open(self) -> None:
+        """Open the file, whose name rosbags puts into a URI as it is."""
+        path, self.path = self.path, Path(in_uri(Path(str(self.path))))
+        try:
+            super().open()
+        finally:
+            self.path = path
 
     def _open(self) -> None:
         tables = {name for (name,) in self._rows(TABLES)}
@@ -113,7 +121,8 @@ class Sqlite3BlockWriter(Sqlite3Writer):
     """
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
-        super().__init__(path, compression)
+        super().__init__(Path(in_uri(path)), compression)
+        self.path = path / f"{path.name}.db3"
         # What fails is removed as a whole: no journal is needed to take back a part.
         self.conn.executescript(
             "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; "

@@ -6,6 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from unicodedata import normalize
 
+from tam_calibration.files.bag_folder import METADATA
 from tam_calibration.files.bag_storages import STORAGES
 from tam_calibration.files.recording_file import is_bag
 from tam_calibration.model.exceptions import InputError
@@ -30,7 +31,7 @@ def require_separate(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
         When an output is an input, a bag or another output, lies inside one, or holds an input.
     """
     inputs = list(inputs)
-    taken = {key for path in inputs for key in _keys(path)}
+    taken = {key for path in inputs for key in _keys(path) | _parts(path)}
     for output in outputs:
         require_outside_bags(output)
         if output.is_file() and is_bag(output):
@@ -66,9 +67,13 @@ def require_outside_bags(output: Path) -> None:
 
 
 def _holds_bag(folder: Path) -> bool:
+    """Return whether a folder is a bag, also one whose recorder was killed before it wrote the metadata."""
     with suppress(OSError):
-        is_described = (folder / "metadata.yaml").exists()
-        return is_described and any(any(folder.glob(f"*{storage.suffix}*")) for storage in STORAGES.values())
+        begin = "" if (folder / METADATA).exists() else f"{folder.name}_"  # as recorders name the files of a bag
+        suffixes = tuple(storage.suffix for storage in STORAGES.values())
+        return any(
+            each.name.startswith(begin) and any(suffix in each.name for suffix in suffixes) for each in folder.iterdir()
+        )
     return False
 
 
@@ -83,6 +88,13 @@ def _paths(path: Path) -> set[Path]:
 def _keys(path: Path) -> set[Hashable]:
     """Return by what a file or folder is known: its names, whatever their case, and its place on the disk."""
     return {normalize("NFC", str(each)).casefold() for each in _paths(path)} | _place(path)
+
+
+def _parts(path: Path) -> set[Hashable]:
+    """Return the places on the disk of what a folder holds; empty for what is no folder."""
+    with suppress(OSError, ValueError):
+        return {place for each in path.iterdir() for place in _place(each)}
+    return set()
 
 
 def _folders(path: Path) -> set[Hashable]:

@@ -52,8 +52,9 @@ class Bounds:
 def check(content: Mapping[str, Any], schema: type[Schema]) -> Schema:
     """Return the content as an instance of its schema.
 
-    A key that the schema has not is a fault. Text is no number; dates are read from text. Of several dataclasses the
-    one is taken whose ``kind`` the mapping states.
+    A key that the schema has not is a fault, unless its class attribute ``may_hold_more`` is true: so are formats of
+    others. Text is no number; dates are read from text. Of several dataclasses the one is taken whose ``kind`` the
+    mapping states.
 
     Parameters
     ----------
@@ -110,7 +111,8 @@ def _document(schema: Any, content: Any, place: str, faults: list[str]) -> Any:
             faults.append(f"the key {within + field.name!r} is missing")
     known = [field.name for field in fields(schema)]
     hint = "" if within else f"; known are {', '.join(known)}"
-    faults += [f"the key '{within}{key}' is not known{hint}" for key in content if key not in known]
+    if not getattr(schema, "may_hold_more", False):
+        faults += [f"the key '{within}{key}' is not known{hint}" for key in content if key not in known]
     return None if faults else schema(**values)
 
 

@@ -1,5 +1,6 @@
 """What is whole in a sqlite3 file, by its head, its journals, the check of SQLite and the CRC of each message."""
 
+import os
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -100,7 +101,7 @@ class Sqlite3Guard:
 
     def find_damage(self) -> str:
         """Return what SQLite and the CRC of each message find damaged, as a clause; nothing where all fits."""
-        where = f"file:{quote(str(self._path.absolute()))}?immutable=1"
+        where = f"file:{in_uri(self._path.absolute())}?immutable=1"
         try:
             with closing(sqlite3.connect(where, uri=True)) as database:
                 (answer,) = database.execute("PRAGMA integrity_check(1)").fetchone()
@@ -136,6 +137,11 @@ class Sqlite3Guard:
                 _tell_true_size(plain)
                 connections = _read_connections(plain) or _read_connections(replayed)
                 yield from _whole_rows(connections, pages.rows(), faults)
+
+
+def in_uri(path: Path) -> str:
+    """Return a path as a URI has it: a ``?``, ``#`` or ``%`` in a name would mean something else there."""
+    return quote(os.fsencode(path))
 
 
 def _begin(path: Path, size: int) -> bytes:

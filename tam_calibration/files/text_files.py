@@ -97,6 +97,8 @@ def check_writable(path: str) -> None:
         return
     if Path(path).is_dir():
         raise InputError(f"{path} is a folder: name a file")
+    if Path(path).exists() and not Path(path).is_file():
+        raise InputError(f"{path} is no regular file but a device, pipe or socket: name a file")
     if not folder.is_dir():
         raise InputError(f"{path} cannot be written: there is no folder {folder}")
     if not os.access(folder, os.W_OK):

@@ -104,13 +104,17 @@ def unfinished(path: Path) -> Iterator[Path]:
         When no folder can be made there.
     """
     remove_unfinished(path)
-    folder, holder = _make_folder(path)
-    try:
-        yield folder
-    finally:
+    with ExitStack() as stack:
         with postponed():
-            shutil.rmtree(folder, ignore_errors=True)
-            os.close(holder)
+            folder, holder = _make_folder(path)
+            stack.callback(_remove, folder, holder)
+        yield folder
+
+
+def _remove(folder: Path, holder: int) -> None:
+    with postponed():
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(holder)
 
 
 def _make_folder(path: Path) -> tuple[Path, int]:

@@ -11,6 +11,7 @@ from threading import Thread
 from typing import TypeVar
 
 from tam_calibration.files.whole_files import remove_unfinished, temporary_place
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.signals import postponed
 
 Task = TypeVar("Task")
@@ -27,12 +28,19 @@ def processes(jobs: int, context: ForkServerContext | SpawnContext) -> Iterator[
         Number of processes that work at once.
     context : multiprocessing context
         How they are started; not forked from this one, whose end they would miss.
+
+    Raises
+    ------
+    InputError
+        When the system gives no semaphores.
     """
-    told, telling = context.Pipe(
-        duplex=False
-    )  # closed at this end, also by the end of this process, it tells the other
+    # Closed at this end, also by the end of this process, it tells the other.
+    told, telling = context.Pipe(duplex=False)
     with told, telling:
-        pool = ProcessPoolExecutor(jobs, context, initializer=_begin, initargs=(told,))
+        try:
+            pool = ProcessPoolExecutor(jobs, context, initializer=_begin, initargs=(told,))
+        except OSError as problem:  # without a word on its reason
+            raise InputError("no processes can work together here: is there room in /dev/shm?") from problem
         try:
             yield pool
         except BaseException:

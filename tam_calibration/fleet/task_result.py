@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
@@ -99,19 +100,24 @@ def write_result(folder: Path, result: Result) -> None:
     result : Result
         What became of the recording.
     """
-    (folder / RESULT).write_text(to_json({"schema": SCHEMA} | asdict(result)), encoding="utf-8")
+    content = json.loads(to_json({"schema": SCHEMA} | asdict(result)))
+    (folder / RESULT).write_text(to_json(content | {"digest": _digest(content)}), encoding="utf-8")
 
 
 def read_result(folder: Path) -> Result | None:
-    """Return the result that a folder holds; None where it holds none, or one that cannot be read."""
+    """Return the result that a folder holds; None where it holds none, or one that is not as it was written."""
     try:
         content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
-        if content.pop("schema") != SCHEMA:
+        if content.pop("digest") != _digest(content) or content.pop("schema") != SCHEMA:
             return None
         seal, span, sensors = (content.pop(key) for key in ("seal", "time_span_s", "sensors"))
         return Result(**content, seal=seal and Seal(**seal), time_span_s=span and tuple(span), sensors=tuple(sensors))
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def state_of(path: Path) -> tuple[int, int]:

@@ -110,11 +110,16 @@ def _cycles(parts: list[FloatArray]) -> list[float | None]:
 
 
 def _bands(values: FloatArray, cycles: float) -> _Bands | None:
-    """Return the bands of increasing values (n,), of which a number fits into the range that is known to a half."""
+    """Return the bands of increasing values (n,), of which a number fits into the range that is known to a half.
+
+    Of the periods that may be meant it takes the one that leaves most out: where bands are few, unevenly filled ones
+    agree best in their phases at another.
+    """
     span = float(values[-1] - values[0])
     near = cycles + np.linspace(-0.5, 0.5, 33)
-    phases = np.exp(2j * np.pi * (values - values[0]) / span * near[:, None])
-    return _Bands.of(values, span / float(near[np.abs(phases.mean(axis=1)).argmax()]))
+    ordered = np.sort((values - values[0]) / span * near[:, None] % 1.0, axis=1)
+    gaps = np.diff(ordered, axis=1, append=ordered[:, :1] + 1)
+    return _Bands.of(values, span / float(near[gaps.max(axis=1).argmax()]))
 
 
 def _is_of_converter(overview: Overview, column: int, values: FloatArray, bands: _Bands) -> bool:

@@ -167,7 +167,7 @@ class SampleLayout:
         first = 1 + 3 * self.sensor_count
         for channel in self.channels:
             last = first + len(CHANNEL_COLUMNS[channel])
-            if np.isfinite(rows[:, first:last]).any():
+            if not np.isnan(rows[:, first:last]).all():
                 present[channel] = rows[:, first:last]
             first = last
         scalar, temperature, current = (

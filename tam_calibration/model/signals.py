@@ -10,8 +10,11 @@ from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
-_CODE_OF_SHELLS = 128
+CODE_OF_SHELLS = 128
 """What shells add to the number of a signal for the exit code: 130 after Ctrl-C, 143 after SIGTERM."""
+
+_ONCE_MORE_S = 0.01
+"""After which an ending that was lost is raised again, seconds: what lost it, as a collection of garbage, is over."""
 
 _LAST_MOMENTS_S = 5
 """Time within which a process that puts itself in order ends."""
@@ -59,6 +62,8 @@ class Ending:
     is looked for between their callbacks: a context that ends in the middle of one, as with rclpy's own handlers, fails
     it in many ways, and while the executor of events takes on a node it even aborts the process.
 
+    Where Python cannot raise it, as in the callback of an object that goes, it is raised a moment later.
+
     Parameters
     ----------
     exit_code : int, optional
@@ -74,6 +79,8 @@ class Ending:
         self.told: int | None = None
         self._exit_code = exit_code
         self._before = {number: signal.getsignal(number) for number in ENDING}
+        self._unraisable = sys.unraisablehook
+        sys.unraisablehook = self._raise_once_more
         self._exit: Callable[[int], object] | None = os._exit
         _handle(self._end)
 
@@ -87,28 +94,33 @@ class Ending:
 
     def release(self) -> None:
         """Have the signals do what they did before, where they still end this process."""
+        sys.unraisablehook = self._unraisable
         for number, handler in self._before.items():
             if signal.getsignal(number) == self._end:
                 signal.signal(number, handler)
 
     def _end(self, number: int, frame: FrameType | None) -> None:
-        self.told = _CODE_OF_SHELLS + number if self._exit_code is None else self._exit_code
+        self.told = CODE_OF_SHELLS + number if self._exit_code is None else self._exit_code
         if self._exit is not None:
             self._exit(self.told)
 
+    def _raise_once_more(self, unraisable: "sys.UnraisableHookArgs") -> None:
+        if not isinstance(unraisable.exc_value, SystemExit):
+            self._unraisable(unraisable)
+            return
+        code = unraisable.exc_value.code
 
-def raise_exit(exit_code: int) -> None:
-    """Let the signals raise SystemExit."""
+        def end(number: int, frame: FrameType | None) -> None:
+            raise SystemExit(code)
 
-    def end(number: int, frame: FrameType | None) -> None:
-        raise SystemExit(exit_code)
-
-    _handle(end)
+        signal.signal(signal.SIGALRM, end)
+        signal.setitimer(signal.ITIMER_REAL, _ONCE_MORE_S)
 
 
 def ignore() -> None:
     """Let nothing interrupt the end, and nothing hold it up for long: then the kernel ends the process."""
     _handle(signal.SIG_IGN)
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(_LAST_MOMENTS_S)
 
 

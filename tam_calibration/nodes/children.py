@@ -21,6 +21,8 @@ _TAIL_LINES = 15
 _BAD_INPUT = 2
 """Exit code of a process whose last line says what in its input is not usable."""
 
+_ENDED = (-signal.SIGINT, signals.CODE_OF_SHELLS + signal.SIGINT, -signal.SIGKILL)
+"""Exit codes of a process that was told to end while it began, or ended already."""
 
 NODES = ("collector", "calibrator", "corrector", "localizer")
 _PROCESSES = ("stream", "calibrator", "localizer")
@@ -109,11 +111,15 @@ class Children:
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End the processes; a failure of one is raised unless something else already failed."""
-        codes = self.end()
-        if kind in (None, SystemExit) and any(codes.values()):
-            name, code = next((name, code) for name, code in codes.items() if code)
-            self._refuse(name, code)
+        """End the processes; a failure of one is raised unless something else already failed.
+
+        Where the user ended the command, one that the signal ended or that had to be killed is no failure.
+        """
+        failed = {name: code for name, code in self.end().items() if code}
+        if kind is SystemExit:
+            failed = {name: code for name, code in failed.items() if code not in _ENDED}
+        if kind in (None, SystemExit) and failed:
+            self._refuse(*next(iter(failed.items())))
 
     @property
     def names(self) -> list[str]:

@@ -25,6 +25,9 @@ _SETTLE_S = 0.3
 The player sleeps for that, and between messages: it receives nothing that could wake it, and no one tells it of either.
 """
 
+_LONGEST_PAUSE_S = 86_400.0
+"""Longest pause between messages, a day: clocks that are set make pauses of years, and a sleep has at most 292."""
+
 
 class Player(Node):
     """Publishes the messages of an open bag, byte for byte.
@@ -80,7 +83,8 @@ class Player(Node):
             publisher = self._publishers_by_topic.get(connection.topic)
             if publisher is None:
                 continue
-            time.sleep(max(0.0, begin + (stamp - first) / 1e9 / self._rate - time.monotonic()))
+            pause_s = begin + (stamp - first) / 1e9 / self._rate - time.monotonic()
+            time.sleep(min(max(0.0, pause_s), _LONGEST_PAUSE_S))
             if self._clock_publisher and stamp >= clock_due:
                 self._clock_publisher.publish(Clock(clock=Time(nanoseconds=stamp).to_msg()))
                 clock_due = stamp + _CLOCK_PERIOD_NS

@@ -1,23 +1,20 @@
 """From the start of ROS in a process to its end."""
 
+import sys
 from collections.abc import Callable, Sequence
 
-import rclpy
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
 from tam_calibration.model import signals
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.signals import Ending
+from tam_calibration.nodes.session import initialise_ros
 
 _TURN_S = 0.1
 """Longest time without a look for the word to end, seconds: an executor that waits in C++ hears no signal."""
-
-_BAD_ARGUMENTS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
 
 
 def spin_nodes(ending: Ending, make_nodes: Sequence[Callable[[], Node]]) -> None:
@@ -37,10 +34,7 @@ def spin_nodes(ending: Ending, make_nodes: Sequence[Callable[[], Node]]) -> None
     """
     ending.loaded()
     try:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    except _BAD_ARGUMENTS as problem:
-        raise InputError(f"the arguments of ROS cannot be used: {str(problem).partition(', at /')[0]}") from problem
-    try:
+        initialise_ros(sys.argv)
         _spin(ending, make_nodes)
     except ParameterException as problem:
         raise InputError(str(problem)) from problem

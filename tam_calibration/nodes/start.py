@@ -8,7 +8,7 @@ from importlib import import_module
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.signals import Ending
-from tam_calibration.nodes import configure_fast_dds
+from tam_calibration.nodes.session import configure_fast_dds
 
 
 def calibrator() -> int:

@@ -24,6 +24,8 @@ _NEVER_ENDING_S = 6.0
 """After which what runs until it is told to end is told so."""
 _IMPORT_S = 1.0
 """What a fresh interpreter takes longer than a fork."""
+_DOMAINS = 100
+"""Of DDS, whose ports lie below those that a system gives away."""
 _CLONE_NEWNS, _CLONE_NEWUSER = 0x20000, 0x10000000
 
 
@@ -104,7 +106,7 @@ class Battery:
         try:
             trial = prepare(number, self.seed, self._material, folder)
             return self._try(number, trial, folder)
-        except Exception as problem:
+        except Exception as problem:  # of the battery itself: it is told which case it was
             raise RuntimeError(f"case {number} of seed {self.seed}: {CASES[number]}") from problem
         finally:
             if not keeps:
@@ -126,7 +128,7 @@ class Battery:
 
     def _try_here(self, number: int, trial: Trial, folder: Path) -> Result:
         good = None
-        if trial.may is May.DO_THE_SAME:
+        if trial.may is May.DO_THE_SAME and not trial.recipe.needs_nodes:
             good = self._good_of(RECIPES[CASES[number][1]])
         before = look(folder)
         around, limit_s = trial.around, LIMIT_S
@@ -135,6 +137,7 @@ class Battery:
         if not trial.recipe.ends:
             around = replace(around, ended_by=signal.SIGINT, moment=_NEVER_ENDING_S)
         ended = run(list(trial.line), folder, around, limit_s)
+        good = good if trial.recipe.repeats else None
         tried = replace(trial, around=around)
         bad = self._judge(tried, ended, before, folder, good)
         if around.ended_by is signal.SIGKILL and ended.code == 128 + signal.SIGKILL:
@@ -146,11 +149,7 @@ class Battery:
         self, trial: Trial, ended: Ended, before: Files, folder: Path, good: tuple[Answer, float] | None
     ) -> dict[Bad, str]:
         after = look(folder)
-        bad: dict[Bad, str] = {}
-        try:
-            answer = Answer.of(folder, trial, ended)
-        except Exception as problem:  # of a reader: what was written is no bag
-            answer, bad = Answer.none(), {Bad.LEFT: f"an output cannot be read: {problem!r}"}
+        answer, bad = _read(folder, trial, ended)
         if trial.around.ended_by is not None and trial.recipe.ends and ended.code and good is not None:
             bad |= _partial(trial, answer, good[0], after, before)
         return judge(trial, ended, before, after, answer, good and good[0]) | bad
@@ -163,11 +162,18 @@ class Battery:
         changed = [name for name in before if after.get(name) != before[name]]
         if changed:
             return {Bad.LEFT: f"changed: {', '.join(changed)}"}
+        there = [name for name in trial.recipe.writes if name in after]
+        if there == list(trial.recipe.writes) and good is not None and not trial.recipe.in_steps:
+            answer, bad = _read(folder, trial, Ended(0, False, "", "", 0.0, 0))
+            if bad or not answer.is_like(good[0]):
+                return bad or {Bad.LEFT: f"in part: {', '.join(there)}"}
         again = replace(trial, around=PLAIN, may=May.DO_THE_SAME)
-        if trial.recipe.command != "batch":  # which goes on with what it has
-            for name in trial.recipe.writes:
-                if (folder / name).is_dir():
-                    shutil.rmtree(folder / name)
+        if not trial.recipe.in_steps:
+            for path in (folder / name for name in trial.recipe.writes):
+                if path.is_dir():
+                    shutil.rmtree(path)
+                elif path.suffix == ".mcap":  # a bag is never replaced
+                    path.unlink(missing_ok=True)
         ended = run(list(trial.line), folder, PLAIN, LIMIT_S)
         return self._judge(again, ended, before, folder, good)
 
@@ -207,6 +213,7 @@ class Battery:
         code = 1
         try:
             adopt_orphans()
+            os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % _DOMAINS)  # the nodes of two cases may not meet
             while number := os.read(todo, 4):
                 result = self.try_case(int.from_bytes(number, "little"))
                 os.write(done, (_line(result) + "\n").encode())
@@ -217,10 +224,18 @@ class Battery:
             os._exit(code)
 
 
+def _read(folder: Path, trial: Trial, ended: Ended) -> tuple[Answer, dict[Bad, str]]:
+    """Return the answer of a command, and what is bad about outputs that cannot be read."""
+    try:
+        return Answer.of(folder, trial, ended), {}
+    except Exception as problem:  # of a reader: what was written is no bag
+        return Answer.none(), {Bad.LEFT: f"an output cannot be read: {problem!r}"}
+
+
 def _partial(trial: Trial, answer: Answer, good: Answer, after: Files, before: Files) -> dict[Bad, str]:
     """Return what is bad about outputs of a command that was ended: none, or all as they would have been."""
     there = [name for name in trial.recipe.writes if name in after]
-    if not there or trial.recipe.command == "batch":
+    if not there or trial.recipe.in_steps:
         return {}
     if len(there) < len(trial.recipe.writes):
         return {Bad.LEFT: f"of a set only {', '.join(there)}"}

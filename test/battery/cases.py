@@ -3,6 +3,7 @@
 import math
 import os
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +22,7 @@ from battery import (
     spoiled_yaml,
 )
 from battery.damaged_bytes import any_damage
-from battery.recipes import BAGS, RECIPES, Recipe
+from battery.recipes import BAGS, OTHERWISE, RECIPES, Recipe
 from battery.trial import May, Trial, files_of, pick
 
 Spoil = Callable[[Recipe, Path, Generator], Trial]
@@ -59,17 +60,16 @@ def _each(count: int, *names: str) -> dict[str, int]:
 
 
 def _kills() -> dict[str, int]:
-    """Return a hundred kills of every command that writes and ends within seconds, ten of those that take longer."""
-    counts: dict[str, int] = {}
-    for command in sorted({RECIPES[name].command for name in _WRITING} | {"diagnose", "batch"}):
-        names = [name for name in (*_WRITING, "diagnose", "batch") if RECIPES[name].command == command]
-        counts |= _each(math.ceil(100 / len(names)), *names)
-    return counts | _each(10, *_SLOW)
+    """Return a hundred kills of every command that writes, the slowest last."""
+    names = (*_WRITING, "diagnose", "batch", *_SLOW)
+    of_command = Counter(RECIPES[name].command for name in names)
+    return {name: math.ceil(100 / of_command[RECIPES[name].command]) for name in names}
 
 
 _CALIBRATE = ("calibrate run.csv", *(f"calibrate {bag}" for bag in BAGS))
 _CORRECT = ("correct run.csv new.csv", *(f"correct {bag} new.csv" for bag in BAGS))
-_SLOW = ("demo", "reproduce", "blind make")
+_OTHERWISE = tuple(recipe.name for recipe in OTHERWISE if recipe.reads[0].endswith(".csv"))
+_SLOW = ("reproduce", "blind make", "demo")
 """Which run for many seconds: only what they refuse, or how they are killed, is tried."""
 _WITH_ROS = ("nodes", "nodes with parameters", "play", "play sqlite3", "call")
 _QUICK = tuple(name for name in RECIPES if name not in _SLOW + _WITH_ROS + ("diagnose", "diagnose a bag", "batch"))
@@ -80,7 +80,7 @@ FAMILIES = {
         spoil_bytes,
         _each(30, *_CALIBRATE[1:])
         | _each(25, *_CORRECT[1:])
-        | _each(12, "correct run_sqlite3 new", "correct run.mcap new.mcap", "recover")
+        | _each(12, "correct run_sqlite3 new", "correct run.mcap new.mcap", "recover", "calibrate with delays")
         | _each(6, "simulate", "diagnose a bag", "locate", "play", "play sqlite3", "blind score")
         | _each(4, "simulate a twin", "plan after a recording", "blind inject", "diagnose", "nodes"),
     ),
@@ -88,12 +88,14 @@ FAMILIES = {
         spoiled_csv.spoil,
         _each(60, _CALIBRATE[0], _CORRECT[0])
         | _each(12, "locate", "plan after a recording", "simulate a twin", "blind inject")
+        | _each(12, *_OTHERWISE, "locate at once", "locate a coil")
         | _each(8, "diagnose"),
     ),
     "yaml": Family(
         spoiled_yaml.spoil,
         _each(60, "simulate", _CALIBRATE[0], _CORRECT[0])
         | _each(20, "plan", "locate", "simulate a twin", "correct run_sqlite3 new.csv", "calibrate run_mcap")
+        | _each(20, "calibrate with a source")
         | _each(6, "diagnose", "blind inject", "batch", "nodes", "nodes with parameters"),
     ),
     "arguments": Family(
@@ -113,6 +115,7 @@ FAMILIES = {
         nonsense.spoil_meaning,
         _each(60, _CALIBRATE[0])
         | _each(20, _CORRECT[0])
+        | _each(10, *_OTHERWISE)
         | _each(6, "locate", "plan", "plan after a recording", "simulate a twin", "diagnose"),
     ),
     "bombs": Family(

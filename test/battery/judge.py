@@ -12,6 +12,7 @@ import numpy as np
 from battery.run import MEMORY_BYTES
 from battery.surroundings import Ended
 from battery.trial import May, Trial
+from tam_calibration.files.bag_digests import DIGESTS
 
 
 class Bad(Enum):
@@ -84,7 +85,7 @@ class Answer:
     def of(cls, folder: Path, trial: Trial, ended: Ended) -> "Answer":
         """Return the answer of a command that has ended."""
         texts = [_text(path) for name in trial.recipe.writes for path in _files(folder / name)]
-        said = ended.stdout if not trial.recipe.writes and not trial.around.stdout else ""
+        said = _letters(ended.stdout) if not trial.recipe.writes and not trial.around.stdout else ""
         kept = [line for text in (*texts, said) for line in text.splitlines() if not _OF_THE_FILE.search(line)]
         numbers = np.array([float(each) for each in _NUMBER.findall("\n".join(kept))])
         return cls(numbers, "\n".join([*texts, ended.stdout, ended.stderr]))
@@ -100,9 +101,15 @@ class Answer:
         return same and np.allclose(self.numbers, other.numbers, rtol=1e-9, atol=1e-12)
 
 
+def _letters(said: str) -> str:
+    """Return what was said with the letters that an encoding lacked, which were written by their numbers."""
+    return re.sub(r"\\(?:u([0-9a-f]{4})|x([0-9a-f]{2}))", lambda found: chr(int(found[1] or found[2], 16)), said)
+
+
 def _files(path: Path) -> list[Path]:
     if path.is_dir():
-        return sorted(each for each in path.rglob("*") if each.is_file() and each.name != ".lock")
+        files = [each for each in path.rglob("*") if each.is_file() and each.name != ".lock"]
+        return sorted(files, key=lambda each: (each.suffix, each))  # the names of some follow that of the folder
     return [path] if path.exists() else []
 
 
@@ -110,16 +117,18 @@ def _text(path: Path) -> str:
     """Return the text of an output; of a bag that its messages can be read, and what they are."""
     if path.suffix in (".mcap", ".db3"):
         from rosbags.rosbag2.storage_mcap import McapReader
-        from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-        reader = (McapReader if path.suffix == ".mcap" else Sqlite3Reader)(path)
+        from tam_calibration.files.bag_sqlite3 import READER  # that of rosbags takes not every name
+
+        reader = (McapReader if path.suffix == ".mcap" else READER)(path)
         reader.open()
         messages = [
             f"{time} {int(sha256(data).hexdigest()[:12], 16)}" for _, time, data in reader.messages(reader.connections)
         ]
         reader.close()
         return "\n".join(messages)
-    return "" if path.suffix == ".html" else path.read_text(errors="replace")
+    is_of_bytes = path.suffix == ".html" or path.name == DIGESTS  # digests are of names too
+    return "" if is_of_bytes else path.read_text(errors="replace")
 
 
 def judge(
@@ -215,9 +224,7 @@ def _left(trial: Trial, ended: Ended, before: Files, after: Files) -> str:
     hidden = [name for name in new if Path(name).name.startswith(".") and Path(name).name != ".lock"]
     if hidden:
         return f"left: {', '.join(hidden[:5])}"
-    if trial.recipe.command == "batch" and any(
-        after[name] not in ("folder", "other") for name in new if ".lock" not in name
-    ):
+    if trial.recipe.in_steps and any(after[name] not in ("folder", "other") for name in new if ".lock" not in name):
         return ""  # what is done stays, and a second call does the rest
     keeps = not ended.code or is_answer(ended) or trial.recipe.tells_after_writing or bool(trial.around.stdout)
     if new and not (keeps or trial.around.stderr or trial.around.ended_by):

@@ -2,6 +2,7 @@
 
 import shutil
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 
@@ -11,10 +12,11 @@ import zstandard
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import read_array, read_calibration, write_recording
+from tam_calibration.files import read_array, read_calibration, read_recording, write_recording
 from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.model.recording import Recording
 from tam_calibration.sources.dipole import Dipole
+from tam_calibration.sources.loop import Loop, area_of
 
 _SAMPLES = 400
 
@@ -40,8 +42,13 @@ def make(folder: Path) -> None:
     (folder / "scenario.yaml").write_text(yaml.safe_dump(scenario | {"samples": _SAMPLES}, sort_keys=False))
     for name, storage in (("run.csv", "mcap"), ("run.mcap", "mcap"), ("run_mcap", "mcap"), ("run_sqlite3", "sqlite3")):
         _tam("simulate", str(folder / "scenario.yaml"), "-o", str(folder / name), "--storage", storage)
+    turned = scenario | {"samples": _SAMPLES, "attitude": {"noise_deg": 0.0}}
+    (folder / "turned.yaml").write_text(yaml.safe_dump(turned, sort_keys=False))
+    _tam("simulate", str(folder / "turned.yaml"), "-o", str(folder / "turned.csv"))
+    bare = replace(read_recording(folder / "run.csv"), scalar_T=None, temperature_C=None)
+    write_recording(folder / "bare.csv", bare)
     (folder / "run.array.yaml").rename(folder / "array.yaml")
-    for path in (*folder.glob("run*.array.yaml"), *folder.glob("run*.truth.yaml")):
+    for path in (*folder.glob("*.array.yaml"), *folder.glob("*.truth.yaml"), folder / "turned.yaml"):
         path.unlink()
     _tam(
         *("calibrate", str(folder / "run.csv"), "--array", str(folder / "array.yaml")),
@@ -49,6 +56,7 @@ def make(folder: Path) -> None:
     )
     _pack(folder / "run_sqlite3", folder / "run_zstd")
     _write_pass(folder)
+    _write_coil(folder)
     shutil.copy(configuration_folder() / "tam.yaml", folder / "parameters.yaml")
     missions = folder / "missions" / "auv"
     missions.mkdir(parents=True)
@@ -89,6 +97,32 @@ def _write_pass(folder: Path) -> None:
     fields = np.einsum("nji,nkj->nki", matrix, world) + 1e-9 * np.random.default_rng(30).normal(size=(_SAMPLES, 4, 3))
     readings = read_calibration(folder / "calibration.yaml").errors.distort(fields)
     write_recording(folder / "pass.csv", Recording(1.7e9 + time, readings, attitude=turns.as_quat()))
+
+
+_COIL = {
+    "recording": "coil.csv",
+    "position_m": [2.4, -1.0, 0.46],
+    "axis": [0.0, 0.6, 0.8],
+    "ampere_turns": 708,
+    "radius_m": 0.445,
+    "frequency_Hz": 10,
+}
+
+
+def _write_coil(folder: Path) -> None:
+    """Write the recording of an array that is turned beside a coil with an alternating current."""
+    array, errors = read_array(folder / "array.yaml"), read_calibration(folder / "calibration.yaml").errors
+    center, axis, radius = (np.array(_COIL[key]) for key in ("position_m", "axis", "radius_m"))
+    loop = Loop(center, _COIL["ampere_turns"] * area_of(float(radius)) * axis, float(radius))
+    turns = Rotation.from_euler("z", np.arange(12)[:, None] * np.pi / 6)
+    fields = np.array([turn.inv().apply(loop.field_T(turn.apply(array.positions_m))) for turn in turns])
+    time, pose = np.arange(12 * 150) / 100, np.repeat(np.arange(12), 150)
+    carrier = np.sin(2 * np.pi * 10 * time)[:, None, None]
+    earth = turns.inv().apply([1e-6, 21e-6, -43e-6])[:, None]
+    noise = 1e-9 * np.random.default_rng(31).normal(size=(len(time), 4, 3))
+    readings = errors.distort(earth[pose] + carrier * fields[pose]) + noise
+    write_recording(folder / "coil.csv", Recording(time, readings, attitude=turns.as_quat()[pose]))
+    (folder / "coil.yaml").write_text(yaml.safe_dump(_COIL))
 
 
 def _make_blind(folder: Path) -> None:

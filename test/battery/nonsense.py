@@ -10,7 +10,7 @@ import yaml
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from battery.recipes import RECIPES, Recipe
+from battery.recipes import Recipe
 from battery.trial import May, Trial, pick
 
 Readings = NDArray[np.float64]
@@ -190,6 +190,8 @@ def spoil_meaning(recipe: Recipe, folder: Path, rng: Generator) -> Trial:
     """Put nonsense into one of the files that a recipe reads."""
     ways = {"run.csv": spoil_recording, "calibration.yaml": spoil_calibration, "array.yaml": spoil_array}
     trial = ways[pick(rng, [name for name in recipe.reads if name in ways])](recipe, folder, rng)
-    if recipe not in (RECIPES["calibrate run.csv"], RECIPES["calibrate with a page"]) and "run.csv" in recipe.reads:
+    if "run.csv" in recipe.reads and (recipe.command != "calibrate" or "--effects" in recipe.line):
         return replace(trial, may=May.DO_ANYTHING)  # a diagnosis is there to tell it, a plan and a twin need not
+    if trial.may is May.WARN and recipe.command == "plan":
+        return replace(trial, may=May.DO_ANYTHING)  # what sensors on a line err by can be planned for
     return trial

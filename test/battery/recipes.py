@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from tam_calibration.cli.main import SUBCOMMANDS
+from tam_calibration.fit import METHODS
 
 _ARRAY = ("--array", "array.yaml")
 _CALIBRATION = ("--calibration", "calibration.yaml")
@@ -26,6 +27,12 @@ class Recipe:
         Whether it may print, or write outputs that hold, before it ends with a sentence and exit 1.
     ends : bool
         Whether it ends by itself; another is ended after some seconds, and that it runs until then is no fault.
+    needs_nodes : bool
+        Whether it refuses where no nodes run, as nowhere here.
+    in_steps : bool
+        Whether what is done stays when it is ended: each file whole, but not all of them.
+    repeats : bool
+        Whether its answer is the same each time, as what processes tell each other, and sealed keys, are not.
     """
 
     name: str
@@ -34,6 +41,9 @@ class Recipe:
     writes: tuple[str, ...] = ()
     tells_after_writing: bool = False
     ends: bool = True
+    needs_nodes: bool = False
+    in_steps: bool = False
+    repeats: bool = True
 
     @property
     def command(self) -> str:
@@ -53,6 +63,20 @@ def _correct(recording: str, output: str = "new.csv") -> Recipe:
     line = ("correct", recording, *_CALIBRATION, "-o", output)
     return Recipe(f"correct {recording} {output}", line, (recording, "calibration.yaml"), (output,))
 
+
+def _calibrate_otherwise(name: str, recording: str, *words: str) -> Recipe:
+    line = ("calibrate", recording, *_ARRAY, *words, "-o", "new.yaml")
+    return Recipe(f"calibrate {name}", line, (recording, "array.yaml"), ("new.yaml",))
+
+
+OTHERWISE = (
+    *(_calibrate_otherwise(f"by {method}", "run.csv", "--method", method) for method in list(METHODS)[1:]),
+    _calibrate_otherwise("with effects", "run.csv", "--effects", "temperature_drift,bias_jump"),
+    _calibrate_otherwise("with a gradient", "turned.csv", "--ambient-gradient"),
+    _calibrate_otherwise("with delays", "run.mcap", "--estimate-delays", "--tolerance-s", "0.001"),
+    _calibrate_otherwise("at a place", "bare.csv", "--place", "48,11,2025-01-01"),
+)
+"""Other ways to calibrate than the usual one."""
 
 _INJECT = ("blind", "inject", "run.csv", *_ARRAY, "--effect", "bias_jump", "-o", "new.csv")
 
@@ -82,6 +106,23 @@ _RECIPES = (
         ("calibrate", "run.csv", *_ARRAY, "-o", "new.yaml", "--report", "new.html"),
         ("run.csv", "array.yaml"),
         ("new.yaml", "new.html"),
+    ),
+    Recipe(
+        "calibrate with a source",
+        ("calibrate", "run.csv", *_ARRAY, "--source", "coil.yaml", "-o", "new.yaml"),
+        ("run.csv", "array.yaml", "coil.yaml"),
+        ("new.yaml",),
+    ),
+    *OTHERWISE,
+    Recipe(
+        "locate at once",
+        ("locate", "pass.csv", *_CALIBRATION, "--attitude-noise-deg", "0.1"),
+        ("pass.csv", "calibration.yaml"),
+    ),
+    Recipe(
+        "locate a coil",
+        ("locate", "coil.csv", *_CALIBRATION, "--frequency", "10", "--json"),
+        ("coil.csv", "calibration.yaml"),
     ),
     Recipe(
         "diagnose",
@@ -115,17 +156,29 @@ _RECIPES = (
         ("pass.csv", "calibration.yaml"),
         ("new.html",),
     ),
-    Recipe("batch", ("batch", "missions/*/*", *_ARRAY, "--out", "new", "--jobs", "1"), ("array.yaml",), ("new",)),
+    Recipe(
+        "batch",
+        ("batch", "missions/*/*", *_ARRAY, "--out", "new", "--jobs", "1"),
+        ("array.yaml",),
+        ("new",),
+        in_steps=True,
+    ),
     Recipe("nodes", ("nodes", *_ARRAY, *_CALIBRATION), ("array.yaml", "calibration.yaml"), (), True, False),
     Recipe(
         "nodes with parameters", ("nodes", "--params-file", "parameters.yaml"), ("parameters.yaml",), (), True, False
     ),
     Recipe("play", ("play", "run.mcap", "--rate", "1000"), ("run.mcap",)),
     Recipe("play sqlite3", ("play", "run_sqlite3", "--rate", "1000"), ("run_sqlite3",)),
-    Recipe("call", ("call", "calibrator/calibrate")),
-    Recipe("demo", ("demo", "--output-dir", "new"), (), ("new",)),
+    Recipe("call", ("call", "calibrator/calibrate"), needs_nodes=True),
+    Recipe("demo", ("demo", "--output-dir", "new"), (), ("new",), True, in_steps=True, repeats=False),
     Recipe("blind inject", _INJECT, ("run.csv", "array.yaml"), ("new.csv", "new.key.json")),
-    Recipe("blind make", ("blind", "make", "new", "--cases", "2", "--seed", "7", "--jobs", "1"), (), ("new",)),
+    Recipe(
+        "blind make",
+        ("blind", "make", "new", "--cases", "2", "--seed", "7", "--jobs", "1"),
+        (),
+        ("new",),
+        repeats=False,
+    ),
     Recipe("blind score", ("blind", "score", "cases", "--json", "new.json"), ("cases",), ("new.json",)),
     Recipe(
         "reproduce",

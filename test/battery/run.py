@@ -25,6 +25,8 @@ _ADDRESSES_BYTES = 4 << 30
 """Of address space, so that what asks for all of the memory takes no other process with it."""
 _GRACE_S = 5.0
 """For processes that a command started to end after it."""
+_LOOK_S = 0.02
+"""From one look for them to the next: a wait for all children at once has no time limit."""
 _BEGIN_S = {False: 0.02, True: 0.4}
 """Time that Python takes, seconds, until the first line of the package runs, in a fork or a fresh interpreter: what it
 does with a signal before is not ours."""
@@ -184,12 +186,12 @@ def _end_others() -> tuple[str, ...]:
     """Wait for the processes that a command left, kill those that go on, and return their names."""
     limit = time.monotonic() + _GRACE_S
     while _reap() and time.monotonic() < limit:
-        time.sleep(0.02)
+        time.sleep(_LOOK_S)
     left = _children()
     for process in left:
         os.kill(process, signal.SIGKILL)
     while _reap():
-        time.sleep(0.02)
+        time.sleep(_LOOK_S)
     return tuple(left.values())
 
 

@@ -58,7 +58,7 @@ def _odd_file(folder: Path, rng: Generator, good: str) -> tuple[str, str, May]:
 
 def _renamed(folder: Path, rng: Generator, good: str) -> tuple[str, str, May]:
     """Give a good input another name or another ending."""
-    name = pick(rng, ("a b", "é", "=1+1", "\udcff", "a\nb", "-x", "@SUM", "%", "new")) + pick(
+    name = pick(rng, ("a b", "é", "=1+1", "\udcff", "a\nb", "-x", "@SUM", "%", "a#b", "?", "new")) + pick(
         rng, (Path(good).suffix, "", ".csv", ".mcap", ".db3", ".yaml", ".CSV")
     )
     os.rename(folder / good, folder / name)
@@ -91,12 +91,22 @@ def _with_output(recipe: Recipe, option: str, name: str, told: str, may: May) ->
 
 def spoil_output(recipe: Recipe, folder: Path, rng: Generator) -> Trial:
     """Name an input as an output, or something that cannot be written."""
+    if rng.random() < 0.1:
+        return _called_otherwise(recipe, rng)
     option = _option_of(recipe, rng)
     if recipe.reads and rng.random() < 0.6:
         name, told = _path_of_input(recipe, folder, rng)
         return _with_output(recipe, option, name, told, May.REFUSE)
     name, told, may = _odd_output(folder, rng)
     return _with_output(recipe, option, name, told, may)
+
+
+def _called_otherwise(recipe: Recipe, rng: Generator) -> Trial:
+    """Give the outputs names that mean something to a shell, in a URI, in a pattern or in Python, and are allowed."""
+    name = pick(rng, ("a b", "é", "=1+1", "a#b", "a?b=1", "5%41", "{0}", "%s", "a'b", "[a]*", "~", "$HOME", "a;b", "…"))
+    renamed = {word: word.replace("new", name) for word in (*recipe.line, *recipe.writes) if word.startswith("new")}
+    line, writes = (tuple(renamed.get(word, word) for word in words) for words in (recipe.line, recipe.writes))
+    return Trial.of(replace(recipe, line=line, writes=writes), f"outputs called {name!r}", May.DO_THE_SAME)
 
 
 def _path_of_input(recipe: Recipe, folder: Path, rng: Generator) -> tuple[str, str]:

@@ -30,6 +30,8 @@ def spoil_environment(recipe: Recipe, folder: Path, rng: Generator) -> Trial:
         "no HOME": replace(fresh, variables={"HOME": None}),
         "HOME nowhere": replace(fresh, variables={"HOME": "/nowhere"}),
         "TMPDIR nowhere": replace(fresh, variables={"TMPDIR": "/nowhere"}),
+        "ROS_LOG_DIR nowhere": replace(fresh, variables={"ROS_LOG_DIR": "/proc/nowhere"}),
+        "ROS_DOMAIN_ID": replace(fresh, variables={"ROS_DOMAIN_ID": pick(rng, ("x", "-1", "233", "1e3", "9" * 30))}),
         "no variables": replace(fresh, variables=dict.fromkeys(("HOME", "PATH", "LANG", "USER", "TERM", "SHELL"))),
         "narrow terminal": Surroundings(variables={"COLUMNS": str(int(rng.integers(-1, 3))), "LINES": "1"}),
         "no terminal": Surroundings(variables={"TERM": "none"}),

@@ -262,9 +262,36 @@ def test_inputs_are_never_overwritten(folder):
 
 
 def test_a_recording_must_have_a_name(folder):
-    """A folder that is there already, as `.` is, names no recording."""
-    for output in (".", ""):
-        refuse(folder, ["simulate", "wu_table_1", "-o", output], "names no recording to write")
+    """A folder that is there already, as `.` is, names no recording; an empty word is not taken for it."""
+    refuse(folder, ["simulate", "wu_table_1", "-o", "."], "names no recording to write")
+    refuse(folder, ["simulate", "wu_table_1", "-o", ""], "an empty word names no file")
+    for words in (["plan", "", "--array", "array.yaml"], ["nodes", "--calibration", ""], ["demo", "--output-dir", ""]):
+        refuse(folder, words, "an empty word names no file")
+
+
+def test_a_channel_that_is_infinite_throughout_is_not_one_that_is_missing(folder):
+    """A sensor of temperature that gives infinity is broken."""
+
+    def append(lines):
+        lines[:] = [lines[0] + ",temperature_C", *(line + ",inf" for line in lines[1:])]
+
+    edit(folder / "run.csv", append)
+    refuse_recording(folder, "run.csv", "hold infinite values, first temperature_C in sample 1")
+
+
+def test_nodes_take_no_calibration_that_cannot_be_a_file(folder):
+    """It could be read without end, or never be saved."""
+    refuse(folder, ["nodes", "--calibration", "/dev/zero"], "/dev/zero is no regular file")
+    for path in ("none/c.yaml", "c.yaml/c.yaml"):
+        refuse(folder, ["nodes", "--calibration", path], f"{path} cannot be written: there is no folder")
+
+
+@pytest.mark.parametrize("words", [["play", "run", "a\nb"], ["play", "--a\nb"], ["play", "run", "--rate", "a\nb"]])
+def test_words_of_many_lines_are_told_on_one(folder, words):
+    """Whatever was typed that no command knows."""
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 2
+    assert len(result.stderr.splitlines()) == 4 and r"a\nb" in result.stderr.splitlines()[-1]
 
 
 def test_only_bags_are_played(folder):

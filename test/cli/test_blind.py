@@ -85,6 +85,54 @@ def test_an_altered_key_is_refused(cases, tmp_path):
     assert "the key of case_0001 is not the one that was committed to" in result.stderr
 
 
+ANSWERS = [
+    "[" * 200_000,
+    "[]",
+    "7",
+    '{"verdict": "explained", "causes": 3}',
+    '{"verdict": "explained", "causes": [{"probability": 1}]}',
+    '{"verdict": "explained", "causes": ["bias_jump"]}',
+    '{"verdict": "explained", "causes": [{"effect": "bias_jump", "probability": "much"}]}',
+    '{"verdict": "no_gap", "gap": [1]}',
+    '{"verdict": "no_gap", "gap": {"before": "x"}}',
+    '{"verdict": "no_gap", "probabilities": [1]}',
+    '{"verdict": "no_gap", "where": {"sensors": 1}}',
+]
+
+
+@pytest.mark.parametrize("content", ANSWERS, ids=lambda each: each[:60])
+def test_what_is_no_answer_is_one_sentence(cases, content):
+    """An answer is a file of anybody: broken, of another shape, or nested without end."""
+    answer_all(cases, "no_gap")
+    path = cases / "case_0001" / "answer.json"
+    path.write_text(content)
+    result = run("score", cases)
+    assert result.exit_code == 2, result.output
+    assert result.stderr.startswith(f"tam: {path}") and len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["keys.json", "commitments.json", "answer_times_s.json"])
+@pytest.mark.parametrize("content", ["[" * 200_000, "[]", '{"case_0001": "x"}', '{"case_0001": [1]}'])
+def test_what_is_no_file_of_a_set_is_one_sentence(cases, tmp_path, name, content):
+    """Keys, commitments and times."""
+    answer_all(cases, "no_gap")
+    for each in ("keys.json", "commitments.json", *(f"case_{number:04d}" for number in range(1, 9))):
+        (tmp_path / each).symlink_to(cases / each)
+    (tmp_path / name).unlink(missing_ok=True)
+    (tmp_path / name).write_text(content)
+    result = run("score", tmp_path)
+    assert result.exit_code in (1, 2), result.output
+    assert result.stderr.startswith("tam: ") and len(result.stderr.splitlines()) == 1
+
+
+def test_an_effect_must_be_named(cases):
+    """All that there are are told, in one line."""
+    data, array = cases / "case_0001" / "data.csv", cases / "case_0001" / "spec.yaml"
+    result = run("inject", data, "--array", array, "-o", "new.csv")
+    assert result.exit_code == 2
+    assert result.stderr.startswith("tam: name an effect") and "bias_jump" in result.stderr
+
+
 def test_without_answers_there_is_no_score(tmp_path):
     """The next step is told."""
     assert run("make", tmp_path / "cases", "--cases", 1, "--seed", 1, "--jobs", 1).exit_code == 0

@@ -32,12 +32,19 @@ def start_all(bench, *options):
     return children
 
 
+def ended(bench, children, number):
+    """Send the command a signal, and return its exit code once it has ended its nodes, one after another."""
+    os.kill(children.pids["tam"], number)
+    bench.spin_until(lambda: not children.is_running("tam"), "the command has ended", timeout_s=30.0)
+    return children.end_one("tam")
+
+
 def test_nodes_start_together_and_end_together(bench, recording, tmp_path):
     """What they say is printed line by line, and Ctrl-C ends them with exit code 0."""
     children = start_all(bench, "--calibration", str(tmp_path / "c.yaml"))
     bench.stream(recording, [bench.publish_sensors((1, 2, 3))])
     bench.spin_until(lambda: "collector ERROR: nothing from tam_4" in children.log("tam"), "the silent sensor is told")
-    assert children.end_one("tam", signal.SIGINT) == 0
+    assert ended(bench, children, signal.SIGINT) == 0
     assert not processes_of(bench.logs)
 
 
@@ -53,14 +60,16 @@ def test_every_node_starts_with_the_calibration(bench, recording, cross, tmp_pat
         return [name for name in ("calibrator", "corrector", "localizer") if f"[{name}{said}" in logs]
 
     bench.spin_until(lambda: len(loaded()) == 3, "all have loaded it")
-    assert children.end_one("tam", signal.SIGINT) == 0
+    assert ended(bench, children, signal.SIGINT) == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP])
 def test_nodes_end_with_the_command(bench, number):
     """Nodes do not outlive a command that is killed, or whose terminal is gone."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # which nohup has it ignored
     children = start_all(bench)
-    assert children.end_one("tam", number) == (-number if number == signal.SIGKILL else 0)
+    signal.signal(signal.SIGHUP, before)
+    assert ended(bench, children, number) == (-number if number == signal.SIGKILL else 0)
     bench.spin_until(lambda: not processes_of(bench.logs), "all have ended", timeout_s=10.0)
 
 
@@ -93,7 +102,7 @@ def test_nodes_stay_when_the_terminal_of_nohup_is_gone(bench):
         os.kill(process, signal.SIGHUP)
     bench.health("collector", lambda *_: True, "the collector goes on")
     assert processes_of(bench.logs) == running
-    assert children.end_one("tam", signal.SIGINT) == 0
+    assert ended(bench, children, signal.SIGINT) == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -2,6 +2,9 @@
 
 import os
 import signal
+import sys
+import time
+import weakref
 from pathlib import Path
 
 import pytest
@@ -164,8 +167,32 @@ def test_a_signal_ends_a_command_with_its_code_and_leaves_nothing(tmp_path, monk
         signal.signal(each, handler)
 
 
+def test_a_signal_in_the_callback_of_an_object_that_goes_ends_the_command(tmp_path, monkeypatch, capsys):
+    """Python cannot raise it there: it is raised a moment later, and nothing is told but the exit code."""
+    monkeypatch.chdir(tmp_path)
+    before = {each: signal.getsignal(each) for each in (*ENDING, signal.SIGALRM)}
+
+    class Thing:
+        pass
+
+    def simulate(scenario):
+        thing = Thing()
+        reference = weakref.ref(thing, lambda _: signal.raise_signal(signal.SIGTERM))
+        del thing
+        limit = time.monotonic() + 5
+        while reference() is None and time.monotonic() < limit:
+            pass
+
+    monkeypatch.setattr("tam_calibration.simulation.simulate", simulate)
+    result = CliRunner().invoke(main, ["simulate", "wu_table_1", "-o", "x.csv"])
+    assert (result.exit_code, result.output, os.listdir()) == (143, "", [])
+    assert capsys.readouterr().err == ""
+    for each, handler in before.items():
+        signal.signal(each, handler)
+
+
 def test_a_command_that_ends_by_itself_leaves_the_signals_as_they_were():
     """A program that calls a command keeps its own handlers."""
-    before = [signal.getsignal(number) for number in ENDING]
+    before = [signal.getsignal(number) for number in ENDING] + [sys.unraisablehook]
     assert CliRunner().invoke(main, ["simulate", "none", "-o", "x.csv"]).exit_code == 2
-    assert [signal.getsignal(number) for number in ENDING] == before
+    assert [signal.getsignal(number) for number in ENDING] + [sys.unraisablehook] == before

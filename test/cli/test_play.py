@@ -1,6 +1,9 @@
 """`tam play`: a bag into the nodes, as separate processes over DDS."""
 
+import os
 import signal
+import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -115,3 +118,26 @@ def test_damaged_bag_is_refused(ros_domain, bag, tmp_path):
     result = CliRunner().invoke(main, ["play", str(damaged)])
     assert result.exit_code == 2
     assert str(damaged) in result.output and len(result.output.splitlines()) == 1
+
+
+def test_a_pause_of_centuries_is_no_traceback(ros_domain, tmp_path, recording, monkeypatch):
+    """A clock that was set leaves one; no sleep lasts so long."""
+    monkeypatch.setattr("tam_calibration.cli.play.WAIT_S", 0.1)
+    monkeypatch.setattr("tam_calibration.nodes.player._LONGEST_PAUSE_S", 0.001)
+    time_s = np.arange(20.0)
+    time_s[10:] += 2e9
+    write_recording(tmp_path / "bag.mcap", replace(recording.take(slice(20)), time_s=time_s))
+    result = CliRunner().invoke(main, ["play", str(tmp_path / "bag.mcap"), "--rate", "0.001"])
+    assert result.exit_code == 0 and "100 messages" in result.output
+    result = CliRunner().invoke(main, ["play", str(tmp_path / "bag.mcap"), "--rate", "1e-320"])
+    assert result.exit_code == 2 and "is not in the range" in result.stderr
+
+
+def test_a_name_that_is_no_utf8_is_no_matter_of_ros(ros_domain, bag, tmp_path, monkeypatch):
+    """ROS is not told the words of the command line, in which it would stumble over it."""
+    monkeypatch.setattr("tam_calibration.cli.play.WAIT_S", 0.1)
+    odd = tmp_path / os.fsdecode(b"\xff.db3")
+    odd.write_bytes(next(bag.glob("*.db3")).read_bytes())
+    monkeypatch.setattr(sys, "argv", ["tam", "play", str(odd)])
+    result = CliRunner().invoke(main, ["play", str(odd), "--rate", "1000"])
+    assert result.exit_code == 0, result.output

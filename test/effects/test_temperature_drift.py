@@ -48,6 +48,15 @@ def test_a_start_that_was_not_settled_is_told_from_the_drift(turning, refitted):
     assert terms and all(not term.features.any() for term in terms)
 
 
+def test_a_sensor_without_lag_settles_at_once(turning):
+    """A search that ends at no lag at all divides by nothing: the start is felt by the first sample alone."""
+    covariates = turning(samples=50)
+    shape = SHAPE | {"time_constant_s": 0.0, "start_s": float(covariates.time_s[0])}
+    for term in EFFECT.terms(covariates, shape):
+        if term.name == "start":
+            assert term.features[0] == 1 and not term.features[1:].any()
+
+
 def test_the_reference_temperature_adds_nothing(turning):
     """At its reference temperature a sensor reads as calibrated."""
     covariates = turning(samples=50)

@@ -96,6 +96,16 @@ def test_a_recording_reads_back(tmp_path, name, storage):
         assert_array_equal(getattr(again, each.name), getattr(recording, each.name))
 
 
+@pytest.mark.parametrize("name", ["a#b", "a?b=c", "50%20 of x", "%41", "file:x", "ä\u2028 "])
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_a_bag_may_have_any_name(tmp_path, name, storage):
+    """Also what means something else where names stand in URIs, as SQLite has them; nothing is written elsewhere."""
+    recording = full_recording()
+    write_recording(tmp_path / name, recording, storage)
+    assert {each.name for each in tmp_path.iterdir()} == {name}
+    assert_array_equal(read_recording(tmp_path / name).readings_T, recording.readings_T)
+
+
 @pytest.mark.parametrize("storage", StoragePlugin)
 @pytest.mark.parametrize("compression", [None, *CompressionMode][:4])
 def test_every_storage_and_compression_reads_alike(tmp_path, storage, compression):

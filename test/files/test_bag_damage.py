@@ -2,14 +2,18 @@
 
 import json
 import random
+import re
+import resource
 import sqlite3
 import struct
 from contextlib import closing
 from hashlib import sha256
+from tempfile import gettempdir
 from zlib import crc32
 
 import numpy as np
 import pytest
+import yaml
 from numpy.testing import assert_array_equal
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader
 
@@ -200,6 +204,20 @@ def test_a_topic_that_the_metadata_name_otherwise_is_not_lost_in_silence(tmp_pat
         pytest.raises(InputError, match="60 messages of /scalar/intensitx, which no file has"),
     ):
         list(raw_blocks(reader, reader.connections))
+    with pytest.raises(InputError, match="60 messages of /scalar/intensitx"):
+        read_recording(path)
+
+
+def test_a_topic_that_the_metadata_do_not_name_is_told(tmp_path, caplog):
+    """It is in the files, and rosbags does not read it."""
+    path = make(tmp_path, "sqlite3")
+    (path / DIGESTS).unlink()
+    content = yaml.safe_load((path / "metadata.yaml").read_text())
+    topics = content["rosbag2_bagfile_information"]["topics_with_message_count"]
+    del topics[[each["topic_metadata"]["name"] for each in topics].index("/scalar/intensity")]
+    (path / "metadata.yaml").write_text(yaml.safe_dump(content))
+    assert read_recording(path).scalar_T is None
+    assert "its metadata do not name /scalar/intensity, which is not read" in caplog.text
 
 
 def test_a_sentence_names_three_stretches_and_counts_the_others():
@@ -224,3 +242,67 @@ def test_of_a_packed_file_that_is_damaged_the_beginning_is_recovered(tmp_path):
     found = bag_recovery.recover(path, tmp_path / "new")
     assert found.faults[0] == f"{file.name} cannot be unpacked to its end"
     assert 1_000 < found.messages < 5_000
+
+
+@pytest.mark.parametrize("kind", ["sqlite3, zstd by file", "single mcap file"])
+def test_a_disk_without_room_is_no_damage(tmp_path, kind):
+    """What has to be unpacked, or recovered as the end is missing, says where room is missing."""
+    path = make(tmp_path, kind, 2_000)
+    if path.is_file():
+        path.write_bytes(path.read_bytes()[:-500])
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    try:
+        told = refusal(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert f"{path} cannot be unpacked or recovered in {gettempdir()}: File too large; let TMPDIR name" in told
+
+
+def test_metadata_of_another_shape_are_told_without_words_of_python(tmp_path):
+    """Whatever rosbags stumbles over."""
+    path = make(tmp_path, "sqlite3")
+    (path / DIGESTS).unlink()
+    metadata = path / "metadata.yaml"
+    metadata.write_text(re.sub("offered_qos_profiles: .*", "offered_qos_profiles: 2026-01-01", metadata.read_text()))
+    assert refusal(path).endswith(f"{path} is damaged or truncated: Invalid bag metadata")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("files", "on"),
+        ("version", "x"),
+        ("duration", "[]"),
+        ("topics_with_message_count", "7"),
+        ("message_count", "many"),
+    ],
+)
+def test_metadata_that_are_none_are_as_if_they_were_not_there(tmp_path, caplog, key, value):
+    """The messages tell enough: they are read, with a warning."""
+    path = make(tmp_path, "sqlite3")
+    (path / DIGESTS).unlink()
+    content = yaml.safe_load((path / "metadata.yaml").read_text())
+    content["rosbag2_bagfile_information"][key] = yaml.safe_load(value)
+    (path / "metadata.yaml").write_text(yaml.safe_dump(content))
+    assert_array_equal(read_recording(path).readings_T, small_recording().readings_T)
+    assert "the recording was left unfinished: 180 whole messages are recovered" in caplog.text
+
+
+def test_a_topic_whose_name_is_a_date_is_told(tmp_path):
+    """In the YAML of rosbags it may be one."""
+    path = make(tmp_path, "sqlite3")
+    (path / DIGESTS).unlink()
+    metadata = path / "metadata.yaml"
+    metadata.write_text(re.sub("name: /?tam_1/magnetic_field", "name: 2026-01-01", metadata.read_text()))
+    assert "damaged or truncated: datetime.date(2026, 1, 1) of 'sensor_msgs/msg/MagneticField' is no topic" in refusal(
+        path
+    )
+
+
+def test_files_of_several_recordings_are_no_bag(tmp_path):
+    """A folder without metadata is what a recorder left, not what a user gathered."""
+    for name in ("one_0.mcap", "one_1.mcap", "other.mcap"):
+        (tmp_path / name).write_bytes(make(tmp_path, "single mcap file").read_bytes())
+    (tmp_path / "run.mcap").unlink()
+    assert refusal(tmp_path).endswith("files of several recordings, one and other among them: name one of them")

@@ -1,6 +1,7 @@
 """No output costs what is stored, by whatever path, link or case it is named."""
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -107,3 +108,23 @@ def test_links_in_a_circle_are_names_like_others(folder):
     require_separate([Path("new.csv")], [Path("one"), Path("no\0name")])
     with pytest.raises(InputError, match="would be overwritten"):
         require_separate([Path("one")], [Path("one")])
+
+
+def test_a_link_to_a_file_of_a_bag_that_is_read_is_known(folder):
+    """It lies outside, and yet it is that file."""
+    os.link("bag/digests.json", "linked.json")
+    with pytest.raises(InputError, match=r"linked\.json would be overwritten"):
+        require_separate([Path("linked.json")], [Path("bag")])
+
+
+def test_the_folder_of_an_unfinished_bag_is_one(folder):
+    """A recorder that was killed has written no metadata; it names its files after the folder."""
+    for name, is_bag in (("night_0.mcap", True), ("night_1.db3.zstd", True), ("other.mcap", False)):
+        Path("night").mkdir()
+        Path("night", name).touch()
+        if is_bag:
+            with pytest.raises(InputError, match="lies inside the bag"):
+                require_outside_bags(Path("night/new.yaml"))
+        else:
+            require_outside_bags(Path("night/new.yaml"))
+        shutil.rmtree("night")

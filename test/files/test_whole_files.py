@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from tempfile import mkdtemp
 
 import pytest
 
@@ -219,3 +220,24 @@ def test_a_signal_while_all_is_moved_waits_until_that_is_done(tmp_path, monkeypa
         signal.signal(number, before)
     assert {"a": "new", "b": "new"}.items() <= seen[0].items()
     assert content(tmp_path) == {"a": "new", "b": "new"}
+
+
+def test_a_signal_while_the_folder_is_made_leaves_none(tmp_path, monkeypatch):
+    """Whoever was to remove it knows of it before the signal comes."""
+
+    def make_and_tell(*words, **named):
+        folder = mkdtemp(*words, **named)
+        signal.raise_signal(signal.SIGTERM)
+        return folder
+
+    def end(number, frame):
+        raise SystemExit(143)
+
+    before = signal.signal(signal.SIGTERM, end)
+    monkeypatch.setattr("tam_calibration.files.whole_files.mkdtemp", make_and_tell)
+    try:
+        with pytest.raises(SystemExit):
+            write_both(tmp_path)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert content(tmp_path) == {}

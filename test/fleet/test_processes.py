@@ -1,6 +1,7 @@
 """Processes end with the block that uses them, however long their work would take."""
 
 import os
+import resource
 import select
 import signal
 from multiprocessing import get_context
@@ -10,6 +11,7 @@ import pytest
 
 from tam_calibration.files.whole_files import UNFINISHED
 from tam_calibration.fleet.processes import processes, submit_all
+from tam_calibration.model.exceptions import InputError
 
 PATIENCE_S = 30
 
@@ -24,6 +26,17 @@ def test_a_failure_ends_them_at_once(how, end):
         raise end
     assert select.select([watched], [], [], PATIENCE_S)[0] == [watched]
     os.close(watched)
+
+
+def test_a_system_without_room_for_semaphores_is_told():
+    """Its own word for it is "Error"."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, hard))
+    try:
+        with pytest.raises(InputError, match="is there room in /dev/shm"), processes(1, get_context("spawn")):
+            pass
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @pytest.mark.parametrize("end", [None, SystemExit(143)], ids=repr)

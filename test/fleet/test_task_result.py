@@ -30,11 +30,27 @@ def test_a_result_is_read_as_it_was_written(tmp_path, result):
     assert read_result(tmp_path) == result
 
 
-@pytest.mark.parametrize("text", [None, "", "{", "[]", "{}", '{"schema": "tam_calibration/batch_result/0"}'])
+TEXTS = [None, "", "{", "[]", "{}", '{"schema": "tam_calibration/batch_result/0"}', "[" * 200_000]
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=lambda each: str(each)[:20])
 def test_a_damaged_result_is_none(tmp_path, text):
     """What is no result, or one of another version, counts as if it were not there."""
     if text is not None:
         (tmp_path / RESULT).write_text(text)
+    assert read_result(tmp_path) is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [('"samples": 600', '"samples": "x"'), ("1700000006", "1700000005"), ('"sensor": 1', '"sensor": []')],
+)
+def test_a_result_that_was_changed_is_none(tmp_path, old, new):
+    """It holds its digest: a recording is rather worked through again than summed up by other numbers."""
+    write_result(tmp_path, FULL)
+    text = (tmp_path / RESULT).read_text()
+    assert old in text
+    (tmp_path / RESULT).write_text(text.replace(old, new))
     assert read_result(tmp_path) is None
 
 

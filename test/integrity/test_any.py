@@ -34,8 +34,9 @@ def test_any_numbers(data, count, sensors, has_scalar):
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-150, 1e3, 1e8])
 def test_any_unit(run, scale):
-    """A whole run too small or too large to be squared."""
+    """A whole run too small or too large to be squared, and one sensor of it, which is named."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         faults_of(replace(run.recording, readings_T=scale * 1e5 * run.recording.readings_T), run.array)
-        run.spoiled(lambda readings: readings.__setitem__((slice(None), 1), scale * readings[:, 1])).told  # noqa: B018
+        told = run.spoiled(lambda readings: readings.__setitem__((slice(None), 1), scale * readings[:, 1])).told
+        assert told == [("unit", 2, "")]

@@ -1,6 +1,7 @@
 """A node's process: what it says at the start, how it ends, and what it refuses to begin with."""
 
 import os
+import shlex
 import shutil
 import signal
 import socket
@@ -16,8 +17,9 @@ import yaml
 from tam_calibration.files import write_calibration
 from tam_calibration.files.configuration import configuration_folder
 from tam_calibration.fit import calibrate
-from tam_calibration.nodes import configure_fast_dds
+from tam_calibration.model.exceptions import Refused
 from tam_calibration.nodes.children import START, Children
+from tam_calibration.nodes.session import configure_fast_dds
 
 NODES = ("collector", "calibrator", "corrector", "localizer")
 
@@ -62,12 +64,82 @@ def test_unusable_parameter_ends_the_node_with_a_sentence(ros_domain):
         assert errors.startswith("tam: ") and sentence in errors and len(errors.splitlines()) == 1
 
 
-def test_unusable_arguments_end_the_node_with_a_sentence(ros_domain):
-    """A file of parameters that is not there is not a traceback."""
-    arguments = ["-m", "tam_calibration.nodes.start", "collector", "--ros-args", "--params-file", "/nowhere.yaml"]
-    ended = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, timeout=20)
+def test_unusable_arguments_end_the_node_with_a_sentence(ros_domain, tmp_path):
+    """A file of parameters that is not there, or whose aliases ROS does not take, is not a traceback."""
+    parameters = tmp_path / "aliases.yaml"
+    parameters.write_text("/**:\n  ros__parameters: {frame_id: &name a, array_file: *name}\n")
+    for path in ("/nowhere.yaml", parameters):
+        arguments = ["-m", "tam_calibration.nodes.start", "collector", "--ros-args", "--params-file", str(path)]
+        ended = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, timeout=20)
+        assert ended.returncode == 2
+        told = ended.stderr.splitlines()[-1]
+        assert told.startswith("tam: ROS cannot begin: ") and "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "sentence"),
+    [
+        ("ROS_LOG_DIR", "/proc/nowhere", "Failed to create log directory '/proc/nowhere'"),
+        ("ROS_LOG_DIR", "/proc", "Failed opening file /proc/"),
+        ("ROS_DOMAIN_ID", "abc", "ROS_DOMAIN_ID is not an integral number"),
+        ("ROS_DOMAIN_ID", "233", "ROS_DOMAIN_ID is 233: DDS has ports for 0 to 232 only"),
+    ],
+)
+def test_unusable_variables_are_one_sentence(monkeypatch, variable, value, sentence):
+    """Commands that use ROS end with exit 2, also where Fast DDS would have ended the process."""
+    monkeypatch.setenv(variable, value)
+    line = [sys.executable, "-m", "tam_calibration", "call", "calibrator/calibrate"]
+    ended = subprocess.run(line, capture_output=True, text=True, timeout=20)
     assert ended.returncode == 2
-    assert "tam: the arguments of ROS cannot be used" in ended.stderr and "Traceback" not in ended.stderr
+    assert ended.stderr.startswith("tam: ") and sentence in ended.stderr and len(ended.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(("words", "codes"), [("", (130, 143)), ("exit_code=0", (0, 0))])
+def test_a_signal_ends_what_uses_ros_with_the_code_that_shells_have_for_it(ros_domain, words, codes):
+    """But for what would not end otherwise, where it is the usual end."""
+    for number, code in zip((signal.SIGINT, signal.SIGTERM), codes, strict=True):
+        lines = [
+            "import signal",
+            "from tam_calibration.nodes.session import ros_session",
+            f"with ros_session({words}):",
+        ]
+        script = "\n".join([*lines, f"    signal.raise_signal({int(number)})"])
+        ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=20)
+        assert (ended.returncode, ended.stderr) == (code, "")
+
+
+def test_a_folder_that_is_gone_is_one_sentence(ros_domain, tmp_path):
+    """Fast DDS would complain on standard output."""
+    line = shlex.join([sys.executable, "-m", "tam_calibration", "call", "calibrator/calibrate"])
+    script = f"cd {shlex.quote(str(tmp_path))}; mkdir gone; cd gone; rmdir ../gone; exec {line}"
+    ended = subprocess.run(["sh", "-c", script], capture_output=True, text=True, timeout=20)
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert ended.stderr == "tam: the folder in which this was called is gone: go to another one\n"
+
+
+def test_a_failure_of_rclpy_where_the_signal_came_changes_no_exit_code(ros_domain):
+    """It takes the exception out of a callback for a failure of its own."""
+    lines = [
+        "import signal",
+        "from tam_calibration.nodes.session import ros_session",
+        "with ros_session():",
+        "    try:",
+    ]
+    lines += [
+        "        signal.raise_signal(signal.SIGTERM)",
+        "    except SystemExit:",
+        "        raise RuntimeError('lost')",
+    ]
+    ended = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, timeout=20)
+    assert (ended.returncode, ended.stderr) == (143, "")
+
+
+def test_few_open_files_are_one_sentence(ros_domain):
+    """Where ROS would end in the middle of its work, and not well."""
+    line = "ulimit -n 30; exec " + shlex.join([sys.executable, "-m", "tam_calibration", "call", "calibrator/calibrate"])
+    ended = subprocess.run(["sh", "-c", line], capture_output=True, text=True, timeout=20)
+    assert ended.returncode == 2
+    assert ended.stderr == "tam: ROS needs 64 open files at once, and this process may have 30: ulimit -n\n"
 
 
 def test_shipped_parameters_are_known(bench):
@@ -182,3 +254,16 @@ def test_what_a_user_says_of_fast_dds_stays_in_force(variable, monkeypatch):
     monkeypatch.setenv(variable, "UDPv4")
     configure_fast_dds()
     assert os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE", "UDPv4") == "UDPv4"
+
+
+@pytest.mark.parametrize(("end", "told"), [(SystemExit(130), SystemExit), (None, Refused)])
+def test_a_process_that_had_to_be_killed_changes_no_exit_code(tmp_path, monkeypatch, end, told):
+    """Where the user ended the command; where it ended by itself it is a failure."""
+    monkeypatch.setattr("tam_calibration.nodes.children._GRACE_S", 0.1)
+    deaf = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); print('deaf', flush=True); signal.pause()"
+    with pytest.raises(told), Children({"deaf": ["-c", deaf]}, tmp_path) as children:
+        limit = time.monotonic() + 20
+        while not children.log("deaf") and time.monotonic() < limit:
+            pass
+        if end is not None:
+            raise end

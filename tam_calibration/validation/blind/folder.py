@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from tam_calibration.files import write_whole
-from tam_calibration.files.text_files import read_text
-from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.files.schema import check
+from tam_calibration.files.text_files import in_file, read_text
+from tam_calibration.model.exceptions import InputError, Refused, quoted
+from tam_calibration.validation.blind.answer import Answer
 from tam_calibration.validation.blind.case import Case
 from tam_calibration.validation.blind.outcome import Outcome
 
@@ -68,8 +70,8 @@ def write_json(path: Path, content: Any) -> None:
         beside.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
-def read_json(path: Path) -> Any:
-    """Read a JSON file.
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON file that holds keys and values.
 
     Raises
     ------
@@ -77,9 +79,28 @@ def read_json(path: Path) -> Any:
         When it is none.
     """
     try:
-        return json.loads(read_text(path))
-    except json.JSONDecodeError:
+        content = json.loads(read_text(path))
+    except (json.JSONDecodeError, RecursionError):
         raise InputError(f"{path} is not a JSON file") from None
+    if not isinstance(content, dict):
+        raise InputError(f"{path} must hold keys and values in braces")
+    return content
+
+
+def read_times(folder: Path) -> dict[str, float]:
+    """Return how long each answer took, seconds, where that is known.
+
+    Raises
+    ------
+    InputError
+        When the file of times holds others than numbers.
+    """
+    path = folder / TIMES
+    times = read_json(path) if path.exists() else {}
+    for name, time_s in times.items():
+        if not isinstance(time_s, int | float):
+            raise InputError(f"{path}: {quoted(name)} must be a number of seconds")
+    return times
 
 
 def case_folders(folder: Path) -> list[Path]:
@@ -112,6 +133,19 @@ def read_keys(folder: Path, path: Path | None) -> dict[str, dict[str, Any]]:
 
 
 def read_outcomes(folder: Path, keys: dict[str, dict[str, Any]], answer: str) -> list[Outcome]:
-    """Return keys and answers of the cases that were answered."""
+    """Return keys and answers of the cases that were answered.
+
+    Raises
+    ------
+    InputError
+        When an answer is none of ``tam diagnose``.
+    """
     paths = {name: folder / name / answer for name in keys}
-    return [Outcome(name, keys[name], read_json(path)) for name, path in paths.items() if path.exists()]
+    return [_read_outcome(name, keys[name], path) for name, path in paths.items() if path.exists()]
+
+
+def _read_outcome(name: str, key: dict[str, Any], path: Path) -> Outcome:
+    answer = read_json(path)
+    with in_file(path):
+        check(answer, Answer)
+    return Outcome(name, key, answer)
