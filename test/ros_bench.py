@@ -1,15 +1,14 @@
 """Fixtures with ROS: a domain that no other test uses, nodes as processes and a client of them."""
 
-import fcntl
 import os
 import signal
-import tempfile
 import time
 from itertools import count
 from pathlib import Path
 
 import numpy as np
 import pytest
+from ros_domains import lock_domain
 
 from tam_calibration.files.configuration import configuration_folder
 
@@ -27,24 +26,12 @@ def ros_domain(monkeypatch, tmp_path_factory):
     monkeypatch.setenv("ROS_LOG_DIR", str(logs))
     monkeypatch.setenv("ROS_HOME", str(logs))
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(configuration_folder() / "fastdds.xml"))
-    domain, lock = _lock_domain()
+    domain, lock = lock_domain()
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     yield logs
     for process in processes_of(logs):  # of a test that failed: the next one has this domain
         os.kill(process, signal.SIGKILL)
     os.close(lock)
-
-
-def _lock_domain():
-    for domain in range(1, 102):
-        lock = os.open(Path(tempfile.gettempdir()) / f"ros_domain_{domain}.lock", os.O_RDWR | os.O_CREAT)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(lock)
-        else:
-            return domain, lock
-    raise RuntimeError("all ROS domains from 1 to 101 are taken")
 
 
 def figures_of(status):

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ros_domains import lock_domain
+
 import tam_calibration
 from battery import material
 from battery.cases import CASES, prepare
@@ -24,8 +26,6 @@ _NEVER_ENDING_S = 6.0
 """After which what runs until it is told to end is told so."""
 _IMPORT_S = 1.0
 """What a fresh interpreter takes longer than a fork."""
-_DOMAINS = 100
-"""Of DDS, whose ports lie below those that a system gives away."""
 _CLONE_NEWNS, _CLONE_NEWUSER = 0x20000, 0x10000000
 
 
@@ -213,7 +213,10 @@ class Battery:
         code = 1
         try:
             adopt_orphans()
-            os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % _DOMAINS)  # the nodes of two cases may not meet
+            domain, _ = (
+                lock_domain()
+            )  # until this process ends: the nodes of two cases may not meet, nor those of tests
+            os.environ["ROS_DOMAIN_ID"] = str(domain)
             while number := os.read(todo, 4):
                 result = self.try_case(int.from_bytes(number, "little"))
                 os.write(done, (_line(result) + "\n").encode())
