@@ -15,6 +15,7 @@ LAYERS = (
     ("fleet",),
     ("report",),
     ("files",),
+    ("comparison",),
     ("gap", "localization"),
     ("fit", "simulation"),
     ("integrity",),

@@ -1,0 +1,1 @@
+"""A simulator's recording beside a real one: what differs, and the mend."""

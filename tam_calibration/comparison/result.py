@@ -1,0 +1,390 @@
+"""The result of a comparison: what a simulator's recording has otherwise than a real one, and the mend."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.gap.result import Gap
+from tam_calibration.model.array import Array
+from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray
+
+Verdict = Literal["same", "differs", "not_identifiable"]
+Standing = Literal["same", "differs", "cannot tell"]
+Colour = Literal["white", "1/f", "band"]
+
+UNKNOWN = "unknown"
+"""In place of an effect's name: a part that no effect of the library explains."""
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A gross mistake of a simulator, found before anything is fitted.
+
+    Parameters
+    ----------
+    kind : str
+        Such as "gauss_for_tesla": one word for programs.
+    what : str
+        The mistake in one sentence, in the words of simulators.
+    where : str
+        Such as "sensor 2, axis x", or "all sensors".
+    mend : str
+        What to change in the simulator, in one sentence.
+    """
+
+    kind: str
+    what: str
+    where: str
+    mend: str
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of the simulation beside that of the recording.
+
+    Parameters
+    ----------
+    group : str
+        What it belongs to, such as "stamps".
+    name : str
+        Such as "sensor 2 x scale factor".
+    unit : str
+        SI unit; "1" for none.
+    simulation, recording : float
+        The two values; NaN where a side does not tell.
+    simulation_error, recording_error : float
+        Their standard errors; NaN where they are not known.
+    standing : str
+        One of ``Standing``.
+    """
+
+    group: str
+    name: str
+    unit: str
+    simulation: float
+    recording: float
+    simulation_error: float
+    recording_error: float
+    standing: Standing
+
+    @property
+    def standard_errors(self) -> float:
+        """The recording's value less the simulation's, in standard errors of the difference; NaN where not known."""
+        size = float(np.hypot(self.simulation_error, self.recording_error))
+        return (self.recording - self.simulation) / size if size > 0 else float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class AxisNoise:
+    """The noise of one axis of a sensor, or of the scalar: level, colour and spectrum.
+
+    Its density is modelled as S(f) = 2 w²/r (1 + (k/f)^a) + band, with w the white level, r the sample rate, k the knee
+    and a the exponent; the band has the density of an AR(2) process about its centre.
+
+    Parameters
+    ----------
+    sensor : int
+        Number 1…K; 0 for the scalar.
+    axis : str
+        "x", "y", "z"; empty for the scalar.
+    level_T, level_error_T : float
+        Standard deviation of all noise of a sample, and its standard error.
+    colour : str
+        "white", or what stands out of white noise most: "1/f" at low frequencies, "band" in a band.
+    white_T : float
+        Standard deviation of the white part alone.
+    knee_hz, exponent : float
+        Of the slow part: where it equals the white one, and how steep it is; NaN without one.
+    band_hz : (float, float), optional
+        Where a band lies; None without one.
+    band_T : float
+        Standard deviation of the band alone; 0 without one.
+    frequency_hz : (F,) array
+        Frequencies of the spectrum.
+    density_T2_per_hz, density_low_T2_per_hz, density_high_T2_per_hz : (F,) array
+        One-sided power spectral density, and its 95 % interval.
+    """
+
+    sensor: int
+    axis: str
+    level_T: float
+    level_error_T: float
+    colour: Colour
+    white_T: float
+    knee_hz: float
+    exponent: float
+    band_hz: tuple[float, float] | None
+    band_T: float
+    frequency_hz: FloatArray = field(repr=False)
+    density_T2_per_hz: FloatArray = field(repr=False)
+    density_low_T2_per_hz: FloatArray = field(repr=False)
+    density_high_T2_per_hz: FloatArray = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseDifference:
+    """The noise of an axis in the simulation beside that in the recording."""
+
+    simulation: AxisNoise
+    recording: AxisNoise
+    differs: bool
+
+
+@dataclass(frozen=True, eq=False)
+class EffectDifference:
+    """An effect that one side has and the other has not.
+
+    Parameters
+    ----------
+    effect : str
+        Its name, or ``UNKNOWN``.
+    sensors, axes : tuple
+        Numbers 1…K or "scalar"; "x", "y", "z".
+    probability : float
+        That it is there, calibrated on simulated recordings.
+    size : float
+        Root of the energy that it explains, in noise floors of the side that has it.
+    is_shown_by_other_run : bool
+        Whether the run of the other side could have shown it.
+    fitted : FittedEffect, optional
+        Its parameters with standard errors, SI; None when it is unknown.
+    units : mapping of str to str
+        SI unit of each of them.
+    """
+
+    effect: str
+    sensors: tuple[int | str, ...]
+    axes: tuple[str, ...]
+    probability: float
+    size: float
+    is_shown_by_other_run: bool
+    fitted: FittedEffect | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class OtherParameters:
+    """An effect that both sides have, with parameters that differ by more than their errors."""
+
+    simulation: EffectDifference
+    recording: EffectDifference
+
+
+@dataclass(frozen=True)
+class Step:
+    """The gap once one more term was added to the simulation, or taken from it.
+
+    Parameters
+    ----------
+    added : str
+        What, in words.
+    left : float
+        Gap that is then left, noise floors.
+    """
+
+    added: str
+    left: float
+
+
+@dataclass(frozen=True)
+class SourceError:
+    """How far from a magnetic source that was put into a recording ``tam locate`` finds it.
+
+    Parameters
+    ----------
+    median_m : float
+        Median distance of the samples' sources from the true one, metres.
+    interval_m : (float, float)
+        95 % confidence interval of it, from blocks of time.
+    """
+
+    median_m: float
+    interval_m: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Closing:
+    """How far the gap shrinks when the simulation is mended, out of sample.
+
+    Parameters
+    ----------
+    before, after : float
+        Gap between simulation and recording, and between the mended twin of the simulation's run and the recording:
+        root of the summed energies of what either has and the other has not, in noise floors.
+    before_T, after_T : float
+        The same as a field at one axis, tesla.
+    before_T_per_m, after_T_per_m : float
+        The same in the gradient tensor, T/m; NaN without a gradient.
+    closed, closed_interval : float, (float, float)
+        1 - (after / before)², and its 95 % confidence interval.
+    steps : tuple of Step
+        The gap after each term, the largest first.
+    simulation_source, recording_source, mended_source : SourceError, optional
+        Of the same source in the three; None where it cannot be located, as without attitude.
+    left : str
+        What stays open, and where; empty where nothing does.
+    """
+
+    before: float
+    after: float
+    before_T: float
+    after_T: float
+    before_T_per_m: float
+    after_T_per_m: float
+    closed: float
+    closed_interval: tuple[float, float]
+    steps: tuple[Step, ...] = ()
+    simulation_source: SourceError | None = None
+    recording_source: SourceError | None = None
+    mended_source: SourceError | None = None
+    left: str = ""
+
+    @property
+    def source_error_before_m(self) -> float:
+        """How far the source error that the simulation foretells is from that in the recording, metres; else NaN."""
+        return _apart(self.simulation_source, self.recording_source)
+
+    @property
+    def source_error_after_m(self) -> float:
+        """The same of the mended twin."""
+        return _apart(self.mended_source, self.recording_source)
+
+
+def _apart(one: SourceError | None, other: SourceError | None) -> float:
+    return float("nan") if one is None or other is None else abs(one.median_m - other.median_m)
+
+
+@dataclass(frozen=True)
+class NoiseTerm:
+    """Noise of one axis that a simulation shall have, and what has to be added to what it has now.
+
+    Parameters
+    ----------
+    sensor : int
+        Number 1…K; 0 for the scalar.
+    axis : str
+        "x", "y", "z"; empty for the scalar.
+    white_T : float
+        Standard deviation of the white noise that it shall have.
+    added_white_T : float
+        Standard deviation of the white noise that is missing; 0 where it has too much.
+    knee_hz, exponent : float
+        Of the slow noise that it shall have and has not, beside the white noise ``white_T``; NaN without one.
+    band_hz : (float, float), optional
+        Of the band of noise that it shall have and has not.
+    band_T : float
+        Standard deviation in the band.
+    """
+
+    sensor: int
+    axis: str
+    white_T: float
+    added_white_T: float
+    knee_hz: float = float("nan")
+    exponent: float = float("nan")
+    band_hz: tuple[float, float] | None = None
+    band_T: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Mend:
+    """What to write into the simulator.
+
+    Parameters
+    ----------
+    added : tuple of FittedEffect
+        Effects that the simulation lacks, in the order of their sizes.
+    removed : tuple of str
+        Effects that it should not have, or have with the parameters of ``added``.
+    noise : tuple of NoiseTerm
+        Of every axis and the scalar.
+    calibration : Calibration
+        Of the recording: array, errors of the sensors, noise and all its effects.
+    rate_hz : float
+        Of the recording's samples.
+    """
+
+    added: tuple[FittedEffect, ...]
+    removed: tuple[str, ...]
+    noise: tuple[NoiseTerm, ...]
+    calibration: Calibration
+    rate_hz: float
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One of the two recordings, and what the judge says of it.
+
+    Parameters
+    ----------
+    recording : Recording
+        The samples.
+    array : Array
+        As its file states it.
+    gap : Gap
+        Diagnosis.
+    calibration : Calibration
+        With the effects of the diagnosis.
+    residual_T : (N, 3K + 1) array
+        Readings less what calibration and effects explain, tesla; NaN where there is none. Last the scalar.
+    noise : tuple of AxisNoise
+        Of each axis, last that of the scalar where there is one.
+    """
+
+    recording: Recording = field(repr=False)
+    array: Array
+    gap: Gap
+    calibration: Calibration
+    residual_T: FloatArray = field(repr=False)
+    noise: tuple[AxisNoise, ...] = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A simulator's recording beside a real one.
+
+    Parameters
+    ----------
+    verdict : str
+        One of ``Verdict``: whether the simulation has all that the recording has, and nothing else. Errors of the
+        sensors that a calibration removes do not count.
+    statement : str
+        The verdict in one sentence.
+    mistakes : tuple of Mistake
+        Of the simulator; where there are some, nothing else is compared.
+    figures : tuple of Figure
+        Side by side.
+    missing, surplus : tuple of EffectDifference
+        What the simulation lacks, and what it has beyond the recording; the largest first.
+    other_parameters : tuple of OtherParameters
+        What both have, but not alike.
+    noise : tuple of NoiseDifference
+        Of each axis, and the scalar.
+    closing : Closing, optional
+        How far the gap shrinks; None where nothing was compared.
+    mend : Mend, optional
+        What to write into the simulator; None where nothing was compared.
+    simulation, recording : Side, optional
+        The two, for plots; None where nothing was compared.
+    remarks : tuple of str
+        To read before the verdict, one sentence each.
+    """
+
+    verdict: Verdict
+    statement: str
+    mistakes: tuple[Mistake, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    missing: tuple[EffectDifference, ...] = ()
+    surplus: tuple[EffectDifference, ...] = ()
+    other_parameters: tuple[OtherParameters, ...] = ()
+    noise: tuple[NoiseDifference, ...] = ()
+    closing: Closing | None = None
+    mend: Mend | None = None
+    simulation: Side | None = field(default=None, repr=False)
+    recording: Side | None = field(default=None, repr=False)
+    remarks: tuple[str, ...] = ()
