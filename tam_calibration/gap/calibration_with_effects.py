@@ -15,7 +15,8 @@ from tam_calibration.gap.evidence import Evidence, examine, unusable
 from tam_calibration.gap.hypothesis import Hypothesis, refined
 from tam_calibration.gap.joint import Joint
 from tam_calibration.gap.model import Model, Part
-from tam_calibration.gap.search import Progress, search
+from tam_calibration.gap.result import Gap
+from tam_calibration.gap.search import Progress, Search, search
 from tam_calibration.gap.support import LEAST_EVIDENCE
 from tam_calibration.integrity import CHANNEL_FAULTS, require_sound
 from tam_calibration.model.array import Array
@@ -81,16 +82,49 @@ def calibrate_with_effects(
     require_determined(recording, array)
     if _AUTO in effects:
         found = search(recording, array, progress=progress)
-        gap = conclude(found)
-        model = found.nominal if gap.verdict == "no_gap" else found.model
-        warnings: tuple[str, ...] = (gap.statement,) if gap.verdict in ("partly_explained", "unexplained") else ()
-    else:
-        model, warnings = _with_named(Model.nominal(recording, array), effects)
+        told = [fault.sentence for fault in faults]
+        return calibration_of(recording, found, conclude(found), array, warnings=told, accept=accept)
+    model, warnings = _with_named(Model.nominal(recording, array), effects)
+    return _kept(model, array, (*(fault.sentence for fault in faults), *warnings), accept)
+
+
+def calibration_of(
+    recording: Recording,
+    found: Search,
+    gap: Gap,
+    array: Array,
+    *,
+    warnings: Sequence[str] = (),
+    accept: Collection[str] = (),
+) -> Calibration:
+    """Return the calibration with the effects that a diagnosis found.
+
+    Parameters
+    ----------
+    recording : Recording
+        That was searched.
+    found : Search
+        Causes, and the models without and with them.
+    gap : Gap
+        What was concluded of them.
+    array : Array
+        As it was given.
+    warnings : sequence of str
+        What the calibration warns of besides.
+    accept : collection of str
+        Names of findings that shall refuse nothing.
+
+    Raises
+    ------
+    InputError, Refused
+        When the samples determine no calibration, or one that no sensor has.
+    """
+    model = found.nominal if gap.verdict == "no_gap" else found.model
+    left = (gap.statement,) if gap.verdict in ("partly_explained", "unexplained") else ()
     if model.parts or model.findings:
-        told = (*(fault.sentence for fault in faults), *warnings)
-        return _kept(model, array, told, accept)
+        return _kept(model, array, (*warnings, *left), accept)
     calibration = calibrate(recording, array, accept=accept)
-    return replace(calibration, warnings=(*calibration.warnings, *warnings))
+    return replace(calibration, warnings=(*calibration.warnings, *left))
 
 
 def _with_named(model: Model, names: Collection[str]) -> tuple[Model, tuple[str, ...]]:

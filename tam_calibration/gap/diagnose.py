@@ -1,7 +1,7 @@
 """The diagnosis of a recording: is there a gap, where, which effect causes it, and how far it shrinks."""
 
 from collections.abc import Collection
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from numpy.linalg import LinAlgError
 
@@ -18,7 +18,7 @@ from tam_calibration.gap.refusal import (
     without_nominal,
 )
 from tam_calibration.gap.result import Gap
-from tam_calibration.gap.search import Progress, search
+from tam_calibration.gap.search import Progress, Search, search
 from tam_calibration.gap.stretches import in_stretches
 from tam_calibration.integrity import require_sound
 from tam_calibration.model.array import Array
@@ -70,6 +70,56 @@ def diagnose(
     >>> gap.verdict, gap.causes
     ('no_gap', ())
     """
+    return judge(recording, array, without=without, progress=progress, accept=accept).gap
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """A diagnosis, with the search that it rests on.
+
+    Parameters
+    ----------
+    gap : Gap
+        The diagnosis.
+    seen : Recording
+        The samples that it looked at.
+    found : Search, optional
+        Models without and with the causes; None where the recording determines no calibration.
+    """
+
+    gap: Gap
+    seen: Recording
+    found: Search | None
+
+
+def judge(
+    recording: SampleSource,
+    array: Array,
+    *,
+    without: Collection[str] = (),
+    progress: Progress | None = None,
+    accept: Collection[str] = (),
+) -> Judgement:
+    """Return the diagnosis of a recording with the models that it rests on.
+
+    Parameters
+    ----------
+    recording : Recording or SampleSource
+        As of ``diagnose``.
+    array : Array
+        The same.
+    without : collection of str
+        Names of effects that are not tried.
+    progress : callable, optional
+        Called with the name of the stage and the part that is done, 0 to 1.
+    accept : collection of str
+        Names of findings on the channels that shall refuse nothing.
+
+    Raises
+    ------
+    InputError, Refused
+        As ``diagnose``.
+    """
     if recording.sensor_count != array.sensor_count:
         raise InputError(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
@@ -82,25 +132,27 @@ def diagnose(
     refusals = grave or [refusal for refusal in [refusal_of(seen, array)] if refusal is not None]
     remarks = [*of_stretches, *(f"tam calibrate would refuse this recording: {refusal}." for refusal in refusals)]
     remarks += [f"The channels: {fault.sentence}." for fault in faults if fault.severity == "warning"]
-    gap = _judged(seen, array, without, progress)
-    return replace(gap, remarks=(*remarks, *gap.remarks))
+    gap, found = _judged(seen, array, without, progress)
+    return Judgement(replace(gap, remarks=(*remarks, *gap.remarks)), seen, found)
 
 
-def _judged(recording: Recording, array: Array, without: Collection[str], progress: Progress | None) -> Gap:
+def _judged(
+    recording: Recording, array: Array, without: Collection[str], progress: Progress | None
+) -> tuple[Gap, Search | None]:
     if recording.sample_count < needed_samples(recording.sensor_count):
-        return too_short(recording)
+        return too_short(recording), None
     if is_at_rest(recording, array.field):
-        return at_rest(recording)
+        return at_rest(recording), None
     # One sensor without attitude has no channel but the intensity, which undetermined parameters absorb.
     alone = recording.sensor_count == 1 and recording.attitude is None
     if alone and (left_open := open_parameters(recording, array)) is not None:
-        return without_nominal(recording, left_open)
+        return without_nominal(recording, left_open), None
     try:
         found = search(recording, array, without, progress)
         gap = conclude(found)
     except Refused as problem:
-        return without_nominal(recording, str(problem))
+        return without_nominal(recording, str(problem)), None
     except LinAlgError:
-        return without_nominal(recording, "its equations have no solution")
+        return without_nominal(recording, "its equations have no solution"), None
     floor = floor_of(found.nominal.channels(), array)
-    return replace(gap, floor=floor, remarks=floor.remarks)
+    return replace(gap, floor=floor, remarks=floor.remarks), found
