@@ -64,15 +64,22 @@ def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]
         "where": _where(gap.where),
         "causes": [_cause(cause) for cause in gap.causes],
         "considered": [_considered(considered) for considered in gap.considered],
-        "probabilities": _rounded(gap.probabilities),
+        "probabilities": rounded(gap.probabilities),
         "set_95": list(gap.set_95),
         "smallest_gap": _round(gap.smallest_gap),
         "most_unseen_errors": _round(gap.most_unseen_errors),
         "checks": None if gap.checks is None else _checks(gap.checks),
         "remainder": gap.remainder,
         "next_recording": gap.next_recording,
-        "recording": source and {"name": source.name, "size_bytes": source.size_bytes, "sha256": source.sha256},
+        "recording": source_to_mapping(source),
     }
+
+
+def source_to_mapping(source: Provenance | None) -> dict[str, Any] | None:
+    """Return the file that a result is of: its name, size and digest; None where it is of none."""
+    if source is None:
+        return None
+    return {"name": source.name, "size_bytes": source.size_bytes, "sha256": source.sha256}
 
 
 def parameters_of(cause: Cause) -> dict[str, dict[str, Any]]:
@@ -127,17 +134,17 @@ def _name(part: Contribution, what: str) -> str:
 
 def _parameter(value: float, standard_error: float, unit: str) -> dict[str, Any]:
     factor, name = for_people(unit)
-    return {**_rounded({"value": factor * value, "standard_error": factor * standard_error}), "unit": name}
+    return {**rounded({"value": factor * value, "standard_error": factor * standard_error}), "unit": name}
 
 
 def _size(size: Size) -> dict[str, Any]:
     fields = {"before": size.before_T, "after": size.after_T}
     gradients = {"before": size.before_T_per_m, "after": size.after_T_per_m}
     return {
-        **_rounded({"before": size.before, "after": size.after, "closed": size.closed}),
+        **rounded({"before": size.before, "after": size.after, "closed": size.closed}),
         "closed_interval": [_round(bound) for bound in size.closed_interval],
-        **_rounded({f"{name}_nT": to_nanotesla(value) for name, value in fields.items()}),
-        **_rounded({f"{name}_nT_per_m": to_nanotesla(value) for name, value in gradients.items()}),
+        **rounded({f"{name}_nT": to_nanotesla(value) for name, value in fields.items()}),
+        **rounded({f"{name}_nT_per_m": to_nanotesla(value) for name, value in gradients.items()}),
         "floor_nT": _round(to_nanotesla(size.floor_T)),
     }
 
@@ -183,7 +190,7 @@ def _where(where: Where) -> dict[str, Any]:
         "axes": list(where.axes),
         "time_s": where.time_s and [_round(time) for time in where.time_s],
         "frequency_hz": where.frequency_hz and [_round(frequency) for frequency in where.frequency_hz],
-        "evidence": _rounded(where.evidence),
+        "evidence": rounded(where.evidence),
     }
 
 
@@ -192,9 +199,9 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "effect": cause.fitted.effect,
         "sensors": list(cause.sensors),
         "axes": list(cause.axes),
-        **_rounded({"probability": cause.probability, "share": cause.share}),
+        **rounded({"probability": cause.probability, "share": cause.share}),
         "parameters": parameters_of(cause),
-        "evidence": _rounded(
+        "evidence": rounded(
             {"delta_bic": cause.delta_bic, "r2_cv": cause.r2_cv} | _surrogate_test(cause.surrogate_test)
         ),
         "indistinguishable_from": list(cause.indistinguishable_from),
@@ -205,7 +212,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
 def _sized(sized: Sized) -> dict[str, Any]:
     """Return a size beside the largest known in nature, and who knows."""
     factor, unit = for_people(sized.limit.unit)
-    values = _rounded({"value": factor * abs(sized.value), "largest_known": factor * sized.limit.largest})
+    values = rounded({"value": factor * abs(sized.value), "largest_known": factor * sized.limit.largest})
     return {"name": sized.name, **values, "unit": unit, "source": sized.limit.source}
 
 
@@ -221,11 +228,12 @@ def _surrogate_test(surrogate_test: SurrogateTest | None) -> dict[str, float]:
 
 def _considered(considered: Considered) -> dict[str, Any]:
     tried = {"delta_bic": considered.delta_bic, "r2_cv": considered.r2_cv}
-    evidence = _rounded({name: value for name, value in tried.items() if value is not None})
+    evidence = rounded({name: value for name, value in tried.items() if value is not None})
     return {"effect": considered.effect, "status": considered.status, "why": considered.why, "evidence": evidence}
 
 
-def _rounded(values: Mapping[str, float]) -> dict[str, float]:
+def rounded(values: Mapping[str, float]) -> dict[str, float]:
+    """Return numbers by name without the noise of their conversion."""
     return {name: _round(value) for name, value in values.items()}
 
 

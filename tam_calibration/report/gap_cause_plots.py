@@ -1,6 +1,7 @@
 """The causes of a gap drawn: their probabilities and shares, and residuals over what they may depend on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import matplotlib
 import numpy as np
@@ -133,7 +134,16 @@ def _root_mean_square(values: FloatArray) -> float:
 _SHADES = LinearSegmentedColormap.from_list("signed", [AFTER_COLOR, "#f4f6f8", BEFORE_COLOR])
 
 
-@matplotlib.rc_context(STYLE)
+@dataclass(frozen=True, eq=False)
+class OnSphere:
+    """A residual (N,), nT, NaN where there is none, to draw over the directions (N, 3) of the field."""
+
+    name: str
+    color: str
+    values_nT: FloatArray
+    direction: FloatArray
+
+
 def plot_sphere(view: GapView, row: int) -> Figure:
     """Draw the mean residual of one row in each cell of the sphere of field directions (Hammer), one map a state.
 
@@ -144,21 +154,37 @@ def plot_sphere(view: GapView, row: int) -> Figure:
     row : int
         3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
     """
-    states, cell = view.states, cell_of(view.gap.residue.direction)
-    means = [_cell_means(to_nanotesla(state.rows_T[:, row]), cell) for state in states]
+    direction = view.gap.residue.direction
+    maps = [OnSphere(each.name, each.color, to_nanotesla(each.rows_T[:, row]), direction) for each in view.states]
+    return plot_on_sphere(maps, view.row_name(row))
+
+
+@matplotlib.rc_context(STYLE)
+def plot_on_sphere(maps: Sequence[OnSphere], name: str) -> Figure:
+    """Draw mean residuals in each cell of the sphere of field directions (Hammer), side by side on one scale.
+
+    Parameters
+    ----------
+    maps : sequence of OnSphere
+        One a map.
+    name : str
+        Of the row that they are of, such as "sensor 2 x".
+    """
+    means = [_cell_means(each.values_nT, cell_of(each.direction)) for each in maps]
     reach = float(np.nanmax(np.abs(means), initial=0.0)) or 1.0
     longitude, latitude, map_cell = cells_on_map()
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.2), layout="constrained")
-    plots = figure.subplots(1, len(states), subplot_kw={"projection": "hammer"}, squeeze=False)[0]
-    for axes, state, mean in zip(plots, states, means, strict=True):
+    plots = figure.subplots(1, len(maps), subplot_kw={"projection": "hammer"}, squeeze=False)[0]
+    for axes, each, mean in zip(plots, maps, means, strict=True):
         shades = np.ma.masked_invalid(mean[map_cell])
         mesh = axes.pcolormesh(
             longitude, latitude, shades, cmap=_SHADES, vmin=-reach, vmax=reach, shading="nearest", rasterized=True
         )
         draw_borders(axes)
-        axes.set_title(state.name, color=state.color)
-    label = f"mean residual of {view.row_name(row)} (nT)"
-    figure.colorbar(mesh, ax=list(plots), location="bottom", shrink=0.5, aspect=40, label=label)
+        axes.set_title(each.name, color=each.color)
+    figure.colorbar(
+        mesh, ax=list(plots), location="bottom", shrink=0.5, aspect=40, label=f"mean residual of {name} (nT)"
+    )
     return figure
 
 

@@ -1,5 +1,8 @@
 """The residuals of a gap drawn: by sensor and axis, over time, by size and by frequency."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
@@ -88,7 +91,15 @@ _LOWEST, _HIGHEST = 4.5, 30.0
 """Least and largest limit of the axis, in noise floors: beyond all white noise, but with the floor visible."""
 
 
-@matplotlib.rc_context(STYLE)
+@dataclass(frozen=True, eq=False)
+class Distribution:
+    """A residual (N,), in noise floors, NaN where there is none, whose distribution is drawn."""
+
+    name: str
+    color: str
+    values: FloatArray
+
+
 def plot_histogram(view: GapView, row: int) -> Figure:
     """Draw the distributions of one row, all states together, on a logarithmic scale that shows the tails.
 
@@ -99,21 +110,35 @@ def plot_histogram(view: GapView, row: int) -> Figure:
     row : int
         3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
     """
+    floor = float(view.gap.residue.floor_T[row])
+    drawn = [Distribution(state.name, state.color, state.rows_T[:, row] / floor) for state in view.states]
+    return plot_distributions(drawn, f"residual of {view.row_name(row)}, in noise floors")
+
+
+@matplotlib.rc_context(STYLE)
+def plot_distributions(drawn: Sequence[Distribution], label: str) -> Figure:
+    """Draw distributions over each other, on a logarithmic scale that shows the tails, beside that of unit noise.
+
+    Parameters
+    ----------
+    drawn : sequence of Distribution
+        The number of bins goes with the samples of the first.
+    label : str
+        Of the axis.
+    """
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 3.0), layout="constrained")
     axes = figure.subplots()
-    floor = float(view.gap.residue.floor_T[row])
-    samples = [state.rows_T[:, row] / floor for state in view.states]
-    known = [values[np.isfinite(values)] for values in samples]
+    known = [each.values[np.isfinite(each.values)] for each in drawn]
     reach = float(np.clip(max(np.max(np.abs(values), initial=0.0) for values in known), _LOWEST, _HIGHEST))
     bins = int(max(np.clip(np.sqrt(len(known[0])), _FEWEST_BINS, _MOST_BINS), 2 * reach / _WIDEST_BIN))
-    for state, values in zip(view.states, known, strict=True):
+    for each, values in zip(drawn, known, strict=True):
         counts, edges = np.histogram(np.clip(values, -reach, reach), bins, range=(-reach, reach))
         density = counts / (max(len(values), 1) * (edges[1] - edges[0]))
-        axes.stairs(density, edges, color=state.color, linewidth=1.4, label=state.name)
+        axes.stairs(density, edges, color=each.color, linewidth=1.4, label=each.name)
     x = np.linspace(-reach, reach, 401)
     gaussian = np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi)
     axes.plot(x, gaussian, color=FLOOR_COLOR, linestyle="dashed", linewidth=0.9, label="noise floor alone")
-    axes.set(yscale="log", xlabel=f"residual of {view.row_name(row)}, in noise floors", ylabel="probability density")
+    axes.set(yscale="log", xlabel=label, ylabel="probability density")
     axes.set_ylim(0.3 / (max(len(known[0]), 1) * (2 * reach / bins)), 1.5)
     axes.legend(frameon=False, fontsize=8)
     return figure

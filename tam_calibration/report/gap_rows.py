@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
+from tam_calibration.comparison.result import Closing
 from tam_calibration.effects.effect import Sized
 from tam_calibration.files.results_json import numbers_of
 from tam_calibration.gap.floor import Floor
@@ -104,7 +105,7 @@ def _known(value: float) -> str:
     return number(value) if math.isfinite(value) else "–"
 
 
-def closed_words(size: Size) -> str:
+def closed_words(size: Size | Closing) -> str:
     """Say which part of the gap above the floor is closed, with its confidence interval."""
     if not math.isfinite(size.closed):
         return ""

@@ -50,6 +50,15 @@ class Formula:
 
 
 @dataclass(frozen=True)
+class Code:
+    """Text to copy into a file or a terminal: one click selects all of it."""
+
+    text: str
+    caption: str
+    kind: ClassVar[str] = "code"
+
+
+@dataclass(frozen=True)
 class Table:
     """A table, with a header where it is not empty; the first cell of each row is its head.
 
@@ -81,7 +90,7 @@ class Gallery:
     kind: ClassVar[str] = "gallery"
 
 
-Block = Text | Points | Formula | Table | Image | Gallery
+Block = Text | Points | Formula | Code | Table | Image | Gallery
 
 
 @dataclass(frozen=True)
