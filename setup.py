@@ -7,6 +7,7 @@ from setuptools import find_packages, setup
 NAME = "tam_calibration"
 SHARE = f"share/{NAME}"
 BAGS = ["rosbags>=0.11", "zstandard>=0.22", "lz4>=4.0"]
+COMPARE = ["mujoco>=3.2"]
 REPORT = ["jinja2>=3", "matplotlib>=3.6"]
 FLEET = ["distributed>=2024.1", *REPORT]
 VALIDATION = ["magpylib>=5", "ppigrf>=2", *REPORT]
@@ -35,6 +36,7 @@ setup(
     extras_require={
         "bags": BAGS,
         "bench": ["circuitpython-mag-cal", "magcal", "navlib>=2"],
+        "compare": COMPARE,
         "docs": DOCS,
         "fleet": FLEET,
         "notebook": NOTEBOOK,
@@ -50,6 +52,7 @@ setup(
             "ruff",
             "types-PyYAML",
             *BAGS,
+            *COMPARE,
             *DOCS,
             *FLEET,
             *NOTEBOOK,

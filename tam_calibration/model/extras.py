@@ -8,6 +8,7 @@ EXTRAS = {
     "bags": ("rosbags", "zstandard", "lz4"),
     "report": ("jinja2", "matplotlib"),
     "fleet": ("distributed",),
+    "compare": ("mujoco",),
 }
 """What each extra of setup.py brings, by the names of the modules."""
 
