@@ -1,11 +1,12 @@
-"""Shared fixtures: recordings with a known truth, a gap, sweeps; those with ROS are in ``ros_bench``."""
+"""Shared fixtures: recordings with a known truth, a gap, sweeps; others are imported."""
 
 import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from ros_bench import bench, ros_domain  # noqa: F401  fixtures are found by their names here
+from comparisons import comparison, mend_texts, mistaken  # noqa: F401  fixtures are found by their names here
+from ros_bench import bench, ros_domain  # noqa: F401
 
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording

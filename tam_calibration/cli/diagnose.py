@@ -1,15 +1,21 @@
 """`tam diagnose`: where a recording and its simulation part, and which effect causes it."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import click
 from rich.console import Console
-from rich.progress import Progress
-from rich.table import Table
 
-from tam_calibration.cli.terminal import PATH, reading, showing_progress, stdout, tolerance_option, write_together
+from tam_calibration.cli.terminal import (
+    PATH,
+    progress_of,
+    reading,
+    showing_progress,
+    stdout,
+    table_of,
+    tolerance_option,
+    write_together,
+)
 from tam_calibration.effects.library import effect_named
 from tam_calibration.files import provenance, read_array, read_calibration
 from tam_calibration.files.bag_transforms import transforms_in
@@ -42,6 +48,9 @@ from tam_calibration.report.gap_rows import (
 )
 
 _ROWS = 12
+_WORDS = ("where", "unit", "cannot be told from")
+"""Columns that hold words."""
+
 _LEFT = "What is left with the causes, and the simulated twin does not have:"
 
 
@@ -52,14 +61,14 @@ def _print_gap(console: Console, gap: Gap) -> None:
         console.print(remark, soft_wrap=True)
     console.print(gap.headline, style="bold", soft_wrap=True)
     if gap.verdict != "not_identifiable":
-        console.print(_table(SIZE_HEADER, size_rows(gap.size)))
+        console.print(table_of(SIZE_HEADER, size_rows(gap.size)))
     if gap.floor is not None:
-        console.print(_table(NOISE_HEADER, noise_rows(gap.floor)))
+        console.print(table_of(NOISE_HEADER, noise_rows(gap.floor)))
     if gap.where.sensors:
         console.print(f"Where: {where_words(gap.where, sensor_count)}.")
     if gap.causes:
         console.print(f"{sentence(closed_words(gap.size))}")
-        console.print(_table(CAUSES_HEADER, [cause_row(cause, sensor_count) for cause in gap.causes]))
+        console.print(table_of(CAUSES_HEADER, [cause_row(cause, sensor_count) for cause in gap.causes], _WORDS))
     for cause in gap.causes:
         _print_parameters(console, cause, place(cause.sensors, cause.axes, sensor_count))
         for words in cause_words(cause):
@@ -85,18 +94,9 @@ def _print_parameters(console: Console, cause: Cause, where: str) -> None:
     if not rows:
         return
     console.print(f"{cause.fitted.effect} of {where}:")
-    console.print(_table(("parameter", "value ± standard error", "unit"), rows[:_ROWS]))
+    console.print(table_of(("parameter", "value ± standard error", "unit"), rows[:_ROWS], _WORDS))
     if len(rows) > _ROWS:
         console.print(f"… and {len(rows) - _ROWS} more: --json and --report have all.")
-
-
-def _table(header: tuple[str, ...], rows: list[list[str]]) -> Table:
-    table = Table(header[0])
-    for name in header[1:]:
-        table.add_column(name, justify="left" if name in ("where", "unit", "cannot be told from") else "right")
-    for row in rows:
-        table.add_row(*row)
-    return table
 
 
 _ANSWERS = ("no_gap", "explained")
@@ -185,7 +185,7 @@ def _diagnose(
             source, remarks = calibration.without_effects(seen), (*remarks, *of_stretches)
         if usage is not None:
             source = usage.with_each_reading_once(source)
-        gap = diagnose(source, array, without=without, progress=_diagnosing(progress), accept=accept)
+        gap = diagnose(source, array, without=without, progress=progress_of(progress, "diagnosing"), accept=accept)
     return replace(gap, remarks=(*remarks, *gap.remarks)), usage
 
 
@@ -197,12 +197,6 @@ def _read_array(path: Path, recording: Path, place: str | None) -> Array:
     if array.field != EARTH_FIELD:
         raise InputError(f"--place and intensity_nT in {path} both tell the field: leave one of them out")
     return replace(array, field=bounds_at(place))
-
-
-def _diagnosing(progress: Progress) -> Callable[[str, float], None]:
-    """Return a callback that shows the stage of the diagnosis, and how much of it is done."""
-    task = progress.add_task("diagnosing", total=1.0)
-    return lambda stage, done: progress.update(task, description=stage, completed=done)
 
 
 def _print(gap: Gap, usage: Usage | None, written: list[Path]) -> None:

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
 from tam_calibration.files.overwriting import require_separate
 from tam_calibration.files.recording_file import TOLERANCE_S
@@ -90,6 +91,26 @@ def stdout() -> Console:
     return Console(width=None if sys.stdout.isatty() else _PIPE_WIDTH, highlight=False, markup=False)
 
 
+def table_of(header: Sequence[str], rows: Sequence[Sequence[str]], words: Collection[str] = ()) -> Table:
+    """Return a table, its first column and those of words left, those of numbers right.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Names of the columns.
+    rows : sequence of sequence of str
+        Cells.
+    words : collection of str
+        Names of the columns that hold words.
+    """
+    table = Table(header[0])
+    for name in header[1:]:
+        table.add_column(name, justify="left" if name in words else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
 @contextmanager
 def showing_progress() -> Iterator[Progress]:
     """Show tasks on stderr while they run, where that is a terminal."""
@@ -117,6 +138,20 @@ def working(progress: Progress, description: str) -> ProgressCallback:
     """
     task = progress.add_task(description, total=None)
     return lambda done, total: progress.update(task, completed=done, total=total)
+
+
+def progress_of(progress: Progress, description: str) -> Callable[[str, float], None]:
+    """Return a callback that shows the stage of long work, and how much of it is done.
+
+    Parameters
+    ----------
+    progress : Progress
+        Display to which the task is added.
+    description : str
+        Shown until the first stage is told.
+    """
+    task = progress.add_task(description, total=1.0)
+    return lambda stage, done: progress.update(task, description=stage, completed=done)
 
 
 @contextmanager

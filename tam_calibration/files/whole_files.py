@@ -27,8 +27,8 @@ _OLDER = ".older"
 def write_set(paths: Iterable[Path]) -> Iterator[list[Path]]:
     """Give places to write files or folders to, and move all to their paths, or none, when that went well.
 
-    A file that was there is replaced at once; a folder that was there is never replaced. After a failure everything
-    is as it was.
+    What nothing is written to is left out. A file that was there is replaced at once; a folder that was there is never
+    replaced. After a failure everything is as it was.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def write_set(paths: Iterable[Path]) -> Iterator[list[Path]]:
         moves = {folders.enter_context(_beside(path)) / path.name: path for path in targets}
         try:
             yield list(moves)
-            _put_in_place(moves)
+            _put_in_place({place: path for place, path in moves.items() if os.path.lexists(place)})
         except InputError as problem:
             told = str(problem)
             for place, path in moves.items():

@@ -70,10 +70,19 @@ def test_a_link_that_was_replaced_comes_back_as_a_link(tmp_path, monkeypatch):
         raise OSError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "link", refuse)
-    with pytest.raises(InputError), write_set([tmp_path / "a", tmp_path / "missing"]) as (a, _):
+    with pytest.raises(InputError), write_set([tmp_path / "a", tmp_path / "b"]) as (a, b):
         a.write_text("new")
-        monkeypatch.setattr(whole_files, "_sync", lambda path: None)
+        b.write_text("new")
+        (tmp_path / "b").mkdir()
     assert os.readlink(tmp_path / "a") == "target" and (tmp_path / "target").read_text() == "old"
+
+
+def test_what_is_not_written_is_left_out(tmp_path):
+    """An older file at its place stays; the others are there."""
+    (tmp_path / "b").write_text("old")
+    with write_set([tmp_path / "a", tmp_path / "b"]) as (a, _):
+        a.write_text("new")
+    assert content(tmp_path) == {"a": "new", "b": "old"}
 
 
 def test_all_is_on_the_disk_before_it_is_moved_and_its_folder_after(tmp_path, monkeypatch):
