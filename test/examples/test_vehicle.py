@@ -55,13 +55,13 @@ def test_readings_hold_the_errors_and_the_noise_that_were_asked_for():
 
 
 def test_the_vehicle_turns_through_all_directions_and_stays_where_it_is(made):
-    """Four cells of five see the field within 100 s, at 0.3 to 1.5 rad/s nearly always, within some metres."""
+    """Four cells of five see the field within 100 s, at 0.3 to 1.5 rad/s nearly always; it drifts by some metres."""
     rotation = turns(made[0])
     seen = rotation.inv().apply(RUN.field_T / norm(RUN.field_T)) @ cell_directions().T
     assert len(set(seen.argmax(axis=1))) >= 160
     rate = (rotation[:-1].inv() * rotation[1:]).magnitude() * RUN.rate_hz
-    assert np.percentile(rate, 2) > 0.25 and np.percentile(rate, 98) < 1.6
-    assert norm(sense(RUN)["place"], axis=1).max() < 5
+    assert 0.25 < np.percentile(rate, 2) < 0.45 and 1.3 < np.percentile(rate, 98) < 1.6
+    assert 0.1 < norm(sense(RUN)["place"], axis=1).max() < 5
 
 
 def test_the_thrusters_keep_to_the_peak_of_the_run():
@@ -84,6 +84,11 @@ def test_a_seed_gives_a_path_and_its_noise(made):
     assert np.abs(noisy.readings_T - recording.readings_T).max() < 8e-9
 
 
+def test_a_seed_stands_for_the_same_path_in_every_version(made):
+    """Figures that name a seed can be made again: where seed 1 has turned the vehicle after 10 s."""
+    assert_allclose(made[0].attitude[199], [-0.5423, 0.0057, -0.5924, -0.5958], rtol=0, atol=1e-3)
+
+
 def test_what_else_is_recorded_changes_no_noise():
     """An IMU has one sensor and its attitude, with the noise that it has beside a scalar magnetometer."""
     one = replace(RUN, positions_m=np.zeros((1, 3)))
@@ -95,12 +100,12 @@ def test_what_else_is_recorded_changes_no_noise():
     assert set(beside.current_A) == {0.5, 3.0}
 
 
-@pytest.mark.parametrize("rate_hz", [1.0, 142.857, 500.0])
-def test_samples_are_as_far_apart_as_the_physics_went(rate_hz):
+@pytest.mark.parametrize(("rate_hz", "steps"), [(1.0, 100), (20.0, 5), (142.857, 1), (500.0, 1)])
+def test_samples_are_as_far_apart_as_the_physics_went(rate_hz, steps):
     """At every rate the steps of the physics, of at most 10 ms, add up to the time between samples."""
     run = replace(RUN, rate_hz=rate_hz)
     step_s = mujoco.MjModel.from_xml_string(model_xml(run)).opt.timestep
-    assert step_s <= 0.01
+    assert run.steps_per_sample == steps
     assert_allclose(step_s * run.steps_per_sample, np.diff(run.time_s)[0], rtol=1e-12)
 
 
