@@ -16,6 +16,7 @@ SUBCOMMANDS = {
     "simulate": "Make a recording of a known array and field, with the truth beside it.",
     "calibrate": "Estimate the errors of an array's sensors from a recording.",
     "diagnose": "Say where a recording and its simulation part, and which effect causes it.",
+    "compare": "Say what a simulator's recording has otherwise than a real one, and what mends the simulator.",
     "plan": "Propose the attitudes to record next, and what the standard errors will then be.",
     "correct": "Turn raw readings into the centre vector and the gradient tensor.",
     "recover": "Write the whole messages of an unfinished or damaged bag to a new one.",

@@ -1,0 +1,253 @@
+"""A comparison as rows of text and sentences, for the page, the terminal and the answer of the calibrator."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+from tam_calibration.comparison.result import (
+    UNKNOWN,
+    AxisNoise,
+    Closing,
+    Comparison,
+    EffectDifference,
+    Figure,
+    Mistake,
+    NoiseDifference,
+    OtherParameters,
+    SourceError,
+)
+from tam_calibration.model.units import for_people, to_nanotesla
+from tam_calibration.report.formatting import number, sentence, with_error
+from tam_calibration.report.gap_rows import number_rows, percent, place
+
+VERDICTS = {"same": "The same", "differs": "Different", "not_identifiable": "Cannot be told"}
+
+DIFFERENCES_HEADER = ("effect", "simulation", "recording", "where", "probability", "size (noise floors)")
+
+OTHER_HEADER = ("parameter", "simulation", "recording", "unit")
+
+NOISE_HEADER = ("noise of", "simulation (nT)", "recording (nT)", "colour: simulation", "colour: recording", "")
+
+CLOSING_HEADER = ("gap to the recording, out of sample", "before", "after the mend")
+
+SOURCE_HEADER = ("error of a source that is put in", "median (m)", "95 % interval (m)")
+
+FIGURES_HEADER = ("figure", "simulation", "recording", "unit", "standard errors apart", "")
+
+_ABSENT = "–"
+
+
+def headline(comparison: Comparison) -> str:
+    """Return the verdict by name in front of its sentence, once."""
+    name = VERDICTS[comparison.verdict]
+    return comparison.statement if comparison.statement.startswith(name) else f"{name}: {comparison.statement}"
+
+
+def mistake_words(mistake: Mistake) -> str:
+    """Return a gross mistake of the simulator, where it is, and what mends it."""
+    return f"{sentence(mistake.what)} Where: {mistake.where}. Mend: {sentence(mistake.mend)}"
+
+
+def first_difference(comparison: Comparison) -> str:
+    """Return the first difference in one sentence: a mistake, an effect, its parameters, or noise; empty for none."""
+    return next(_difference_sentences(comparison), "")
+
+
+def _difference_sentences(comparison: Comparison) -> Iterator[str]:
+    """Yield a sentence on each difference, the gravest kind first and the largest of a kind first."""
+    count = _sensor_count(comparison)
+    yield from (mistake_words(mistake) for mistake in comparison.mistakes)
+    sides = (comparison.missing, "The simulation lacks"), (comparison.surplus, "Only the simulation has")
+    effects = [(each, begin) for differences, begin in sides for each in differences]
+    for each, begin in sorted(effects, key=lambda one: -one[0].size):
+        yield f"{begin} {effect_name(each.effect)} ({place(each.sensors, each.axes, count)})."
+    for other in comparison.other_parameters:
+        where = place(other.recording.sensors, other.recording.axes, count)
+        yield f"The parameters of {effect_name(other.recording.effect)} ({where}) are others."
+    for noise in comparison.noise:
+        if noise.differs:
+            levels = [f"{number(to_nanotesla(side.level_T))} nT" for side in (noise.simulation, noise.recording)]
+            yield f"The noise of {axis_name(noise.recording)} is {levels[0]} in the simulation, {levels[1]} recorded."
+
+
+def next_words(comparison: Comparison) -> str:
+    """Return what to do next, in one sentence or two."""
+    if comparison.mistakes:
+        return "Mend that in the simulator, record the simulation again, and compare again: nothing else was compared."
+    if comparison.verdict == "same":
+        return "Nothing is to be mended."
+    if comparison.verdict == "not_identifiable":
+        wanted = "" if comparison.recording is None else comparison.recording.gap.next_recording
+        return sentence(wanted or "record longer, and turn the array through more directions; then compare again")
+    return (
+        "Write the mend into the simulator, record the simulation again, and compare again. The elements for Gazebo "
+        "and MuJoCo and a function for plugins are on the page (--report) and in the JSON (--json); --mend writes the "
+        "parameter file for tam simulate --from-comparison."
+    )
+
+
+def effect_name(name: str) -> str:
+    """Return the name of an effect for people."""
+    return "an unknown effect" if name == UNKNOWN else name.replace("_", " ")
+
+
+def axis_name(noise: AxisNoise) -> str:
+    """Return "sensor 2 x" or "the scalar"."""
+    return f"sensor {noise.sensor} {noise.axis}" if noise.sensor else "the scalar"
+
+
+def difference_rows(comparison: Comparison) -> list[list[str]]:
+    """Return what one side has and the other lacks, then what both have otherwise, as ``DIFFERENCES_HEADER``."""
+    count = _sensor_count(comparison)
+    return [
+        *(_difference_row(each, _lacking(each), "has it", count) for each in comparison.missing),
+        *(_difference_row(each, "has it", _lacking(each), count) for each in comparison.surplus),
+        *(_difference_row(each.recording, "has it otherwise", "has it", count) for each in comparison.other_parameters),
+    ]
+
+
+def _lacking(difference: EffectDifference) -> str:
+    return "lacks it" if difference.is_shown_by_other_run else "could not show it"
+
+
+def _difference_row(difference: EffectDifference, simulation: str, recording: str, count: int) -> list[str]:
+    return [
+        effect_name(difference.effect),
+        simulation,
+        recording,
+        place(difference.sensors, difference.axes, count),
+        percent(difference.probability),
+        number(difference.size),
+    ]
+
+
+def parameter_tables(comparison: Comparison) -> list[tuple[str, list[list[str]]]]:
+    """Return, of each difference with parameters, a caption and its rows as ``OTHER_HEADER``."""
+    count = _sensor_count(comparison)
+    tables = [(each, _of_one_side(each, is_recording=True)) for each in comparison.missing]
+    tables += [(each, _of_one_side(each, is_recording=False)) for each in comparison.surplus]
+    tables += [(each.recording, _of_both(each)) for each in comparison.other_parameters]
+    return [
+        (f"{effect_name(each.effect)}: {place(each.sensors, each.axes, count)}", rows) for each, rows in tables if rows
+    ]
+
+
+def _of_one_side(difference: EffectDifference, is_recording: bool) -> list[list[str]]:
+    rows = _parameter_rows(difference)
+    return [[name, *((_ABSENT, value) if is_recording else (value, _ABSENT)), unit] for name, value, unit in rows]
+
+
+def _of_both(other: OtherParameters) -> list[list[str]]:
+    simulation, recording = (
+        {(name, unit): value for name, value, unit in _parameter_rows(side)}
+        for side in (other.simulation, other.recording)
+    )
+    return [
+        [name, simulation.get((name, unit), _ABSENT), recording.get((name, unit), _ABSENT), unit]
+        for name, unit in dict.fromkeys([*recording, *simulation])
+    ]
+
+
+def _parameter_rows(difference: EffectDifference) -> list[list[str]]:
+    return [] if difference.fitted is None else number_rows(difference.fitted, difference.units)
+
+
+def noise_rows(comparison: Comparison) -> list[list[str]]:
+    """Return level and colour of each axis's noise on both sides, as ``NOISE_HEADER``."""
+    return [
+        [
+            axis_name(each.recording),
+            *(
+                with_error(to_nanotesla(side.level_T), to_nanotesla(side.level_error_T), 3)
+                for side in (each.simulation, each.recording)
+            ),
+            _colour(each.simulation),
+            _colour(each.recording),
+            "differs" if each.differs else "the same",
+        ]
+        for each in comparison.noise
+    ]
+
+
+def _colour(noise: AxisNoise) -> str:
+    """Return the colour, with the knee or the band."""
+    if noise.colour == "1/f" and math.isfinite(noise.knee_hz):
+        return f"1/f below {number(noise.knee_hz, 2)} Hz"
+    if noise.colour == "band" and noise.band_hz is not None:
+        return f"band {number(noise.band_hz[0], 2)} to {number(noise.band_hz[1], 2)} Hz"
+    return noise.colour
+
+
+def noise_words(comparison: Comparison) -> str:
+    """Return in how many axes the noise differs."""
+    others = sum(each.differs for each in comparison.noise)
+    axes = len(comparison.noise)
+    return f"The noise of {others} of {axes} axes differs." if others else f"The noise of all {axes} axes is the same."
+
+
+def most_other(noise: Sequence[NoiseDifference]) -> NoiseDifference:
+    """Return the axis whose noise differs most: of those that differ that with the largest ratio of levels."""
+    return max(noise, key=lambda each: (each.differs, _ratio(each.simulation.level_T, each.recording.level_T)))
+
+
+def _ratio(*levels: float) -> float:
+    """Return the larger over the smaller; infinite where a simulator makes no noise."""
+    return max(levels) / min(levels) if min(levels) > 0 else math.inf
+
+
+def closing_rows(closing: Closing) -> list[list[str]]:
+    """Return the gap before and after the mend in noise floors, nT, nT/m and metres, as ``CLOSING_HEADER``."""
+    sizes = [
+        ("in noise floors", closing.before, closing.after),
+        ("at one axis of a sensor (nT)", to_nanotesla(closing.before_T), to_nanotesla(closing.after_T)),
+        ("gradient tensor (nT/m)", to_nanotesla(closing.before_T_per_m), to_nanotesla(closing.after_T_per_m)),
+        ("source error foretold wrongly by (m)", closing.source_error_before_m, closing.source_error_after_m),
+    ]
+    return [[name, number(before), number(after)] for name, before, after in sizes if math.isfinite(before)]
+
+
+def source_rows(closing: Closing) -> list[list[str]]:
+    """Return how far from a source ``tam locate`` ends in the recording, simulation and mended twin."""
+    return [
+        [name, number(error.median_m), f"{number(error.interval_m[0])} to {number(error.interval_m[1])}"]
+        for name, error in source_errors(closing)
+    ]
+
+
+def source_errors(closing: Closing) -> list[tuple[str, SourceError]]:
+    """Return the errors of the source that are known, by the name of what they are in."""
+    errors = {
+        "simulation": closing.simulation_source,
+        "mended simulation": closing.mended_source,
+        "recording": closing.recording_source,
+    }
+    return [(name, error) for name, error in errors.items() if error is not None]
+
+
+def figure_rows(comparison: Comparison) -> list[tuple[str, list[list[str]]]]:
+    """Return each group of figures with its rows as ``FIGURES_HEADER``, in units of files."""
+    groups: dict[str, list[list[str]]] = {}
+    for figure in comparison.figures:
+        groups.setdefault(figure.group, []).append(_figure_row(figure))
+    return list(groups.items())
+
+
+def _figure_row(figure: Figure) -> list[str]:
+    factor, unit = for_people(figure.unit)
+    sides = (figure.simulation, figure.simulation_error), (figure.recording, figure.recording_error)
+    return [
+        figure.name,
+        *(_valued(factor * value, factor * error) for value, error in sides),
+        "" if unit == "1" else unit,
+        number(figure.standard_errors, 2),
+        figure.standing,
+    ]
+
+
+def _valued(value: float, error: float) -> str:
+    """Return a value, with its standard error where there is one."""
+    return with_error(value, error, 4) if error > 0 and math.isfinite(value) else number(value, 4)
+
+
+def _sensor_count(comparison: Comparison) -> int:
+    """Return the number of sensors K; 0 where nothing was compared."""
+    return 0 if comparison.recording is None else comparison.recording.array.sensor_count

@@ -1,0 +1,148 @@
+"""`tam compare`: mistakes and verdict for people and programs, told by the exit code too."""
+
+import json
+import sys
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+from click.testing import CliRunner
+
+from tam_calibration.cli.main import main
+from tam_calibration.files import read_recording, write_array, write_recording
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, recording, cross):
+    """Give a working folder with a simulation and a recording, as CSV and as a bag, and the array file."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("sim.csv", "real.csv", "real"):
+        write_recording(name, recording)
+    write_array("array.yaml", cross)
+    return tmp_path
+
+
+@pytest.fixture
+def asked(monkeypatch, comparison, mend_texts):
+    """Put a stand-in in the place of the comparison; return what it was asked, and what it shall answer."""
+    asked = {"answer": comparison}
+
+    def compare(simulation, recording, array, *, array_of_simulation=None, progress=None, seed=0):
+        asked.update(sides=(simulation, recording), array=array, array_of_simulation=array_of_simulation)
+        progress("judging", 0.5)
+        return asked["answer"]
+
+    monkeypatch.setitem(sys.modules, "tam_calibration.comparison.compare", SimpleNamespace(compare=compare))
+    return asked
+
+
+def run(*arguments, code=0):
+    """Run the command with the array and return its result."""
+    result = CliRunner().invoke(main, ["compare", "--array", "array.yaml", *arguments])
+    assert result.exit_code == code, result.output
+    return result
+
+
+@pytest.mark.parametrize("name", ["real.csv", "real"])
+def test_people_see_what_differs_and_what_to_do(folder, asked, name):
+    """The verdict, what is missing, surplus and otherwise, noise, gap before and after, source errors, what next."""
+    out = run("sim.csv", name, code=1).stdout
+    assert out.startswith("The recording: its noise is twice what its array states.\nDifferent: The simulation lacks")
+    for words in (
+        "temperature drift",
+        "could not show it",
+        "Temperature drift: sensor 2:",
+        "1.000 ± 0.020",
+        "The noise of 1 of 13 axes differs.",
+        "band 10 to 14 Hz",
+        "in noise floors",
+        "99 % of the gap's energy is closed",
+        "0.0800 to 0.120",
+        "What stays open: A tenth of the drift of sensor 2 stays.",
+        "Next: Write the mend into the simulator",
+    ):
+        assert words in out, words
+    assert [side.sample_count for side in asked["sides"]] == [600, 600]
+
+
+def test_mistakes_come_first(folder, asked, mistaken):
+    """In words, with the mend, before the verdict; nothing else was compared, and no mend is written."""
+    asked["answer"] = mistaken
+    (folder / "mend.yaml").write_text("of before\n")
+    result = run("sim.csv", "real.csv", "--mend", "mend.yaml", "--json", "compare.json", code=1)
+    first, second, third, fourth = result.stdout.splitlines()
+    assert first.startswith("The simulation's field is 10⁴ times") and "Mend: Divide the readings by 10 000." in first
+    assert second.startswith("Different: ") and third.startswith("Next: Mend that in the simulator")
+    assert fourth == "written: compare.json"
+    assert (folder / "mend.yaml").read_text() == "of before\n"
+    assert json.loads((folder / "compare.json").read_text())["mend"] is None
+
+
+@pytest.mark.parametrize(("verdict", "code"), [("same", 0), ("differs", 1), ("not_identifiable", 1)])
+def test_the_exit_code_tells_whether_they_are_the_same(folder, asked, comparison, verdict, code):
+    """What differs, and what cannot be told, is exit 1; the files are written all the same."""
+    asked["answer"] = replace(comparison, verdict=verdict)
+    run("sim.csv", "real.csv", "--json", "compare.json", code=code)
+    assert json.loads((folder / "compare.json").read_text())["verdict"] == verdict
+
+
+def test_programs_get_json(folder, asked):
+    """JSON goes to a file beside the tables, or alone to stdout, and names both recordings."""
+    assert run("sim.csv", "real.csv", "--json", "compare.json", code=1).stdout.endswith("written: compare.json\n")
+    alone = json.loads(run("sim.csv", "real.csv", "--json", "-", code=1).stdout)
+    assert json.loads((folder / "compare.json").read_text()) == alone
+    assert alone["schema"] == "tam_calibration/compare/1"
+    assert (alone["simulation"]["name"], alone["recording"]["name"]) == ("sim.csv", "real.csv")
+
+
+def test_a_page_and_the_mend_are_written(folder, asked):
+    """Each in a file of its own."""
+    out = run("sim.csv", "real.csv", "--report", "page.html", "--mend", "mend.yaml", code=1).stdout
+    assert "written: page.html" in out and "written: mend.yaml" in out
+    assert (folder / "page.html").read_text().startswith("<!DOCTYPE html>")
+    assert (folder / "mend.yaml").read_text() == "rate_Hz: 100.0\n"
+
+
+def test_the_simulation_may_have_an_array_of_its_own(folder, asked, cross):
+    """Else it has that of the recording."""
+    write_array("other.yaml", replace(cross, positions_m=2 * cross.positions_m))
+    run("sim.csv", "real.csv", code=1)
+    assert asked["array_of_simulation"] is asked["array"]
+    run("sim.csv", "real.csv", "--array-of-simulation", "other.yaml", code=1)
+    assert asked["array"].positions_m[0, 0] == 0.25 and asked["array_of_simulation"].positions_m[0, 0] == 0.5
+
+
+def test_a_recording_may_be_compared_with_itself(folder, asked):
+    """It is no bad input."""
+    run("real.csv", "real.csv", code=1)
+
+
+@pytest.mark.parametrize("output", ["sim.csv", "real", "real/new.yaml", "array.yaml"])
+def test_no_input_is_overwritten(folder, asked, output):
+    """Neither of the two recordings, nor the array; told before any work."""
+    stderr = run("sim.csv", "real", "--mend", output, code=2).stderr
+    assert output in stderr and len(stderr.splitlines()) == 1 and "sides" not in asked
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "words"),
+    [
+        ("no.csv", "real.csv", "the simulation: there is no file or bag no.csv"),
+        ("sim.csv", "no.csv", "no.csv"),
+        ("sim.csv", "short.csv", "the recording: short.csv"),
+        ("short.csv", "real", "the simulation: short.csv"),
+        ("three.csv", "real", "the simulation: three.csv: the recording has 3 sensors, not 4"),
+        ("sim.csv", "three.csv", "the recording: three.csv: the recording has 3 sensors, not 4"),
+        ("array.yaml", "real.csv", "the simulation: array.yaml"),
+        ("bag", "real.csv", "the simulation: bag"),
+    ],
+)
+def test_bad_input_is_one_sentence_that_names_the_side(folder, asked, one, other, words):
+    """A file that is not there, is empty, is none, has fewer sensors or no topics: exit 2, and no output is left."""
+    (folder / "short.csv").write_text("time_s,b1x_nT\n")
+    (folder / "bag").mkdir()
+    whole = read_recording("real.csv")
+    write_recording("three.csv", replace(whole, readings_T=whole.readings_T[:, :3]))
+    stderr = run(one, other, "--json", "compare.json", code=2).stderr
+    assert words in stderr and len(stderr.splitlines()) == 1
+    assert not (folder / "compare.json").exists()

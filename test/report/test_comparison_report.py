@@ -1,0 +1,179 @@
+"""The page of a comparison: two columns, one look, what differs on top, the mend to copy."""
+
+import html
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.correction.calibration import Provenance
+from tam_calibration.files.comparison_json import Sources
+from tam_calibration.report.comparison_plots import (
+    RECORDING_COLOR,
+    SIMULATION_COLOR,
+    plot_all_noise,
+    plot_histograms,
+    plot_noise,
+    plot_source_errors,
+    plot_spheres,
+    plot_steps,
+    row_to_draw,
+)
+from tam_calibration.report.comparison_report import write_comparison_report
+from tam_calibration.report.comparison_rows import most_other
+
+SOURCES = Sources(Provenance("sim<1>.mcap", 12, "ab" * 32), Provenance("dive.csv", 34, "cd" * 32))
+
+
+@pytest.fixture
+def write(tmp_path, mend_texts):
+    """Return a function that writes the page of a comparison and reads it: its HTML, its headings and its words."""
+
+    def write(comparison):
+        path = tmp_path / "compare.html"
+        write_comparison_report(path, comparison, SOURCES)
+        page = path.read_text(encoding="utf-8")
+        assert not re.search(r"url\(|@import|https?://|<script|<link|<iframe", page)
+        assert all(source.startswith("data:image/svg+xml;base64,") for source in re.findall(r'src="([^"]*)"', page))
+        bare = re.sub(r"<[^>]*>", " ", page[page.index("<body>") :])
+        words = re.sub(r"\s+", " ", html.unescape(bare))
+        return page, re.findall(r"<h2>(.*?)</h2>", page), words
+
+    return write
+
+
+def test_what_differs_comes_first_and_the_mend_last(comparison, write):
+    """Verdict, what differs, then drawn, then every figure, then what to copy."""
+    page, headings, words = write(comparison)
+    assert headings == [
+        "Verdict",
+        "What differs",
+        "Noise",
+        "Residuals",
+        "How far the mend closes the gap",
+        "Side by side",
+        "The mend, to copy",
+    ]
+    assert words.index("Different: The simulation lacks temperature_drift") < words.index("What differs")
+    assert page.count("<img") == 6
+    assert "sim<1>.mcap" in words and "dive.csv" in words
+    assert "nan" not in words.lower().split()
+
+
+def test_effects_stand_in_the_column_of_the_side_that_has_them(comparison, write):
+    """Missing, surplus and otherwise; with place, probability and parameters ± standard errors of each side."""
+    _, _, words = write(comparison)
+    for row in (
+        "temperature drift lacks it has it sensor 2 98 % 1.90",
+        "an unknown effect has it could not show it the scalar",
+        "temperature drift has it otherwise has it sensor 2",
+        "sensor 2 x offset – 1.000 ± 0.020 nT/°C",
+        "sensor 2 x offset 1.000 ± 0.020 2.000 ± 0.020 nT/°C",
+        "sensor 2 y 1.000 ± 0.020 2.000 ± 0.040 white band 10 to 14 Hz differs",
+        "rate 100.000 ± 0.010 50.000 ± 0.020 Hz −2236 differs",
+        "source error foretold wrongly by (m) 0.250 0.0200",
+        "99 % of the gap's energy is closed (95 % confidence: 97 % to 100 %).",
+        "What stays open: A tenth of the drift of sensor 2 stays.",
+    ):
+        assert row in words.replace("\N{NO-BREAK SPACE}", " "), row
+
+
+def test_what_is_to_be_copied_is_text(comparison, write):
+    """What HTML would take for its own is shown as it is, to the last character."""
+    page, _, _ = write(comparison)
+    blocks = [html.unescape(text) for text in re.findall(r'<pre class="code">(.*?)</pre>', page, re.DOTALL)]
+    assert blocks[0] == "<magnetometer><x>&amp;</x></magnetometer>"
+    assert blocks[2] == "def add(readings, time_s):\n    return readings if time_s < 1 else None\n"
+    assert blocks[3].strip() == "rate_Hz: 100.0"
+    assert "tam simulate --from-comparison mend.yaml" in blocks[4]
+
+
+def test_a_mistake_is_told_with_its_mend_and_nothing_else(mistaken, write):
+    """In the words of simulators, set apart; there is nothing to draw."""
+    page, headings, words = write(mistaken)
+    assert headings == ["Verdict"] and "<img" not in page
+    assert re.search(r'class="doubt">[^<]*gauss was written where the topic has tesla', page)
+    assert "Where: all sensors. Mend: Divide the readings by 10 000." in words
+    assert "compare again: nothing else was compared" in words
+
+
+def test_the_same_is_said_and_has_no_mend(comparison, write):
+    """Two runs that differ in nothing."""
+    same = replace(
+        comparison, verdict="same", statement="Nothing differs.", missing=(), surplus=(), other_parameters=()
+    )
+    page, headings, words = write(same)
+    assert '<p class="good">The same: Nothing differs.</p>' in page
+    assert "No effect is in one of the two" in words and "The mend, to copy" not in headings
+
+
+def test_without_attitude_no_source_is_drawn(comparison, write):
+    """The error of a source is left out where it cannot be known."""
+    closing = replace(comparison.closing, simulation_source=None, recording_source=None, mended_source=None)
+    page, _, words = write(replace(comparison, closing=closing))
+    assert page.count("<img") == 5 and "source error" not in words
+
+
+def test_the_same_comparison_gives_the_same_page(comparison, tmp_path, mend_texts):
+    """A page is the same file whenever it is made."""
+    for name in ("a.html", "b.html"):
+        write_comparison_report(tmp_path / name, comparison, SOURCES)
+    assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
+
+
+def test_the_worst_axis_is_drawn_with_both_spectra(comparison):
+    """Sensor 2 y: the recording's density is four times that of the simulation far from the band, 2 × in nT/√Hz."""
+    worst = most_other(comparison.noise)
+    assert (worst.recording.sensor, worst.recording.axis) == (2, "y")
+    simulation, recording = plot_noise(worst).axes[0].lines
+    assert (simulation.get_color(), recording.get_color()) == (SIMULATION_COLOR, RECORDING_COLOR)
+    assert_allclose(simulation.get_ydata(), np.sqrt(2 / 100))  # nT/√Hz of 1 nT at 100 Hz
+    assert recording.get_ydata()[-1] == pytest.approx(2 * np.sqrt(2 / 100))
+
+
+def test_all_axes_are_drawn_and_those_that_differ_marked(comparison):
+    """Thirteen panels, one of them shaded."""
+    panels = plot_all_noise(comparison.noise).axes
+    titles = [axes.get_title("left") for axes in panels]
+    assert len(titles) == 13 and [title for title in titles if "differs" in title] == ["sensor 2 y: differs"]
+
+
+def test_a_simulator_without_noise_is_drawn(comparison):
+    """It has no density on a logarithmic axis; the recording's is shown, and its axis comes first."""
+    silent = replace(
+        comparison.noise[0].simulation,
+        level_T=0.0,
+        density_T2_per_hz=np.zeros(129),
+        density_low_T2_per_hz=np.zeros(129),
+        density_high_T2_per_hz=np.zeros(129),
+    )
+    noise = (replace(comparison.noise[0], simulation=silent, differs=True), *comparison.noise[1:])
+    assert most_other(noise) is noise[0]
+    low, high = plot_noise(noise[0]).axes[0].get_ylim()
+    assert 0 < low < np.sqrt(2 / 100) < high
+
+
+def test_residuals_of_both_are_drawn_of_the_row_that_differs_most(comparison):
+    """An axis of sensor 2: side by side on the sphere, over each other by size."""
+    simulation, recording = comparison.simulation, comparison.recording
+    row = row_to_draw(simulation, recording)
+    assert row // 3 == 1
+    maps = plot_spheres(simulation, recording, row, "sensor 2 x").axes
+    assert [axes.get_title() for axes in maps[:2]] == ["simulation", "recording"]
+    labels = plot_histograms(simulation, recording, row, "sensor 2 x").axes[0].get_legend_handles_labels()[1]
+    assert labels == ["simulation", "recording", "noise floor alone"]
+
+
+def test_the_steps_lead_from_the_gap_to_what_is_left(comparison):
+    """A bar for the simulation as it is, and one for each term."""
+    axes = plot_steps(comparison.closing).axes[0]
+    assert [bar.get_width() for bar in axes.patches] == [1.9, 0.6, 0.2]
+
+
+def test_source_errors_have_their_intervals(comparison):
+    """Three, in metres."""
+    lines = plot_source_errors(comparison.closing).axes[0].lines
+    assert [tuple(line.get_xdata()) for line in lines[::2]] == [(0.08, 0.12), (0.28, 0.38), (0.30, 0.41)]
+    assert [line.get_xdata()[0] for line in lines[1::2]] == [0.10, 0.33, 0.35]
