@@ -1,4 +1,4 @@
-"""The calibrator node: stores samples, fits or diagnoses them when asked, and hands on the calibration."""
+"""The calibrator node: stores samples, fits, diagnoses or compares them when asked, hands on the calibration."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,6 +12,7 @@ from std_srvs.srv import Trigger
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files import calibration_to_yaml, read_calibration, write_calibration
+from tam_calibration.files.compared_recordings import remarks_on
 from tam_calibration.files.overwriting import require_separate
 from tam_calibration.files.results_json import write_gap
 from tam_calibration.files.text_files import check_writable
@@ -22,9 +23,11 @@ from tam_calibration.integrity.fault import names_in, require_names
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.extras import require
+from tam_calibration.model.recording import SampleSource
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.calibration_figures import describe, figures, introduce
 from tam_calibration.nodes.cloud import CloudReader, Rows, from_stamp, layout_of
+from tam_calibration.nodes.comparing import COMPARED, WRITTEN_OF_COMPARISON, compare_with_simulation, require_comparable
 from tam_calibration.nodes.kept_samples import KEPT, SAVE_S, KeptSamples
 from tam_calibration.nodes.listening import LATCHED, RELIABLE_STREAM
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
@@ -42,13 +45,17 @@ RULES = (
     ),
     Rule("gap_file", "", "Gap JSON: written by ~/diagnose where a file is named.", read_only=False),
     Rule("gap_report_file", "", "HTML page: written by ~/diagnose where a file is named.", read_only=False),
+    *COMPARED,
     Rule("accept", "", "Findings that refuse no calibration, separated by commas.", read_only=False),
     Rule("autosave", False, "Whether ~/calibrate writes calibration_file too.", read_only=False),
     *KEPT,
 )
 
-_WRITTEN = ("calibration_file", "gap_file", "gap_report_file")
+_WRITTEN = ("calibration_file", "gap_file", "gap_report_file", *WRITTEN_OF_COMPARISON)
 """Parameters that name a file to write."""
+
+_READ = ("array_file", "simulation", "simulation_array_file")
+"""Parameters that name a file or bag to read and nothing else."""
 
 _TURN_S = 0.05
 """Time from one look for samples to the next, seconds."""
@@ -59,6 +66,8 @@ _ANSWER_S = 2.0
 
 class Calibrator(TamNode):
     """Fits the stored samples on ~/calibrate and publishes `calibration`, latched; diagnoses them on ~/diagnose.
+
+    On ~/compare it compares them with the recording of a simulator.
 
     Samples are stored while it works, and kept on disk for the node that takes its place when it is killed.
     """
@@ -78,6 +87,7 @@ class Calibrator(TamNode):
         self._work = Work()
         self.serve("calibrate", partial(self._logged, self._calibrate), self._work)
         self.serve("diagnose", partial(self._logged, self._diagnose), self._work)
+        self.serve("compare", partial(self._logged, self._compare), self._work)
         self.serve("save", partial(self._logged, self._save))
         self._collector = self.create_client(Trigger, "collector/usage")
         self.create_steady_timer(SAVE_S, self._kept.save)
@@ -175,13 +185,23 @@ class Calibrator(TamNode):
             require("report", "gap_report_file")
         self._require_separate()
         usage = self._usage()
-        remarks = usage.remarks() if usage else ()
-        samples = self._store.recording()
-        seen = usage.with_each_reading_once(samples) if usage else samples
+        seen, remarks = self._seen(usage)
         gap = diagnose(seen, self._array, progress=self._go_on, accept=names_in(self.value("accept")))
         self._gap = replace(gap, remarks=(*remarks, *gap.remarks))
         written = self._write(self._gap)
         return " ".join([gap.headline, *(remarks or [f"{_in_words(usage)}."])]) + written
+
+    def _compare(self) -> str:
+        require_comparable(self)
+        self._require_separate()
+        seen, remarks = self._seen(self._usage())
+        return compare_with_simulation(self, seen, remarks_on("recording", remarks), self._array, self._go_on)
+
+    def _seen(self, usage: Usage | None) -> tuple[SampleSource, tuple[str, ...]]:
+        """Return the stored samples with each reading once, and what is to be said of how they were joined."""
+        remarks = usage.remarks() if usage else ()
+        samples = self._store.recording()
+        return (usage.with_each_reading_once(samples) if usage else samples), remarks
 
     def _usage(self) -> Usage | None:
         """Ask the collector how many of sensor 1's samples it used; None where none answers."""
@@ -193,7 +213,7 @@ class Calibrator(TamNode):
         return Usage.from_json(future.result().message) if answered.wait(_ANSWER_S) else None
 
     def _go_on(self, stage: str, done: float) -> None:
-        """Note how far a diagnosis is, and give it up when the node shall end."""
+        """Note how far a diagnosis or comparison is, and give it up when the node shall end."""
         self._work.progress(done)
         if not self.context.ok():
             raise Refused(f"the node ended while it was {stage}")
@@ -219,10 +239,9 @@ class Calibrator(TamNode):
         return f"saved to {path}"
 
     def _require_separate(self) -> None:
-        """Check that what the node writes costs neither its array file, nor a bag, nor one another."""
-        array_file = self.value("array_file")
-        written = [Path(path) for name in _WRITTEN if (path := self.value(name))]
-        require_separate(written, [Path(array_file)] if array_file else [])
+        """Check that what the node writes costs neither what it reads, nor a bag, nor one another."""
+        written, read = ([Path(path) for name in names if (path := self.value(name))] for names in (_WRITTEN, _READ))
+        require_separate(written, read)
 
     def _autosave(self) -> list[str]:
         """Save where that is asked for; a file that cannot be written costs no calibration."""

@@ -1,0 +1,112 @@
+"""What the calibrator does on ~/compare: the stored samples beside those of a simulator, and what it writes of that."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from tam_calibration.comparison.result import Comparison
+from tam_calibration.files import provenance
+from tam_calibration.files.compared_recordings import read_array_of, read_compared
+from tam_calibration.files.comparison_json import Sources, write_comparison
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.extras import require
+from tam_calibration.model.recording import SampleSource
+from tam_calibration.nodes.base import TamNode
+from tam_calibration.nodes.node_parameters import Rule
+from tam_calibration.report.comparison_rows import first_difference, headline
+
+COMPARED = (
+    Rule("simulation", "", "Recording of a simulator, bag or CSV, with which ~/compare compares.", read_only=False),
+    Rule("simulation_array_file", "", "Array YAML of the simulation; empty for that of array_file.", read_only=False),
+    Rule("comparison_file", "", "Comparison JSON: written by ~/compare where a file is named.", read_only=False),
+    Rule("comparison_report_file", "", "HTML page: written by ~/compare where a file is named.", read_only=False),
+    Rule("mend_file", "", "YAML of what the simulation lacks: written by ~/compare where named.", read_only=False),
+)
+
+WRITTEN_OF_COMPARISON = ("comparison_file", "comparison_report_file", "mend_file")
+"""Parameters that name a file which ~/compare writes."""
+
+
+def require_comparable(node: TamNode) -> None:
+    """Check that a node names a simulation, and that what it shall write of the comparison can be made.
+
+    Raises
+    ------
+    InputError
+        When what makes pages is not installed.
+    Refused
+        When no simulation is named.
+    """
+    if not node.value("simulation"):
+        raise Refused(f"no simulation is named: set the parameter simulation of {node.get_name()} to a bag or CSV file")
+    if node.value("comparison_report_file"):
+        require("report", "comparison_report_file")
+
+
+def compare_with_simulation(
+    node: TamNode,
+    samples: SampleSource,
+    remarks: tuple[str, ...],
+    array: Array,
+    progress: Callable[[str, float], None],
+) -> str:
+    """Compare stored samples with the simulation that a node names, and write what it names.
+
+    Parameters
+    ----------
+    node : TamNode
+        With the parameters of ``COMPARED``.
+    samples : SampleSource
+        That were collected.
+    remarks : tuple of str
+        On how they were joined.
+    array : Array
+        Of them.
+    progress : callable
+        Called with the stage and the part that is done.
+
+    Returns
+    -------
+    str
+        Verdict, first difference and what was written, on one line.
+
+    Raises
+    ------
+    InputError
+        When the simulation cannot be used, or a file cannot be written.
+    Refused
+        When more than half of the simulation's samples cannot be used.
+    """
+    from tam_calibration.comparison.compare import compare
+
+    path, array_path = Path(node.value("simulation")), node.value("simulation_array_file")
+    simulated = read_array_of("simulation", Path(array_path), path) if array_path else array
+    simulation, simulated_remarks = read_compared("simulation", path, simulated)
+    comparison = compare(simulation, samples, array, array_of_simulation=simulated, progress=progress)
+    comparison = replace(comparison, remarks=(*simulated_remarks, *remarks, *comparison.remarks))
+    return _told(comparison) + _write(node, comparison, Sources(provenance(path)))
+
+
+def _told(comparison: Comparison) -> str:
+    """Return the verdict, and the first difference where the verdict does not name it already."""
+    verdict, first = headline(comparison), first_difference(comparison)
+    return verdict if first.rstrip(".") in verdict else f"{verdict} {first}"
+
+
+def _write(node: TamNode, comparison: Comparison, sources: Sources) -> str:
+    written = []
+    if path := node.value("comparison_file"):
+        write_comparison(Path(path), comparison, sources)
+        written.append(path)
+    if path := node.value("comparison_report_file"):
+        from tam_calibration.report.comparison_report import write_comparison_report
+
+        write_comparison_report(Path(path), comparison, sources)
+        written.append(path)
+    if (path := node.value("mend_file")) and comparison.mend is not None:
+        from tam_calibration.files.mend_yaml import write_mend
+
+        write_mend(Path(path), comparison.mend)
+        written.append(path)
+    return f"; written to {' and '.join(written)}" if written else ""
