@@ -4,7 +4,7 @@ import json
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -16,6 +16,10 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
+if TYPE_CHECKING:
+    from tam_calibration.comparison.result import Mend
+    from tam_calibration.simulation import Simulation
+
 
 @click.command()
 @click.argument("scenario", required=False)
@@ -26,10 +30,17 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
     help="Calibration YAML whose array, errors, noise and effects are simulated, instead of the scenario's.",
 )
 @click.option(
+    "--from-comparison",
+    "mend_path",
+    type=PATH,
+    help="What a simulation lacks, as tam compare wrote it: added to the scenario's run, or to that of --recording.",
+)
+@click.option(
     "--recording",
     "run_path",
     type=PATH,
-    help="Recording whose field, attitude, temperature and current the twin gets, instead of a scenario's.",
+    help="Recording whose field, attitude, temperature and current the twin gets, instead of a scenario's; "
+    "with --from-comparison the simulated run itself.",
 )
 @click.option("-o", "--output", type=PATH, required=True, help="A .csv, a .mcap, or a bag's folder.")
 @click.option("--seed", type=click.IntRange(min=0), help="Of the random numbers, instead of the scenario's.")
@@ -44,6 +55,7 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 def command(
     scenario: str | None,
     calibration_path: Path | None,
+    mend_path: Path | None,
     run_path: Path | None,
     output: Path,
     seed: int | None,
@@ -53,29 +65,45 @@ def command(
     """Make the recording of SCENARIO, a file or the name of a shipped one, with array file and truth beside it.
 
     Shipped are wu_table_1, wu_turntable, tumble_100_hz, auv and warming_up. With --from-calibration the twin of a
-    calibrated array is made, on the run of SCENARIO or of a recording.
+    calibrated array is made, on the run of SCENARIO or of a recording. With --from-comparison the run of SCENARIO, or a
+    recording that another simulator made, gets the effects and the noise that tam compare found missing.
     """
+    if calibration_path is not None and mend_path is not None:
+        raise InputError("--from-calibration and --from-comparison exclude each other")
     if run_path is not None:
-        if scenario is not None or calibration_path is None:
-            raise InputError("--recording takes the place of a scenario, and needs --from-calibration")
-        result = _twin(calibration_path, run_path, output, seed or 0, storage)
+        if scenario is not None or (calibration_path is None and mend_path is None):
+            raise InputError(
+                "--recording takes the place of a scenario, and needs --from-calibration or --from-comparison"
+            )
+        if mend_path is not None:
+            result = _mend(mend_path, run_path, output, seed or 0, storage)
+        elif calibration_path is not None:
+            result = _twin(calibration_path, run_path, output, seed or 0, storage)
     elif scenario is not None:
-        result = _simulate(scenario, calibration_path, output, seed, storage)
+        result = _simulate(scenario, calibration_path, mend_path, output, seed, storage)
     else:
-        raise InputError("say what to simulate: a scenario, or --from-calibration with --recording")
+        raise InputError(
+            "say what to simulate: a scenario, or --from-calibration or --from-comparison with --recording"
+        )
     click.echo(json.dumps(result) if as_json else sentences(result))
 
 
 def _simulate(
-    scenario: str, calibration_path: Path | None, output: Path, seed: int | None, storage: str
+    scenario: str,
+    calibration_path: Path | None,
+    mend_path: Path | None,
+    output: Path,
+    seed: int | None,
+    storage: str,
 ) -> dict[str, Any]:
     from rich.console import Console
 
     from tam_calibration.files import read_calibration, write_array, write_recording
+    from tam_calibration.files.mend_yaml import read_mend
     from tam_calibration.files.scenario import files_of_scenario, read_scenario, write_truth
     from tam_calibration.simulation import simulate
 
-    inputs = [*files_of_scenario(scenario), *([] if calibration_path is None else [calibration_path])]
+    inputs = [*files_of_scenario(scenario), *(path for path in (calibration_path, mend_path) if path is not None)]
     paths = {"recording": output, "array": beside(output, "array.yaml"), "truth": beside(output, "truth.yaml")}
     with write_together(paths, inputs) as places, Console(stderr=True).status("simulating") as status:
         plan = read_scenario(scenario)
@@ -83,13 +111,25 @@ def _simulate(
             calibration = read_calibration(calibration_path)
             plan = replace(plan, array=calibration.array, errors=calibration.errors, effects=calibration.effects)
         made = simulate(plan if seed is None else replace(plan, seed=seed))
+        if mend_path is not None:
+            made = _mended(made, read_mend(mend_path))
         status.update(f"writing {made.recording.sample_count} samples")
         write_recording(places["recording"], plan.array.mounting.inverse.turned(made.recording), storage)
-        write_array(places["array"], plan.array)
+        write_array(places["array"], made.scenario.array)
         write_truth(places["truth"], made)
     intensity = norm(made.center_field_T, axis=1)
     summary = _summary(made.recording, intensity, plan.rate_hz, made.scenario.seed)
     return summary | {name: str(path) for name, path in paths.items()}
+
+
+def _mended(made: "Simulation", mend: "Mend") -> "Simulation":
+    """Return a simulation with what it lacks; its array then states the noise of the mend's recording."""
+    from tam_calibration.comparison.additions import mended
+
+    plan, noise = made.scenario, mend.calibration.array
+    recording = mended(made.recording, mend, plan.seed, plan.errors)
+    array = plan.array.with_noise(noise.vector_noise_T, noise.scalar_noise_T)
+    return replace(made, recording=recording, scenario=replace(plan, array=array, effects=plan.effects + mend.added))
 
 
 def _twin(calibration_path: Path, run_path: Path, output: Path, seed: int, storage: str) -> dict[str, Any]:
@@ -110,9 +150,34 @@ def _twin(calibration_path: Path, run_path: Path, output: Path, seed: int, stora
         write_recording(places["recording"], array.mounting.inverse.turned(made), storage)
         write_array(places["array"], array)
     field = agreed_field(made.readings_T, calibration.errors, array)
-    rate_hz = float(1 / np.median(np.diff(made.time_s))) if made.sample_count > 1 else float("nan")
-    summary = _summary(made, norm(field, axis=1), rate_hz, seed)
+    summary = _summary(made, norm(field, axis=1), _rate_hz(made), seed)
     return summary | {name: str(path) for name, path in paths.items()} | {"truth": str(calibration_path)}
+
+
+def _mend(mend_path: Path, run_path: Path, output: Path, seed: int, storage: str) -> dict[str, Any]:
+    from rich.console import Console
+
+    from tam_calibration.comparison.additions import mended
+    from tam_calibration.files import read_recording, write_array, write_recording
+    from tam_calibration.files.mend_yaml import read_mend
+
+    paths = {"recording": output, "array": beside(output, "array.yaml")}
+    inputs = [mend_path, run_path]
+    with write_together(paths, inputs) as places, Console(stderr=True).status("adding what it lacks") as status:
+        mend = read_mend(mend_path)
+        array = mend.calibration.array
+        run = read_recording(run_path, array.sensor_count, array=replace(array, delay_s=None))
+        made = mended(run, mend, seed)
+        status.update(f"writing {made.sample_count} samples")
+        write_recording(places["recording"], array.mounting.inverse.turned(made), storage)
+        write_array(places["array"], array)
+    intensity = norm(made.readings_T, axis=2).mean(axis=1)
+    summary = _summary(made, intensity, _rate_hz(made), seed)
+    return summary | {name: str(path) for name, path in paths.items()} | {"truth": str(mend_path)}
+
+
+def _rate_hz(recording: Recording) -> float:
+    return float(1 / np.median(np.diff(recording.time_s))) if recording.sample_count > 1 else float("nan")
 
 
 def beside(output: Path, ending: str) -> Path:

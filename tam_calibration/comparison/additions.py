@@ -28,7 +28,7 @@ class Additions:
 
     Samples may come one by one or in batches of any size: how they are split changes no number. Where time goes back,
     as when a simulation is reset, all begins anew. An effect that depends on how the field goes on foretells that from
-    the samples so far, so that it is not quite as in `mended`; the others are.
+    the samples so far: it is missing in the first sample of a run, and not quite as in `mended`. The others are.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Additions:
 
     def _begin(self) -> None:
         """Begin a run."""
-        self._first_s, self._newest_s = np.nan, -np.inf
+        self._newest_s = -np.inf
         noise, *own = self._generator.spawn(1 + len(self._mend.added))
         self._noise = _noise_stream(self._mend, noise)
         with _values_known():
@@ -115,10 +115,8 @@ class Additions:
         _check(self._mend, batch)
         if batch.time_s[0] <= self._newest_s:
             self._begin()
-        if np.isnan(self._first_s):
-            self._first_s = float(batch.time_s[0])
         self._newest_s = float(batch.time_s[-1])
-        covariates = _covariates(self._mend, batch, self._errors, self._first_s)
+        covariates = _covariates(self._mend, batch, self._errors)
         rows = _rows(batch)
         with _values_known():
             for effect in self._of_field:
@@ -137,7 +135,7 @@ def mended(recording: Recording, mend: Mend, seed: int, errors: SensorErrors | N
     Parameters
     ----------
     recording : Recording
-        As the simulation made it; its first sample is taken for the first of the mend's recording.
+        As the simulation made it.
     mend : Mend
         What the simulation lacks.
     seed : int
@@ -153,7 +151,7 @@ def mended(recording: Recording, mend: Mend, seed: int, errors: SensorErrors | N
     errors = _errors_of(mend, errors)
     _check(mend, recording)
     run = filled(recording)
-    covariates = _covariates(mend, run, errors, float(run.time_s[0]))
+    covariates = _covariates(mend, run, errors)
     noise, *own = np.random.default_rng(seed).spawn(1 + len(mend.added))
     rows = add_effects(_rows(run), covariates, mend.added, own, "field")
     rows = rows + _noise_stream(mend, noise).drawn(run.time_s)
@@ -200,11 +198,11 @@ def _noise_stream(mend: Mend, generator: np.random.Generator) -> NoiseStream:
     return NoiseStream(mend.noise, 3 * calibration.array.sensor_count + 1, mend.rate_hz, span_s, generator)
 
 
-def _covariates(mend: Mend, recording: Recording, errors: SensorErrors, first_s: float) -> Covariates:
-    """Return what the effects follow, at times by which the run began when the mend's recording did."""
+def _covariates(mend: Mend, recording: Recording, errors: SensorErrors) -> Covariates:
+    """Return what the effects follow."""
     array = mend.calibration.array
     return Covariates(
-        recording.time_s - first_s + mend.calibration.time_span_s[0],
+        recording.time_s,
         agreed_field(recording.readings_T, errors, array),
         errors,
         array,

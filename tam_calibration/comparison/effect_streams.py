@@ -118,7 +118,7 @@ def _continued(past: Covariates) -> Covariates:
     count = min(_FITTED, past.sample_count)
     step = float(np.median(np.diff(past.time_s[-count:]))) if count > 1 else 1.0
     known, ahead = (past.time_s[-count:] - past.time_s[-1]) / step, np.arange(1.0, _AHEAD + 1)
-    powers = np.arange(1 + min(_DEGREE, (count - 1) // 2))
+    powers = np.arange(1 + min(_DEGREE, count // 2))
     foretold = (
         ahead[:, None] ** powers @ np.linalg.lstsq(known[:, None] ** powers, past.field_T[-count:], rcond=None)[0]
     )

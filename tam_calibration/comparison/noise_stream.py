@@ -1,9 +1,16 @@
 """Noise of a stated spectrum for samples that arrive in batches of any size, white, slow and in a band.
 
 Slow noise of the density 2 w²/r (k/f)^a is a sum of first-order processes whose time constants cover the frequencies
-(Keshner, 1/f noise, Proc. IEEE 70, 1982, p. 212), and a band is an oscillation that dies and is kicked anew. Both are
-modes: the real part of a complex number that turns and decays, z(t + h) = exp(-λ h) z(t) + a kick, with 1/λ the time
-constant, or λ = π Δf - 2πi f of a band about f of the width Δf. They keep their density at any step of time.
+(Keshner, 1/f noise, Proc. IEEE 70, 1982, p. 212), and a band is an oscillator that white noise drives, an AR(2)
+process. Both are modes z' = -λ z + white noise, with 1/λ the time constant of a process, or λ = π Δf - 2πi f of a band
+about f of the width Δf. Over a step h
+
+    z(t + h) = exp(-λ h) z(t) + k,   E |k|² = (1 - exp(-2 Re λ h)) / (2 Re λ),   E k² = (1 - exp(-2 λ h)) / (2 λ),
+
+for white noise of unit density, so that modes keep their density whatever the steps of time are. What is read is
+x = Re(c z). Its covariance over n steps is Re(G p^n), with p = exp(-λ h) = ρ exp(iθ), |c| = 1 and
+G = (E |z|² + c² E z²) / 2; it is that of the AR(2) process with the poles p and p* where
+tan(arg G) = -cot(θ) (1 - ρ²) / (1 + ρ²), which fixes c; for bands above a third of the rate it comes near.
 """
 
 from collections.abc import Sequence
@@ -123,7 +130,9 @@ class NoiseStream:
             modes += [(row, *mode) for mode in _modes(term, rate_hz, span_s)]
         self._to_rows = np.eye(row_count)[[row for row, _, _ in modes]].reshape(-1, row_count)
         self._decay = np.array([decay for _, decay, _ in modes], dtype=complex)
-        self._deviation_T = np.sqrt(np.array([variance for _, _, variance in modes]))
+        self._reading = _readings_of(self._decay, rate_hz)
+        unit = (0.5 / self._decay.real + (self._reading**2 * 0.5 / self._decay).real) / 2
+        self._drive_T = np.sqrt(np.array([variance for _, _, variance in modes]) / unit)
         self._state = np.zeros(len(modes), complex)
         self._newest_s = np.inf
 
@@ -139,11 +148,14 @@ class NoiseStream:
         step = np.diff(time_s, prepend=self._newest_s)[:, None]
         self._newest_s = float(time_s[-1])
         exponent = np.where(step > 0, np.maximum(step, 0) * self._decay, _FORGOTTEN)
-        size = self._deviation_T * np.sqrt(-np.expm1(-2 * exponent.real))
-        kick = size * (self._kicks.normal(size=(*exponent.shape, 2)) @ np.array([1, 1j]))
+        size = -np.expm1(-2 * exponent.real) / (2 * self._decay.real)
+        square = -np.expm1(-2 * exponent) / (2 * self._decay)
+        along, across = (np.sqrt(np.maximum(size + sign * np.abs(square), 0) / 2) for sign in (1, -1))
+        drawn = self._kicks.normal(size=(*exponent.shape, 2))
+        kick = self._drive_T * np.exp(0.5j * np.angle(square)) * (along * drawn[..., 0] + 1j * across * drawn[..., 1])
         modes: NDArray[np.complexfloating] = follow(kick, np.zeros_like(kick), self._state, exponent)[1:]
         self._state = modes[-1]
-        coloured: FloatArray = modes.real @ self._to_rows
+        coloured: FloatArray = (self._reading * modes).real @ self._to_rows
         return coloured
 
 
@@ -158,3 +170,13 @@ def _modes(term: NoiseTerm, rate_hz: float, span_s: float) -> list[tuple[complex
         low, high = term.band_hz
         modes.append((np.pi * complex(high - low, -high - low), term.band_T**2))
     return modes
+
+
+def _readings_of(decay: NDArray[np.complexfloating], rate_hz: float) -> NDArray[np.complexfloating]:
+    """Return c of each mode: at the rate of the recording a band is an AR(2) process, as near as it can be."""
+    turn = np.where(decay.imag == 0, np.pi / 2, -decay.imag / rate_hz)
+    wanted = -np.arctan(np.tanh(decay.real / rate_hz) / np.tan(turn))
+    lean = decay.real / np.abs(decay)  # of |E z²| to E |z|²
+    angle = wanted + np.arcsin(np.clip(np.sin(wanted) / lean, -1, 1))
+    reading: NDArray[np.complexfloating] = np.exp(0.5j * (angle + np.angle(decay)))
+    return reading

@@ -1,0 +1,155 @@
+"""Text to copy into a simulator's model: Gazebo's SDF, MuJoCo's MJCF, and the lines of a plugin.
+
+They hold noise, bias, steps and range of the sensors; the rest is added by a plugin, or by ``tam simulate``.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tam_calibration.comparison.noise_stream import slow_modes
+from tam_calibration.comparison.result import Mend, NoiseTerm
+from tam_calibration.model.fitted_effect import ALL, Contribution
+
+_HELD = {"quantization": "Gazebo", "saturation": "MuJoCo"}
+"""Effects that one of the simulators has an element for."""
+
+
+def gazebo_sdf(mend: Mend) -> str:
+    """Return a ``<sensor type="magnetometer">`` for each sensor as it shall be, in tesla.
+
+    ``stddev`` is that of a sample's white noise. The bias stands in ``mean``, for Gazebo gives ``bias_mean`` a random
+    sign; ``bias_stddev`` is its standard error. Slow noise is the first-order process that comes nearest: the standard
+    deviation of Gazebo's is ``dynamic_bias_stddev`` times the root of half the correlation time.
+
+    Parameters
+    ----------
+    mend : Mend
+        What the recording's sensors have.
+    """
+    blocks = []
+    for sensor in range(mend.calibration.array.sensor_count):
+        axes = "\n".join(_sdf_axis(mend, sensor, axis) for axis in range(3))
+        blocks.append(
+            f'<sensor name="tam_{sensor + 1}" type="magnetometer">\n'
+            f"  <always_on>1</always_on>\n  <update_rate>{_number(mend.rate_hz)}</update_rate>\n"
+            f"  <magnetometer>\n{axes}\n  </magnetometer>\n</sensor>"
+        )
+    remarks = [*_not_held(mend, "Gazebo"), *_bands(mend)]
+    return "\n".join([*map(_comment, remarks), *blocks]) + "\n"
+
+
+def _sdf_axis(mend: Mend, sensor: int, axis: int) -> str:
+    calibration, term = mend.calibration, _term(mend, sensor, axis)
+    step = _value(mend, "quantization", "step", sensor, axis)
+    elements = {
+        "mean": calibration.errors.bias_T[sensor, axis],
+        "stddev": calibration.array.vector_noise_T[sensor] if term is None else term.white_T,
+        "bias_mean": 0.0,
+        "bias_stddev": np.nan_to_num(calibration.standard_errors[sensor, 6 + axis]),
+    }
+    if term is not None:
+        span_s = calibration.time_span_s[1] - calibration.time_span_s[0]
+        modes = slow_modes(term, mend.rate_hz, span_s, most=1)
+        for constant_s, variance_T2 in zip(modes.time_constant_s, modes.variance_T2, strict=True):
+            elements["dynamic_bias_stddev"] = np.sqrt(2 * variance_T2 / constant_s)
+            elements["dynamic_bias_correlation_time"] = constant_s
+    if step is not None:
+        elements["precision"] = step
+    kind = "gaussian" if step is None else "gaussian_quantized"
+    inside = "".join(f"<{name}>{_number(value)}</{name}>" for name, value in elements.items())
+    name = "xyz"[axis]
+    return f'    <{name}><noise type="{kind}">{inside}</noise></{name}>'
+
+
+def mujoco_mjcf(mend: Mend) -> str:
+    """Return the ``<sensor>`` and ``<custom>`` elements of an MJCF model, in tesla, for sites of the same names.
+
+    Parameters
+    ----------
+    mend : Mend
+        What the recording's sensors have.
+    """
+    sensors, biases = [], []
+    for sensor, bias_T in enumerate(mend.calibration.errors.bias_T):
+        name, noise_T, limit_T = f"tam_{sensor + 1}", _white_T(mend, sensor), _range_T(mend, sensor)
+        cutoff = "" if limit_T is None else f' cutoff="{_number(limit_T)}"'
+        sensors.append(f'  <magnetometer name="{name}" site="{name}" noise="{_number(noise_T)}"{cutoff}/>')
+        biases.append(f'  <numeric name="{name}_bias" data="{" ".join(map(_number, bias_T))}"/>')
+    remarks = [
+        "mj_step adds neither noise nor bias: they are numbers for your code, or let Additions do it",
+        *_not_held(mend, "MuJoCo"),
+        *(f"{_place(term)}: slow noise goes to the mend file" for term in mend.noise if np.isfinite(term.knee_hz)),
+        *_bands(mend),
+    ]
+    lines = [*map(_comment, remarks), "<sensor>", *sensors, "</sensor>", "<custom>", *biases, "</custom>"]
+    return "\n".join(lines) + "\n"
+
+
+def python_plugin() -> str:
+    """Return the lines with which a simulator's plugin adds what its readings lack."""
+    return (
+        "from tam_calibration.comparison.additions import Additions\n"
+        "from tam_calibration.files.mend_yaml import read_mend\n"
+        "\n"
+        'add = Additions(read_mend("mend.yaml"), seed=1)  # once; another seed for each run\n'
+        "readings_T, scalar_T = add(readings_T, time_s, scalar_T)  # each sample: tesla, seconds\n"
+    )
+
+
+def _term(mend: Mend, sensor: int, axis: int) -> NoiseTerm | None:
+    """Return the noise of an axis; sensor and axis count from 0."""
+    return next((term for term in mend.noise if (term.sensor, term.axis) == (sensor + 1, "xyz"[axis])), None)
+
+
+def _white_T(mend: Mend, sensor: int) -> float:
+    """Return the root of the mean variance of a sensor's white noise: MuJoCo has one number for its three axes."""
+    terms = [term for axis in range(3) if (term := _term(mend, sensor, axis)) is not None]
+    stated = float(mend.calibration.array.vector_noise_T[sensor])
+    return float(np.sqrt(np.mean([term.white_T**2 for term in terms]))) if terms else stated
+
+
+def _range_T(mend: Mend, sensor: int) -> float | None:
+    """Return the smallest limit of a sensor's axes: MuJoCo clips all of them on both sides."""
+    names = ("lower limit", "upper limit")
+    limits = [_value(mend, "saturation", name, sensor, axis) for name in names for axis in range(3)]
+    return min((abs(limit) for limit in limits if limit is not None), default=None)
+
+
+def _value(mend: Mend, effect: str, name: str, sensor: int, axis: int) -> float | None:
+    """Return a value of an added effect at an axis; None where there is none."""
+    parts = [part for fitted in mend.added if fitted.effect == effect for part in fitted.contributions]
+    return next((part.values[name] for part in parts if name in part.values and _acts_on(part, sensor, axis)), None)
+
+
+def _acts_on(part: Contribution, sensor: int, axis: int) -> bool:
+    return part.sensor in (sensor, ALL) and part.axis in (axis, None)
+
+
+def _not_held(mend: Mend, simulator: str) -> Iterator[str]:
+    """Yield what a model of the simulator cannot state."""
+    yield "scale factors, non-orthogonality and misalignment are left out: the mend file has them under calibration"
+    for fitted in mend.added:
+        if _HELD.get(fitted.effect) != simulator:
+            yield f"{fitted.effect} goes to the mend file: let Additions or tam simulate add it"
+    for name in mend.removed:
+        yield f"the simulation has {name}, and the recording has it not, or otherwise: take it out"
+
+
+def _bands(mend: Mend) -> Iterator[str]:
+    for term in mend.noise:
+        if term.band_hz is not None:
+            low, high = map(_number, term.band_hz)
+            yield f"{_place(term)}: noise between {low} and {high} Hz goes to the mend file"
+
+
+def _place(term: NoiseTerm) -> str:
+    return f"sensor {term.sensor} {term.axis}" if term.sensor else "scalar magnetometer"
+
+
+def _comment(text: str) -> str:
+    return f"<!-- {text.replace('--', '- -')} -->"
+
+
+def _number(value: float) -> str:
+    return f"{value:.6g}"

@@ -1,0 +1,231 @@
+"""What a simulation lacks is added alike to samples that arrive and to a whole recording, and a diagnosis names it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mends import EFFECTS, fitted, mend_of, run_of
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tam_calibration.comparison import effect_streams
+from tam_calibration.comparison.additions import Additions, mended
+from tam_calibration.comparison.result import NoiseTerm
+from tam_calibration.effects.library import installed_effects
+from tam_calibration.gap import diagnose
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+
+NOISE = (
+    NoiseTerm(1, "x", 1e-9, 2e-9, knee_hz=1.0, exponent=1.0),
+    NoiseTerm(3, "z", 1e-9, 0.0, band_hz=(4.0, 5.0), band_T=2e-9),
+    NoiseTerm(0, "", 1e-10, 1e-10),
+)
+RANDOM = {"noise_excess", "outliers", "stale_samples", "timing_jitter"}
+OF_THE_COURSE = {"crosstalk", "eddy_current", "ringing", "time_skew"}
+STREAMED = sorted(EFFECTS.keys() - {"interpolated_samples"})
+
+
+@pytest.fixture(scope="module")
+def run():
+    """Return 300 samples with every channel."""
+    return run_of(300)
+
+
+@pytest.fixture(scope="module")
+def mend(run):
+    """Return a mend that adds nothing."""
+    return mend_of(run)
+
+
+def rows(recording):
+    """Return readings and scalar, (N, 3K + 1)."""
+    return np.column_stack([recording.readings_T.reshape(recording.sample_count, -1), recording.scalar_T])
+
+
+def as_it_comes(add, run, cuts=()):
+    """Return the rows that the samples of a run become, split where stated."""
+    channels = (run.readings_T, run.time_s, run.scalar_T, run.temperature_C, run.current_A, run.attitude)
+    parts = [add(*batch) for batch in zip(*(np.split(channel, cuts) for channel in channels), strict=True)]
+    return np.concatenate([np.column_stack([made.reshape(len(made), -1), scalar]) for made, scalar in parts])
+
+
+def adding(mend, *names):
+    """Return the mend with effects."""
+    return replace(mend, added=tuple(EFFECTS[name] for name in names))
+
+
+def test_every_effect_is_tried():
+    """None of the library is left out."""
+    ours = {name for name, one in installed_effects().items() if type(one).__module__.startswith("tam_calibration.")}
+    assert ours == EFFECTS.keys()
+
+
+@pytest.mark.parametrize("name", STREAMED)
+def test_batches_change_no_number(run, mend, name):
+    """Sample by sample, in batches and at once are the same, each effect with noise."""
+    own = replace(adding(mend, name), noise=NOISE)
+    short = run.take(slice(60))
+    whole = as_it_comes(Additions(own, 5), short)
+    assert_allclose(as_it_comes(Additions(own, 5), short, list(range(1, 60))), whole, rtol=0, atol=1e-17)
+    assert_allclose(as_it_comes(Additions(own, 5), short, [1, 2, 20, 45]), whole, rtol=0, atol=1e-17)
+
+
+@settings(max_examples=15)
+@given(cuts=st.lists(st.integers(1, 59), max_size=6), seed=st.integers(0, 3))
+def test_any_split_of_all_effects_together(run, mend, cuts, seed):
+    """Whatever the batches, all effects at once and the noise give the same readings."""
+    own, short = replace(adding(mend, *STREAMED), noise=NOISE), run.take(slice(60))
+    split = as_it_comes(Additions(own, seed), short, sorted(set(cuts)))
+    # Where a value lies between two steps of the converter, its last bit decides.
+    difference = np.abs(split - as_it_comes(Additions(own, seed), short))
+    assert np.mean(difference > 1e-15) < 0.01
+
+
+@pytest.mark.parametrize("name", sorted(set(STREAMED) - RANDOM - OF_THE_COURSE))
+def test_samples_as_they_come_are_those_of_the_whole(run, mend, name):
+    """What follows from the past is the same in both, noise included."""
+    own = replace(adding(mend, name), noise=NOISE)
+    assert_allclose(as_it_comes(Additions(own, 2), run, [7, 100]), rows(mended(run, own, 2)), rtol=0, atol=1e-17)
+    assert np.abs(rows(mended(run, adding(mend, name), 2)) - rows(run)).max() > 1e-9
+
+
+@pytest.mark.parametrize("name", sorted(OF_THE_COURSE))
+def test_the_field_to_come_is_foretold(run, mend, name):
+    """Without knowing what comes, an effect of the field's course is that of the whole to a fiftieth."""
+    slow = run_of(300, rate_hz=60.0, array=Array.cross(0.5, 1e-11, 1e-12))
+    expected = rows(mended(slow, adding(mend, name), 0)) - rows(slow)
+    made = as_it_comes(Additions(adding(mend, name)), slow) - rows(slow)
+    started = slice(20, None)  # the first samples have no past
+    assert np.sqrt(np.mean((made - expected)[started] ** 2)) < 0.02 * np.sqrt(np.mean(expected[started] ** 2))
+
+
+def test_the_rate_of_change_has_little_noise(run, mend):
+    """Noise of the readings comes into a delay about as into a central difference: 1.5 times, not 4 or 20."""
+    quiet, noisy = (run_of(300, rate_hz=60.0, array=Array.cross(0.5, size, 1e-12)) for size in (1e-12, 1e-8))
+    late = replace(mend, added=(fitted("time_skew", {}, 2, None, "delay", {"delay": 1 / 60}),))
+    spread = [
+        np.std(made(noisy) - rows(noisy) - made(quiet) + rows(quiet), axis=0)[6:9].mean()
+        for made in (lambda one: as_it_comes(Additions(late), one), lambda one: rows(mended(one, late, 0)))
+    ]
+    assert spread[0] < 1.8 * spread[1]
+
+
+@pytest.mark.parametrize(("name", "value"), [("_FITTED", 6), ("_FITTED", 24), ("_DEGREE", 2), ("_DEGREE", 6)])
+def test_other_polynomials_are_worse(run, mend, monkeypatch, name, value):
+    """Fewer samples or a higher degree have more noise, more samples or a lower degree do not follow the turns."""
+
+    def error():
+        fast = run_of(300, rate_hz=15.0, array=Array.cross(0.5, 3e-7, 1e-12))
+        late = replace(mend, added=(fitted("time_skew", {}, 2, None, "delay", {"delay": 0.03}),))
+        difference = as_it_comes(Additions(late), fast) - rows(mended(fast, late, 0))
+        return np.sqrt(np.mean(difference[30:] ** 2))
+
+    best = error()
+    monkeypatch.setattr(effect_streams, name, value)
+    assert error() > best
+
+
+@pytest.mark.parametrize("name", sorted(RANDOM - {"timing_jitter"}))
+def test_random_effects_are_as_frequent_and_as_large(name):
+    """Over many samples those that arrive are struck as often and as hard as those of a whole recording."""
+    many = run_of(8000)
+    own = adding(mend_of(many.take(slice(300))), name)
+    changes = [made - rows(many) for made in (as_it_comes(Additions(own, 1), many, [3000]), rows(mended(many, own, 1)))]
+    struck = [np.mean(np.any(np.abs(change) > 0, axis=1)) for change in changes]
+    assert struck[0] == pytest.approx(struck[1], rel=0.15)
+    assert np.sqrt(np.mean(changes[0] ** 2)) == pytest.approx(np.sqrt(np.mean(changes[1] ** 2)), rel=0.15)
+
+
+def test_jitter_is_as_large(run, mend):
+    """The scatter of a sensor in motion is that of the whole recording."""
+    own = adding(mend, "timing_jitter")
+    sizes = [made - rows(run) for made in (as_it_comes(Additions(own, 1), run), rows(mended(run, own, 1)))]
+    assert sizes[0][:, :3].std() == pytest.approx(sizes[1][:, :3].std(), rel=0.15)
+    assert_array_equal(sizes[0][:, 3:], 0)
+
+
+def test_late_packets_hold_what_was_read_before(run, mend):
+    """Each struck reading of that sensor is the one of two samples before, in batches shorter than that too."""
+    late = fitted("stale_samples", {}, 1, None, "late", {"rate": 0.3, "burst": 3.0, "samples late": 2.0})
+    made = as_it_comes(Additions(replace(mend, added=(late,))), run, list(range(1, 300)))[:, 3:6]
+    own = rows(run)[:, 3:6]
+    struck = np.any(made != own, axis=1)
+    assert 40 < struck[2:].sum() < 130
+    assert_array_equal(made[2:][struck[2:]], own[:-2][struck[2:]])
+
+
+def test_a_single_sample_and_a_batch_of_one(run, mend):
+    """(K, 3) with plain numbers is a batch of one, and keeps its shape."""
+    own = replace(adding(mend, "temperature_drift"), noise=NOISE)
+    single, scalar = Additions(own)(run.readings_T[0], 0.0, 5e-5, temperature_C=25.0)
+    batch, _ = Additions(own)(run.readings_T[:1], np.zeros(1), np.full(1, 5e-5), temperature_C=np.full(1, 25.0))
+    assert single.shape == (4, 3) and scalar.shape == (1,)
+    assert_array_equal(single, batch[0])
+    assert Additions(own)(run.readings_T[0], 0.0, temperature_C=25.0)[1] is None
+
+
+def test_a_jump_is_at_its_time_in_each_run(run, mend):
+    """What happens at a time of the simulation happens again after a reset."""
+    own = adding(mend, "bias_jump")
+    add = Additions(own)
+    for made in (as_it_comes(add, run), as_it_comes(add, run), rows(mended(run, own, 1))):
+        assert_allclose(made[:, 2] - rows(run)[:, 2], np.where(run.time_s >= 9.0, 27e-9, 0), atol=1e-18)
+
+
+def test_another_run_has_other_noise(run, mend):
+    """After a reset the noise is not that of the first run, and another seed has another."""
+    add = Additions(replace(mend, noise=NOISE), 1)
+    first, again = as_it_comes(add, run), as_it_comes(add, run)
+    other = as_it_comes(Additions(replace(mend, noise=NOISE), 2), run)
+    assert np.all(first[:, 0] != again[:, 0]) and np.all(first[:, 0] != other[:, 0])
+    assert_array_equal(first, as_it_comes(Additions(replace(mend, noise=NOISE), 1), run))
+
+
+def test_errors_of_the_simulation_are_seen_through(run, mend, true_errors):
+    """An effect follows the field, not the readings, where the errors of the simulation's sensors are given."""
+    own = adding(mend, "scalar_heading_error")
+    straight = replace(run, readings_T=np.repeat(run.readings_T.mean(axis=1, keepdims=True), 4, axis=1))
+    crooked = replace(run, readings_T=true_errors.distort(straight.readings_T[:, 0]))
+    expected = mended(straight, own, 0).scalar_T
+    assert_allclose(mended(crooked, own, 0, true_errors).scalar_T, expected, rtol=0, atol=1e-15)
+    assert np.abs(mended(crooked, own, 0).scalar_T - expected).max() > 1e-11
+
+
+def test_holes_of_channels_and_a_silent_scalar(run, mend):
+    """A whole recording may have holes; where the scalar is silent nothing is added."""
+    temperature, scalar = run.temperature_C.copy(), run.scalar_T.copy()
+    temperature[10:20], scalar[50:80] = np.nan, np.nan
+    holed = replace(run, temperature_C=temperature, scalar_T=scalar)
+    made = mended(holed, replace(adding(mend, "temperature_drift", "outliers"), noise=NOISE), 1)
+    assert np.isfinite(made.readings_T).all()
+    assert_array_equal(np.isnan(made.scalar_T), np.isnan(scalar))
+    assert_array_equal(made.temperature_C, temperature)
+
+
+def test_bad_input_is_one_sentence(run, mend):
+    """What cannot be added is told by name."""
+    with pytest.raises(InputError, match="interpolated_samples cannot be added to samples as they arrive"):
+        Additions(adding(mend, "interpolated_samples"))
+    with pytest.raises(InputError, match="temperature_drift follows the temperature: give temperature_C of the sim"):
+        Additions(adding(mend, "temperature_drift"))(run.readings_T, run.time_s)
+    with pytest.raises(InputError, match="the simulation has 2 sensors, and the mend is of 4"):
+        Additions(mend)(run.readings_T[:, :2], run.time_s)
+    with pytest.raises(InputError, match="needs the value 'standard deviation'"):
+        Additions(replace(mend, added=(fitted("noise_excess", {}, 0, 0, "noise", {}),)))(run.readings_T, run.time_s)
+    with pytest.raises(InputError, match="needs the value 'rate'"):
+        Additions(replace(mend, added=(fitted("outliers", {}, 0, 0, "spikes", {}),)))
+    with pytest.raises(InputError, match="noise_excess acts on a sensor beyond the 4"):
+        wrong = fitted("noise_excess", {}, 4, 0, "noise", {"standard deviation": 1e-9})
+        mended(run, replace(mend, added=(wrong,)), 0)
+
+
+@pytest.mark.parametrize("name", ["temperature_drift", "time_skew", None])
+def test_a_mended_run_is_diagnosed_with_what_was_added(cross, name):
+    """Of a clean run nothing is named, and of the mended one the effect that was added as the samples came."""
+    clean = run_of(1200, rate_hz=60.0)
+    own = adding(mend_of(clean), *([name] if name else []))
+    made = as_it_comes(Additions(own, 1), clean, [1, 500])[:, :-1].reshape(-1, 4, 3)
+    found = diagnose(replace(clean, readings_T=made).take(slice(10, None)), cross)
+    assert [cause.fitted.effect for cause in found.causes] == ([name] if name else [])
