@@ -1,0 +1,130 @@
+"""Plain figures of recordings whose stamps and steps are known."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tam_calibration.comparison import readings
+from tam_calibration.comparison.readings import figures_of, side_by_side
+
+
+@pytest.fixture(scope="session")
+def with_stamps(side):
+    """Return a function that gives the side of a run with other stamps."""
+
+    def make(time_s, kept=None):
+        own = side(1)
+        kept = np.ones(own.recording.sample_count, dtype=bool) if kept is None else kept
+        recording = replace(own.recording, time_s=time_s).take(kept)
+        return replace(own, recording=recording)
+
+    return make
+
+
+def figure(side, group, name):
+    """Return one figure of a side."""
+    (found,) = [one for one in figures_of(side) if (one.group, one.name) == (group, name)]
+    return found
+
+
+def standing(one, other, group, name):
+    """Return how one figure stands in two sides."""
+    (found,) = [each for each in side_by_side(one, other) if (each.group, each.name) == (group, name)]
+    return found.standing
+
+
+def even(side, rate_hz):
+    """Return the stamps of a side at an even rate."""
+    return np.arange(side.recording.sample_count) / rate_hz
+
+
+def test_stamps_tell_rate_jitter_and_loss(side, with_stamps):
+    """Stamps with normal errors of 0.2 ms have intervals with √2 times that; lost samples are counted."""
+    generator = np.random.default_rng(0)
+    count = side(1).recording.sample_count
+    time_s = even(side(1), 50.0) + generator.normal(0, 2e-4, count)
+    kept = np.ones(count, dtype=bool)
+    kept[100:150] = kept[700] = kept[1200:1204] = False
+    made = with_stamps(time_s, kept)
+    rate, jitter, lost = (figure(made, "stamps", name) for name in ("rate", "jitter", "part lost"))
+    assert rate.value == pytest.approx(50.0, abs=3 * rate.standard_error) and rate.standard_error < 0.05
+    assert jitter.value == pytest.approx(np.sqrt(2) * 2e-4, abs=3 * jitter.standard_error)
+    assert jitter.standard_error < 0.05 * jitter.value
+    assert lost.value == pytest.approx(55 / count)
+
+
+def test_even_stamps_have_neither_jitter_nor_loss(side, with_stamps):
+    """An interval is a hole from one and a half of the median."""
+    made = with_stamps(even(side(1), 100.0))
+    assert figure(made, "stamps", "jitter").value == pytest.approx(0, abs=1e-12)
+    assert figure(made, "stamps", "part lost").value == 0
+    count = made.recording.sample_count
+    for late, is_hole in ((0.49, False), (0.51, True)):
+        time_s = even(side(1), 100.0) + late / 100.0 * (np.arange(count) >= 500)
+        assert (figure(with_stamps(time_s), "stamps", "part lost").value > 0) == is_hole
+
+
+def test_the_step_of_an_axis_is_found(side):
+    """Where an axis is rounded, it has the step; where none is, NaN."""
+    own = side(1)
+    rounded = own.recording.readings_T.copy()
+    rounded[:, 1, 2] = 5e-9 * np.rint(rounded[:, 1, 2] / 5e-9)
+    recording = replace(own.recording, readings_T=rounded)
+    residuals = replace(own.found.nominal.channels().residuals, recording=recording)
+    nominal = SimpleNamespace(channels=lambda: SimpleNamespace(residuals=residuals))
+    made = replace(own, recording=recording, found=SimpleNamespace(nominal=nominal))
+    assert figure(made, "sensor 2", "z step").value == pytest.approx(5e-9, rel=1e-3)
+    assert np.isnan(figure(made, "sensor 2", "y step").value)
+    assert standing(own, made, "sensor 2", "z step") == "cannot tell"
+    assert standing(made, made, "sensor 2", "z step") == "same"
+
+
+def test_range_and_coverage_are_of_the_path(side):
+    """They are stated, and never differ: a part of the run sees less of the sphere."""
+    own = side(1)
+    part = replace(own, recording=own.recording.take(slice(0, 100)))
+    largest = figure(own, "sensor 3", "largest reading")
+    assert largest.value == np.abs(own.recording.readings_T[:, 2]).max() and not largest.is_of_simulation
+    assert figure(own, "path", "part of the sphere").value > 1.5 * figure(part, "path", "part of the sphere").value
+    assert standing(own, part, "path", "part of the sphere") == "same"
+
+
+def test_a_scalar_that_is_missing_differs(side):
+    """Its presence differs, its rate cannot be told; a scalar of half the rate is told."""
+    own = side(1)
+    without = replace(own, recording=replace(own.recording, scalar_T=None))
+    assert standing(own, without, "scalar", "present") == "differs"
+    assert standing(own, without, "scalar", "rate") == "cannot tell"
+    half = own.recording.scalar_T.copy()
+    half[::2] = np.nan
+    slower = replace(own, recording=replace(own.recording, scalar_T=half))
+    assert figure(slower, "scalar", "rate").value == pytest.approx(figure(own, "scalar", "rate").value / 2)
+    assert standing(own, slower, "scalar", "rate") == "differs"
+
+
+def test_figures_differ_beyond_tolerance_and_chance(side, with_stamps):
+    """Rates and jitters within one per cent are the same, and what is within three standard errors."""
+    one = with_stamps(even(side(1), 100.0))
+    for rate, expected in ((100.9, "same"), (101.2, "differs")):
+        assert standing(one, with_stamps(even(side(1), rate)), "stamps", "rate") == expected
+    generator = np.random.default_rng(1)
+    unit = generator.normal(size=one.recording.sample_count)
+    for jitter_s, expected in ((5e-5, "same"), (2e-4, "differs")):
+        other = with_stamps(even(side(1), 100.0) + jitter_s * unit)
+        assert standing(one, other, "stamps", "jitter") == expected
+    (lost,) = [each for each in side_by_side(one, one) if each.name == "part lost"]
+    assert lost.standing == "same" and lost.standard_errors != lost.standard_errors
+
+
+def test_the_limits_of_the_same():
+    """As they are stated."""
+    limits = readings.LEAST_HOLE, readings.CERTAIN, readings.SAME_RATE, readings.SAME_TIME
+    assert limits == (1.5, 3.0, 0.01, 0.01)
+    assert (readings.SAME_PART, readings.SAME_STEP) == (0.01, 0.01)
+
+
+def test_two_runs_of_one_simulator_do_not_differ(side):
+    """Other seeds change no figure of the simulation."""
+    assert {figure.standing for figure in side_by_side(side(1), side(2))} <= {"same", "cannot tell"}
