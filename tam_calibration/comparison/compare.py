@@ -1,0 +1,194 @@
+"""The comparison of a simulator's recording with a real one: where, which, how far, and the mend."""
+
+import numpy as np
+
+from tam_calibration.comparison.differences import Differences, differences_between
+from tam_calibration.comparison.mending import mend_of, mended_twin
+from tam_calibration.comparison.mistakes import mistakes_of
+from tam_calibration.comparison.readings import side_by_side
+from tam_calibration.comparison.result import Closing, Comparison, Mend, Side, Step
+from tam_calibration.comparison.side import side_of
+from tam_calibration.comparison.source_error import source_error, source_of
+from tam_calibration.gap.search import Progress
+from tam_calibration.gap.stretches import in_stretches
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import SampleSource
+
+_QUANTILE = 1.96
+"""Of the normal distribution, for 95 % intervals."""
+
+
+def compare(
+    simulation: SampleSource,
+    recording: SampleSource,
+    array: Array,
+    *,
+    array_of_simulation: Array | None = None,
+    progress: Progress | None = None,
+    seed: int = 0,
+) -> Comparison:
+    """Say what a simulator's recording has otherwise than a real one, and what to write into the simulator.
+
+    The same judge looks at both: calibration, diagnosis and noise of each run by itself, as two runs never take the
+    same path. Errors of the sensors that a calibration removes are told, and are no difference.
+
+    Parameters
+    ----------
+    simulation, recording : Recording or SampleSource
+        Raw readings (N, K, 3), tesla, of the same number of sensors; runs, lengths, rates and sites may differ.
+    array : Array
+        Of the recording.
+    array_of_simulation : Array, optional
+        Of the simulation, where it is another.
+    progress : callable, optional
+        Called with the name of the stage and the part that is done, 0 to 1.
+    seed : int
+        Of the noise of the mended twin.
+
+    Returns
+    -------
+    Comparison
+        The verdict with its evidence.
+
+    Raises
+    ------
+    InputError
+        When one of the two cannot be used, or their numbers of sensors differ; it names which.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from tam_calibration import compare, read_scenario, simulate
+    >>> scenario = read_scenario("tumble_100_hz")
+    >>> one, other = (simulate(replace(scenario, seed=seed)) for seed in (1, 2))
+    >>> compare(one.recording, other.recording, scenario.array).verdict
+    'same'
+    """
+    array_of_simulation = array_of_simulation or array
+    _require_same_count(simulation, recording, array, array_of_simulation)
+    tell = progress or (lambda what, part: None)
+    tell("mistakes", 0.0)
+    seen = in_stretches(simulation)[0], in_stretches(recording)[0]
+    if mistakes := mistakes_of(*seen, array_of_simulation, array):
+        return Comparison("differs", f"The simulation cannot be right: {mistakes[0].what}.", mistakes)
+    try:
+        sides = (
+            _side("simulation", simulation, array_of_simulation, _part(tell, 0, 3)),
+            _side("recording", recording, array, _part(tell, 1, 3)),
+        )
+    except Refused as problem:
+        return Comparison("not_identifiable", f"No comparison: {problem}.")
+    differences = differences_between(*sides)
+    mend = mend_of(differences, *sides)
+    closing = _closing(differences, mend, *sides, _part(tell, 2, 3), seed)
+    return Comparison(
+        "same" if differences.are_none else "differs",
+        _statement(differences, closing),
+        (),
+        side_by_side(*sides),
+        differences.missing,
+        differences.surplus,
+        differences.other_parameters,
+        differences.noise,
+        closing,
+        mend,
+        *sides,
+        tuple(f"{name}: {remark}" for name, side in zip(_NAMES, sides, strict=True) for remark in side.gap.remarks),
+    )
+
+
+_NAMES = "The simulation", "The recording"
+
+
+def _require_same_count(simulation: SampleSource, recording: SampleSource, array: Array, of_simulation: Array) -> None:
+    counts = simulation.sensor_count, recording.sensor_count
+    if counts[0] != counts[1]:
+        raise InputError(f"the simulation has {counts[0]} sensors, the recording {counts[1]}: simulate the same array")
+    for name, count, one in zip(("simulation", "recording"), counts, (of_simulation, array), strict=True):
+        if count != one.sensor_count:
+            raise InputError(f"the {name} has {count} sensors, its array {one.sensor_count}: give the array file of it")
+
+
+def _part(tell: Progress, number: int, count: int) -> Progress:
+    """Return a callback for one of several parts of the work."""
+    return lambda stage, done: tell(stage, (number + done) / count)
+
+
+def _side(name: str, source: SampleSource, array: Array, progress: Progress) -> Side:
+    try:
+        return side_of(source, array, progress)
+    except (InputError, Refused) as problem:
+        raise type(problem)(f"the {name}: {problem}") from problem
+
+
+def _closing(
+    differences: Differences, mend: Mend, simulation: Side, recording: Side, progress: Progress, seed: int
+) -> Closing:
+    """Return how far the gap shrinks: the mended twin is judged again."""
+    before = differences.energy
+    if differences.are_none:
+        after, left, mended = before, differences, simulation
+    else:
+        twin = mended_twin(differences, simulation, mend, seed)
+        mended = side_of(twin, simulation.array, progress)
+        left = differences_between(mended, recording)
+        after = left.energy
+    floor_T = recording.gap.size.floor_T
+    per_m = _gradient_of_floor(recording)
+    closed = max(1 - after / before, 0.0) if before > 0 else 0.0
+    source = source_of(recording)
+    of_simulation, of_recording, of_mended = (
+        None if source is None else source_error(one.recording, one, source) for one in (simulation, recording, mended)
+    )
+    return Closing(
+        float(np.sqrt(before)),
+        float(np.sqrt(after)),
+        float(np.sqrt(before)) * floor_T,
+        float(np.sqrt(after)) * floor_T,
+        float(np.sqrt(before)) * per_m,
+        float(np.sqrt(after)) * per_m,
+        closed,
+        _interval(before, after, recording.gap.channel_count),
+        _steps(differences, after),
+        of_simulation,
+        of_recording,
+        of_mended,
+        "; ".join(words for words, _ in left.energies),
+    )
+
+
+def _gradient_of_floor(side: Side) -> float:
+    """Return the gradient, T/m, that noise of one floor in every axis makes; NaN without a gradient."""
+    array = side.calibration.array
+    if not array.has_gradient:
+        return float("nan")
+    return float(np.linalg.norm(side.calibration.output_standard_errors[3:]))
+
+
+def _interval(before: float, after: float, count: float) -> tuple[float, float]:
+    """Return the 95 % interval of the part that closes, by error propagation.
+
+    An energy g² of n channels has the variance (2 + 4 g²) / n, that of a noncentral chi-square over n.
+    """
+    if before <= 0:
+        return (0.0, 1.0)
+    variance = (2 + 4 * after) / count / before**2 + (2 + 4 * before) / count * after**2 / before**4
+    closed, half = 1 - after / before, _QUANTILE * float(np.sqrt(variance))
+    return (float(np.clip(closed - half, 0, 1)), float(np.clip(closed + half, 0, 1)))
+
+
+def _steps(differences: Differences, after: float) -> tuple[Step, ...]:
+    """Return the gap after each term; the last is that of the twin which was judged again."""
+    left, steps = differences.energy, []
+    for words, energy in differences.energies:
+        left = max(left - energy, after)
+        steps.append(Step(words, float(np.sqrt(left))))
+    return tuple(steps)
+
+
+def _statement(differences: Differences, closing: Closing) -> str:
+    if differences.are_none:
+        return "The same: calibration, effects and noise of the simulation are those of the recording."
+    words, _ = differences.energies[0] if differences.energies else ("other noise", 0.0)
+    return f"They differ by {closing.before:.2g} noise floors, most by {words}; mended, by {closing.after:.2g}."

@@ -1,0 +1,113 @@
+"""What the judge says of one of the two recordings: diagnosis, calibration, and the noise that is left."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.linalg import lstsq
+
+from tam_calibration.comparison.noise import noise_of
+from tam_calibration.comparison.result import AxisNoise, Side
+from tam_calibration.core.elimination import Elimination
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.gap.attitude_nominal import products_of
+from tam_calibration.gap.calibration_with_effects import calibration_of
+from tam_calibration.gap.diagnose import judge
+from tam_calibration.gap.model import Model
+from tam_calibration.gap.search import Progress
+from tam_calibration.integrity import ACCEPTABLE
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.units import FloatArray
+
+
+def side_of(source: SampleSource, array: Array, progress: Progress | None = None) -> Side:
+    """Return what the judge says of a recording.
+
+    Parameters
+    ----------
+    source : SampleSource
+        Raw readings (N, K, 3), tesla.
+    array : Array
+        Geometry and noise.
+    progress : callable, optional
+        Called with the name of the stage and the part that is done, 0 to 1.
+
+    Raises
+    ------
+    InputError
+        When the recording cannot be used.
+    Refused
+        When it determines no calibration.
+    """
+    judgement = judge(source, array, progress=progress)
+    gap, found, recording = judgement.gap, judgement.found, judgement.seen
+    if found is None or gap.verdict == "not_identifiable":
+        raise Refused(gap.statement)
+    calibration = calibration_of(recording, found, gap, array, accept=ACCEPTABLE)
+    residual, mixing = residual_of(calibration, recording, found.model)
+    noise = noise_of(recording.time_s, residual[:, :-1], mixing)
+    if recording.scalar_T is not None:
+        noise = (*noise, _noise_of_scalar(recording.time_s, residual[:, -1]))
+    return Side(recording, array, gap, calibration, residual, noise, found)
+
+
+def residual_of(calibration: Calibration, recording: Recording, model: Model) -> tuple[FloatArray, FloatArray]:
+    """Return what calibration and effects leave of the readings, and how it mixes the noise of the rows.
+
+    The field of a sample is that on which the sensors agree; of one sensor that of the recorded attitude or, without
+    one, its intensity alone.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        With the effects that can be taken off.
+    recording : Recording
+        Of N samples and K sensors.
+    model : Model
+        Of the search; samples that it excludes are NaN.
+
+    Returns
+    -------
+    residual : (N, 3K + 1) array
+        Tesla; last the scalar less its mean.
+    mixing : (3K, 3K) array
+        M of e = M n, the residual of the noise n of the rows.
+    """
+    quiet = calibration.without_effects(recording)
+    errors, row_count = calibration.errors, 3 * recording.sensor_count
+    unbiased = (quiet.readings_T - errors.bias_T).reshape(recording.sample_count, row_count)
+    mixing = np.eye(row_count)
+    if recording.sensor_count > 1:
+        response = errors.matrix.reshape(row_count, 3)
+        mixing -= response @ Elimination.of_sensors(errors, calibration.array.vector_noise_T).unmixing
+        rows = unbiased @ mixing.T
+    elif model.world is not None:
+        assert model.recording.attitude is not None
+        products = products_of(model.recording.attitude)
+        rows = unbiased - products @ lstsq(products, unbiased, rcond=None)[0]
+    else:
+        intensity_T = np.linalg.norm(errors.restore(quiet.readings_T)[:, 0], axis=1)
+        known_T = model.intensity_T if quiet.scalar_T is None else quiet.scalar_T
+        rows = np.repeat((intensity_T - known_T)[:, None], row_count, axis=1)
+    scalar = np.full(recording.sample_count, np.nan) if quiet.scalar_T is None else quiet.scalar_T
+    residual = np.column_stack([rows, scalar - np.nanmean(scalar) if np.isfinite(scalar).any() else scalar])
+    residual[~model.is_counted] = np.nan
+    return residual, mixing
+
+
+def _noise_of_scalar(time_s: FloatArray, scalar_T: FloatArray) -> AxisNoise:
+    """Return the noise of the scalar: white, as what is slow in its readings is the field itself."""
+    known = np.isfinite(scalar_T)
+    noise = noise_of(time_s[known], scalar_T[known, None], np.eye(1))[0]
+    return replace(
+        noise,
+        sensor=0,
+        axis="",
+        level_T=noise.white_T,
+        colour="white",
+        knee_hz=np.nan,
+        exponent=np.nan,
+        band_hz=None,
+        band_T=0.0,
+    )

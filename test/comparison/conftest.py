@@ -1,0 +1,58 @@
+"""Runs of one array that are simulated with other seeds, effects and noise, and what the judge says of them."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+
+SAMPLES = 2000
+
+
+@pytest.fixture(scope="session")
+def run():
+    """Return a function that simulates a run.
+
+    Of a seed, a drift of one sensor with temperature [nT/K], noise of so many times that of the sheet, and the sensor.
+    """
+    from tam_calibration import read_scenario, simulate
+    from tam_calibration.simulation.instruments import AttitudeChannel, Temperature
+
+    scenario = replace(
+        read_scenario("tumble_100_hz"),
+        sample_count=SAMPLES,
+        temperature=Temperature(15.0, 25.0),
+        attitude=AttitudeChannel(),
+    )
+
+    @cache
+    def simulated(seed, drift=0.0, noise=1.0, sensor=2):
+        array = replace(scenario.array, vector_noise_T=noise * scenario.array.vector_noise_T)
+        effects = (_drift(drift, sensor),) if drift else ()
+        return simulate(replace(scenario, array=array, seed=seed, effects=effects)).recording
+
+    return simulated
+
+
+def _drift(size, sensor):
+    offsets = [
+        Contribution(sensor - 1, axis, "offset", {"offset": 1e-9 * size * part})
+        for axis, part in enumerate((1.0, -0.5, 0.8))
+    ]
+    return FittedEffect("temperature_drift", {"time_constant_s": 0.0, "reference_C": 20.0}, tuple(offsets))
+
+
+@pytest.fixture(scope="session")
+def side(run, cross):
+    """Return a function of the same arguments that judges such a run."""
+    from tam_calibration.comparison.side import side_of
+
+    return cache(lambda *arguments: side_of(run(*arguments), cross))
+
+
+@pytest.fixture(scope="session")
+def sheet(cross):
+    """Return the noise of the cross, tesla."""
+    return float(np.mean(cross.vector_noise_T))

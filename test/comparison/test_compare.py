@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+
+from tam_calibration.comparison import compare
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
+
+
+def test_two_runs_of_one_simulator_are_the_same(run, cross):
+    """Other seeds and paths: nothing differs, nothing is to be mended."""
+    found = compare(run(1), run(2), cross)
+    assert (found.verdict, found.missing, found.surplus, found.mend.added) == ("same", (), (), ())
+    assert found.closing.before == found.closing.after == 0
+
+
+def test_a_missing_effect_is_named_and_closes_the_gap(run, cross):
+    """The twin with the mend has the drift: the gap closes but for noise."""
+    found = compare(run(1), run(2, 3), cross)
+    assert (found.verdict, [one.effect for one in found.missing]) == ("differs", ["temperature_drift"])
+    closing = found.closing
+    assert closing.before > 1 and closing.closed > 0.97 and closing.closed_interval[1] == 1.0
+    assert closing.steps[0].added.startswith("temperature drift") and closing.steps[-1].left == closing.after
+    assert closing.source_error_after_m < 0.2 * closing.source_error_before_m
+
+
+def test_a_mistake_is_told_before_anything_is_fitted(run, cross):
+    """Gauss for tesla: the mistake stands alone."""
+    gauss = run(1)
+    wrong = Recording(gauss.time_s, 1e4 * gauss.readings_T, 1e4 * gauss.scalar_T)
+    found = compare(wrong, run(2), cross)
+    assert found.verdict == "differs" and found.mistakes and found.closing is None
+
+
+def test_a_run_that_tells_nothing_is_said_by_name(run, cross):
+    """Too short a recording: it is named, and nothing is invented."""
+    found = compare(run(1), run(2).take(slice(0, 30)), cross)
+    assert found.verdict == "not_identifiable" and "the recording" in found.statement
+
+
+def test_other_numbers_of_sensors_are_bad_input(run, cross):
+    """The two must have one array; the sentence says which has how many."""
+    one = run(1)
+    alone = Recording(one.time_s, one.readings_T[:, :1], one.scalar_T)
+    with pytest.raises(InputError, match="the simulation has 1 sensors, the recording 4"):
+        compare(alone, one, cross)
+
+
+def test_progress_only_rises(run, cross):
+    """From 0 to 1 over both sides and the twin."""
+    told = []
+    compare(run(1), run(2, 0, 1.5), cross, progress=lambda stage, done: told.append(done))
+    assert np.all(np.diff(told) >= -0.34) and max(told) <= 1 and told[0] == 0

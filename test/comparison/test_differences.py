@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+
+from tam_calibration.comparison.differences import differences_between
+
+
+def test_two_runs_of_one_array_differ_in_nothing(side):
+    """Other seeds, paths and noise make no difference."""
+    assert differences_between(side(1), side(2)).are_none
+
+
+def test_an_effect_of_one_side_is_missing_or_surplus(side):
+    """It is named on the side that has it, with its sensor, and all its energy counts."""
+    clean, drifting = side(1), side(2, 3)
+    found = differences_between(clean, drifting)
+    (missing,) = found.missing
+    assert (missing.effect, missing.sensors, found.surplus) == ("temperature_drift", (2,), ())
+    assert found.energy == pytest.approx(drifting.gap.size.before**2, rel=0.05)
+    back = differences_between(drifting, clean)
+    assert [one.effect for one in back.surplus] == ["temperature_drift"] and back.missing == ()
+
+
+def test_the_run_that_could_have_shown_an_effect_is_known(side):
+    """The clean run has a temperature that rises too: it would show the drift."""
+    (missing,) = differences_between(side(1), side(2, 3)).missing
+    assert missing.is_shown_by_other_run
+
+
+def test_the_same_effect_in_both_is_no_difference(side):
+    """Parameters that agree within their errors count as the same."""
+    assert differences_between(side(1, 3), side(2, 3)).are_none
+
+
+@pytest.mark.parametrize("size", [1.5, 6.0])
+def test_other_parameters_are_told_with_their_energy(side, size):
+    """Half or twice a drift is one of other parameters: its energy is the square of what is missing of it."""
+    own = side(2, 3)
+    found = differences_between(side(1, size), own)
+    (pair,) = found.other_parameters
+    assert (pair.recording.effect, found.missing, found.surplus) == ("temperature_drift", (), ())
+    part = (size / 3 - 1) ** 2
+    assert found.energy == pytest.approx(part * own.gap.size.before**2, rel=0.2)
+
+
+def test_the_same_effect_elsewhere_is_another(side):
+    """A drift of sensor 3 is surplus, that of sensor 2 missing."""
+    found = differences_between(side(1, 3, 1.0, 3), side(2, 3))
+    assert [one.sensors for one in found.missing] == [(2,)] and [one.sensors for one in found.surplus] == [(3,)]
+
+
+def test_other_noise_is_told_for_every_axis(side):
+    """Noise of 1.5 times that of the simulation: its energy is that beyond the quieter side, in its floors."""
+    found = differences_between(side(1), side(2, 0, 1.5))
+    assert [one.differs for one in found.noise] == [True] * 12 + [False]
+    assert found.energy == pytest.approx(12 / 13 * (1.5**2 - 1), rel=0.1)
+    assert np.sqrt(found.energy) == pytest.approx(1.07, rel=0.05)
