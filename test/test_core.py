@@ -4,6 +4,7 @@ import json
 import runpy
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,7 @@ DONE = (
     "calibrate run.csv --array array.yaml -o calibration.yaml --json calibration.json",
     "correct run.csv --calibration calibration.yaml -o corrected.csv",
     "diagnose run.csv --array array.yaml --place 47.37,8.54,2025-06-30 --json gap.json",
+    "compare other.csv run.csv --array array.yaml --json compare.json --mend mend.yaml",
     "plan --array array.yaml --place 47.37,8.54,2025-06-30 --pitch-limit-deg 30 --roll-limit-deg 30 --poses 9",
     "locate auv.csv --calibration calibration.yaml --place 63.47,10.35,2025-06-01",
 )
@@ -30,12 +32,14 @@ DONE = (
 NEEDS = {
     "calibrate run.mcap --array array.yaml": ("reading bags", "rosbags", "bags"),
     "diagnose run.mcap --array array.yaml": ("reading bags", "rosbags", "bags"),
+    "compare run.csv run.mcap --array array.yaml": ("the recording: reading bags", "rosbags", "bags"),
     "batch run.mcap --array array.yaml --out results": ("the summary of a batch", "jinja2", "report"),
     "simulate wu_table_1 -o again.mcap": ("writing bags", "rosbags", "bags"),
     "correct run.csv --calibration calibration.yaml -o corrected": ("writing bags", "rosbags", "bags"),
     "play run.mcap": ("playing bags", "rosbags", "bags"),
     "calibrate run.csv --array array.yaml --report page.html": ("--report", "jinja2", "report"),
     "diagnose run.csv --array array.yaml --report page.html": ("--report", "jinja2", "report"),
+    "compare run.csv run.csv --array array.yaml --report page.html": ("--report", "jinja2", "report"),
     "locate run.csv --calibration calibration.yaml --report page.html": ("--report", "jinja2", "report"),
     "reproduce li2018a --report page.html": ("--report", "jinja2", "report"),
     "demo": ("the demonstration", "rosbags", "bags"),
@@ -68,7 +72,9 @@ print(json.dumps(answers))
 def answers(tmp_path_factory):
     """Return exit code and stderr of each command, run in a process that has the core only and loads the nodes too."""
     folder = tmp_path_factory.mktemp("core")
-    made = simulate(read_scenario("wu_table_1"))
+    scenario = read_scenario("wu_table_1")
+    made = simulate(scenario)
+    write_recording(folder / "other.csv", simulate(replace(scenario, seed=5)).recording)
     write_recording(folder / "run.csv", made.recording)
     write_recording(folder / "run.mcap", made.recording)
     write_array(folder / "array.yaml", made.scenario.array)
@@ -79,7 +85,7 @@ def answers(tmp_path_factory):
 
 
 def test_the_core_needs_no_extra(answers):
-    """Simulate, calibrate, correct, diagnose, plan and locate work; the nodes and the names for Python load."""
+    """Every command of the core works; the nodes and the names for Python load."""
     assert {command: answers[command][0] for command in DONE} == dict.fromkeys(DONE, 0), answers
 
 

@@ -126,9 +126,9 @@ def residuals_section(comparison: Comparison) -> Section | None:
 
 
 def closing_section(comparison: Comparison) -> Section | None:
-    """Return how far the mend closes the gap, and what stays open; None where nothing was compared."""
+    """Return how far the mend closes the gap, and what stays open; None where there is no gap."""
     closing = comparison.closing
-    if closing is None:
+    if closing is None or closing.before == 0:
         return None
     blocks: list[Block] = [
         Text("Each term was added to a twin of the simulation's run, the largest first, and judged out of sample."),
@@ -163,9 +163,9 @@ def mend_section(comparison: Comparison) -> Section | None:
     texts = mend_in_texts(mend)
     blocks: list[Block] = [
         Text("One click selects a block. Gazebo and MuJoCo hold white noise and biases; the rest is in the last two."),
-        Code(texts["sdf"], "Gazebo: into the <sensor> of the SDF"),
-        Code(texts["mjcf"], "MuJoCo: into the <sensor> of the MJCF"),
-        Code(texts["plugin"], "Python: what a plugin calls sample by sample"),
+        Code(texts["sdf"], "Gazebo: the <sensor> elements of the SDF"),
+        Code(texts["mjcf"], "MuJoCo: the <sensor> and <custom> elements of the MJCF"),
+        Code(texts["plugin"], "Python: what a plugin does sample by sample"),
         Code(dump_mapping(texts["parameters"]), "mend.yaml: the parameters, as tam compare --mend writes them"),
         Code("tam simulate --from-comparison mend.yaml -o mended.csv", "A simulation with all of the mend"),
     ]

@@ -127,7 +127,9 @@ def parameter_tables(comparison: Comparison) -> list[tuple[str, list[list[str]]]
     tables += [(each, _of_one_side(each, is_recording=False)) for each in comparison.surplus]
     tables += [(each.recording, _of_both(each)) for each in comparison.other_parameters]
     return [
-        (f"{effect_name(each.effect)}: {place(each.sensors, each.axes, count)}", rows) for each, rows in tables if rows
+        (f"{effect_name(each.effect)} of {place(each.sensors, each.axes, count)}", rows)
+        for each, rows in tables
+        if rows
     ]
 
 

@@ -42,6 +42,7 @@ def make(folder: Path) -> None:
     (folder / "scenario.yaml").write_text(yaml.safe_dump(scenario | {"samples": _SAMPLES}, sort_keys=False))
     for name, storage in (("run.csv", "mcap"), ("run.mcap", "mcap"), ("run_mcap", "mcap"), ("run_sqlite3", "sqlite3")):
         _tam("simulate", str(folder / "scenario.yaml"), "-o", str(folder / name), "--storage", storage)
+    _tam("simulate", str(folder / "scenario.yaml"), "-o", str(folder / "simulator.csv"), "--seed", "9")
     turned = scenario | {"samples": _SAMPLES, "attitude": {"noise_deg": 0.0}}
     (folder / "turned.yaml").write_text(yaml.safe_dump(turned, sort_keys=False))
     _tam("simulate", str(folder / "turned.yaml"), "-o", str(folder / "turned.csv"))

@@ -137,6 +137,12 @@ _RECIPES = (
         ("new.json",),
     ),
     Recipe(
+        "compare",
+        ("compare", "simulator.csv", "run.mcap", *_ARRAY, "--json", "new.json", "--mend", "new.yaml"),
+        ("simulator.csv", "run.mcap", "array.yaml"),
+        ("new.json", "new.yaml"),
+    ),
+    Recipe(
         "plan",
         ("plan", *_ARRAY, "--turntable", "60", "--inclination-deg", "60", "--intensity-nT", "50000", "--poses", "9"),
         ("array.yaml",),

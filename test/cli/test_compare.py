@@ -51,7 +51,7 @@ def test_people_see_what_differs_and_what_to_do(folder, asked, name):
     for words in (
         "temperature drift",
         "could not show it",
-        "Temperature drift: sensor 2:",
+        "Temperature drift of sensor 2:",
         "1.000 ± 0.020",
         "The noise of 1 of 13 axes differs.",
         "band 10 to 14 Hz",
