@@ -1,0 +1,142 @@
+"""The fast part of what a sensor reads that motion does not make: its noise.
+
+High differences lose motion that is slow against the sampling. Where that is not enough, what attitude explains is
+taken away before. Noise is as large along the field as across it, and motion changes the intensity hardly: by that
+motion which is left over is told from noise.
+"""
+
+import numpy as np
+from scipy.special import binom
+
+from tam_calibration.core.noise import noise_deviation
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray
+
+ORDER = 8
+"""Of the differences: a turn of 1 rad/s at 20 Hz leaves 1e-11 of the field; noise is a third as well known as by its
+own values."""
+
+ALONG = 0.5
+"""Least part along the field, of what is across it, that is noise: of white noise it is 1, of motion a twentieth."""
+
+SLOW = 0.5
+"""Part of the readings' spread that the differences of a followed motion make; those of attitudes drawn anew for each
+sample make as much as the spread, and what attitude leaves of them is not noise but every small effect."""
+
+_LAGS = np.arange(1.0, 13.0)
+"""Samples on, at which noise is compared with white noise: a hum, which sensors share, does not die down in them."""
+
+NEAR_WHITE = 0.3
+"""By which its autocorrelation may differ there: of 300 samples each has an error of 0.1."""
+
+_OF_WHITE = (-1.0) ** _LAGS * binom(2 * ORDER, ORDER + _LAGS) / binom(2 * ORDER, ORDER)
+"""Autocorrelation of the differences of white noise there."""
+
+NO_NOISE_T = 2e-12
+"""Rounding of the Earth's field to 32 bits makes 1e-12 T."""
+
+FEWEST = 40
+"""Samples: four for each of the ten numbers by which attitude explains an axis."""
+
+
+def noise_sequence(recording: Recording, sensor: int) -> FloatArray | None:
+    """Return differences (N - 8, 3) of the noise of a sensor, as large as it is; None where motion hides it.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of N samples, tesla.
+    sensor : int
+        From 0.
+    """
+    readings = recording.readings_T[:, sensor]
+    if len(readings) < FEWEST:
+        return None
+    tried = [readings]
+    is_slow = _size(differences(readings)) < SLOW * _size(readings - readings.mean(axis=0))
+    if is_slow and (residual := _beside_attitude(recording, sensor)) is not None:
+        tried.append(residual)
+    return next((differences(each) for each in tried if _is_noise(each, readings)), None)
+
+
+def noise_level(recording: Recording, sensor: int) -> float | None:
+    """Return the standard deviation of the white noise of the axes of a sensor, tesla; None where it is not told.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of N samples, tesla.
+    sensor : int
+        From 0.
+    """
+    sequence = noise_sequence(recording, sensor)
+    return _size(sequence) if sequence is not None and all(map(is_white, sequence.T)) else None
+
+
+def quietest(recording: Recording, sensor: int) -> float:
+    """Return how much of a sensor's readings nothing explains, tesla: a bound of its noise that single samples raise.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of N samples, tesla.
+    sensor : int
+        From 0.
+    """
+    readings = recording.readings_T[:, sensor]
+    if len(readings) < FEWEST:
+        return float("inf")
+    residuals = [_beside_attitude(recording, sensor), _beside_others(recording, sensor)]
+    left = [readings, *(residual for residual in residuals if residual is not None)]
+    return min(float(np.sqrt(np.mean(differences(each) ** 2))) for each in left)
+
+
+def differences(values: FloatArray) -> FloatArray:
+    """Return the differences along the first axis, as large as white noise is."""
+    scaled: FloatArray = np.diff(values, n=ORDER, axis=0) / np.sqrt(binom(2 * ORDER, ORDER))
+    return scaled
+
+
+def is_white(sequence: FloatArray) -> bool:
+    """Whether differences (n,) are those of white noise that is no rounding."""
+    power = float(sequence @ sequence)
+    lagged = np.array([float(sequence[int(lag) :] @ sequence[: -int(lag)]) for lag in _LAGS])
+    return power > len(sequence) * NO_NOISE_T**2 and bool((np.abs(lagged / power - _OF_WHITE) < NEAR_WHITE).all())
+
+
+def _is_noise(residual_T: FloatArray, readings_T: FloatArray) -> bool:
+    """Whether what is left (N, 3) of readings (N, 3) is noise: as large along the readings as across them."""
+    length = np.linalg.norm(readings_T, axis=1)
+    along = np.sum(residual_T * readings_T, axis=1) / np.where(length > 0, length, 1)
+    return _size(differences(along[:, None])) > ALONG * _size(differences(residual_T))
+
+
+def _beside_attitude(recording: Recording, sensor: int) -> FloatArray | None:
+    """Return what attitude does not explain of a sensor's readings, (N, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    attitude = recording.attitude
+    if attitude is None or not np.isfinite(attitude).all():
+        return None
+    return _left_of(recording.readings_T[:, sensor], Rotation.from_quat(attitude).as_matrix().reshape(-1, 9))
+
+
+def _beside_others(recording: Recording, sensor: int) -> FloatArray | None:
+    """Return what the mean of the other sensors does not explain of a sensor's readings, (N, 3)."""
+    if recording.sensor_count == 1:
+        return None
+    readings = recording.readings_T
+    return _left_of(readings[:, sensor], np.delete(readings, sensor, axis=1).mean(axis=1))
+
+
+def _left_of(readings_T: FloatArray, causes: FloatArray) -> FloatArray:
+    """Return what causes (N, p) and a constant leave of readings (N, 3)."""
+    design = np.column_stack([causes, np.ones(len(causes))])
+    solution, _, rank, _ = np.linalg.lstsq(design, readings_T, rcond=1e-9)
+    left: FloatArray = (readings_T - design @ solution) * np.sqrt(len(design) / (len(design) - rank))
+    return left
+
+
+def _size(values_T: FloatArray) -> float:
+    """Return the root mean square of the robust deviations of the columns."""
+    return float(np.sqrt(np.mean(noise_deviation(values_T, axis=0) ** 2)))

@@ -1,0 +1,225 @@
+"""Axes of a simulator's sensors, or its attitude, that are not those of the array: FRD for FLU, an axis mirrored.
+
+The recording is right: where its sensors lie along the array in some way, those of the simulation have to as well.
+MuJoCo gives quaternions as w, x, y, z, and ROS takes x, y, z, w.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tam_calibration.comparison.placement import FITS, Motion, Placement, beside, placements
+from tam_calibration.comparison.result import Mistake
+from tam_calibration.comparison.words import sensors_in_words
+from tam_calibration.integrity.handedness import left_handed
+from tam_calibration.integrity.overview import Overview
+from tam_calibration.model.sensor_errors import ORIENTATIONS
+from tam_calibration.model.units import FloatArray
+
+_CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
+_SCALAR_LAST = [1, 2, 3, 0]
+
+MIRRORED_FIELDS = {
+    "ned_for_enu": np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
+    "wrong_hemisphere": np.diag([1.0, 1.0, -1.0]),
+    "south_for_north": np.diag([-1.0, -1.0, 1.0]),
+    "reversed_field": -np.eye(3),
+}
+"""What each mistake of the world makes of its field east, north, up."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """The axes of the simulation's sensors beside those of the recording's, and the two fields of the world.
+
+    Parameters
+    ----------
+    turns : (K, 3, 3) array
+        What each sensor of the simulation reads, of what it should read: signed permutations.
+    simulation_T, recording_T : (3,) array
+        Field east, north, up, as the attitudes of the two have it, tesla.
+    """
+
+    turns: FloatArray
+    simulation_T: FloatArray
+    recording_T: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Convention:
+    """How an attitude may have been written, and what to do about it."""
+
+    kind: str
+    what: str
+    mend: str
+
+    def right(self, attitude: FloatArray) -> FloatArray:
+        """Return the quaternions x, y, z, w from array to world of those that were written so."""
+        return attitude[:, _SCALAR_LAST] if self.kind == "attitude_wxyz" else attitude * _CONJUGATE
+
+
+_CONVENTIONS = (
+    _Convention(
+        "attitude_wxyz",
+        "the simulation's quaternions are in the order w, x, y, z, and x, y, z, w is expected",
+        "write MuJoCo's xquat or framequat q as x=q[1], y=q[2], z=q[3], w=q[0]",
+    ),
+    _Convention(
+        "attitude_inverse",
+        "the simulation's attitude turns the world into the array, and the array into the world is expected",
+        "write the inverse: reverse the signs of x, y and z of the quaternion",
+    ),
+)
+"""Attitudes of one are those of the other but for constant turns of array and world: the axes of the sensors tell."""
+
+
+def mistaken_attitude(
+    overview: Overview, right: list[Placement]
+) -> tuple[list[Mistake], Motion | None, list[Placement]]:
+    """Return how the attitude of a simulation was written wrongly, and its motion and sensors with the right one.
+
+    Parameters
+    ----------
+    overview : Overview
+        Of the simulation, in tesla.
+    right : list of Placement
+        Of the sensors of the recording; without them those of the simulation are taken to lie as the array.
+    """
+    attitude = overview.recording.attitude
+    stated = Motion.of(attitude)
+    if attitude is None or stated is None:
+        return [], None, []
+    as_stated = placements(overview, stated)
+    tried = []
+    for convention in _CONVENTIONS:
+        motion = stated.written(convention.right(attitude))
+        tried.append((convention, motion, placements(overview, motion)))
+    convention, motion, placed = max(tried, key=lambda each: _agreeing(each[2], right))
+    if _unexplained(placed) > FITS or _unexplained(as_stated) <= beside(_unexplained(placed)):
+        return [], stated, as_stated
+    return [Mistake(convention.kind, convention.what, "the attitude", convention.mend)], motion, placed
+
+
+def _unexplained(placed: list[Placement]) -> float:
+    return float(np.median([each.unexplained.min() for each in placed]))
+
+
+def _agreeing(placed: list[Placement], right: list[Placement]) -> int:
+    """Return how many sensors may lie as those of the recording, or as the array where there are none."""
+    if not right:
+        return sum(bool(each.possible[0]) for each in placed)
+    return sum(bool((own.possible & other.possible).any()) for own, other in zip(placed, right, strict=False))
+
+
+def frames_of(one: list[Placement], other: list[Placement]) -> Frames | None:
+    """Return the frames of the simulation beside those of the recording; None where attitude does not tell them.
+
+    Parameters
+    ----------
+    one, other : list of Placement
+        Of the sensors of the simulation and of the recording.
+    """
+    pairs = {
+        sensor: (own, right, *_axes(own, right))
+        for sensor, (own, right) in enumerate(zip(one, other, strict=False))
+        if own.fits and right.fits
+    }
+    if not pairs:
+        return None
+    fields = np.array([own.fields_T[axes] for own, _, axes, _ in pairs.values()])
+    rights = np.array([right.fields_T[axes] for _, right, _, axes in pairs.values()])
+    turns = np.array([ORIENTATIONS[own].T @ ORIENTATIONS[right] for _, _, own, right in pairs.values()])
+    signs = _signs(fields, np.median(rights, axis=0), (turns == np.eye(3)).all(axis=(1, 2)))
+    of_all = np.tile(np.eye(3), (min(len(one), len(other)), 1, 1))
+    of_all[list(pairs)] = signs[:, None, None] * turns
+    return Frames(of_all, np.median(signs[:, None] * fields, axis=0), np.median(rights, axis=0))
+
+
+def mistaken_axes(frames: Frames) -> Iterator[Mistake]:
+    """Yield the sensors whose axes are turned or mirrored against those of the recording, alike ones together.
+
+    Parameters
+    ----------
+    frames : Frames
+        Of the two.
+    """
+    count = len(frames.turns)
+    names = [_name(turn) for turn in frames.turns]
+    for kind, way, mend in dict.fromkeys(name for name in names if name is not None):
+        sensors = [sensor for sensor, name in enumerate(names, 1) if name == (kind, way, mend)]
+        where = sensors_in_words(sensors, count)
+        yield Mistake(kind, f"the simulation's axes of {where} are not the recording's: {way}", where, mend)
+
+
+def mistaken_hands(simulation: Overview, recording: Overview) -> Iterator[Mistake]:
+    """Yield the sensors that are left-handed against the others in the simulation alone: what is told without attitude.
+
+    Parameters
+    ----------
+    simulation, recording : Overview
+        Of the two, the first in tesla.
+    """
+    known = {fault.sensor for fault in left_handed(recording)}
+    for fault in left_handed(simulation):
+        if fault.sensor is not None and fault.sensor not in known:
+            yield Mistake(
+                "mirrored_axis",
+                f"in the simulation {fault.sentence}",
+                f"sensor {fault.sensor}{f', axis {fault.axis}' if fault.axis else ''}",
+                "give that axis the other sign, or exchange the two axes back, where the sensor's output is published",
+            )
+
+
+def _axes(own: Placement, right: Placement) -> tuple[int, int]:
+    """Return the axes of a sensor in the simulation and in the recording: the same ones where these may be both's."""
+    may_be = own.possible & right.possible
+    if may_be.any():
+        axes = int(np.argmin(np.where(may_be, own.unexplained + right.unexplained, np.inf)))
+        return axes, axes
+    return own.best, right.best
+
+
+def _signs(fields_T: FloatArray, right_T: FloatArray, is_unturned: np.ndarray) -> FloatArray:
+    """Return (K,) which sensors have a field and axes that are both to be reversed.
+
+    Of sensors whose axes are unturned or all reversed the most are unturned, so that it is the world's field which may
+    be reversed. Where all axes are turned otherwise, the field is nearest to one that points north.
+    """
+    signs: FloatArray = np.where(fields_T @ fields_T[0] < 0, -1.0, 1.0)
+    balance = float(signs[is_unturned].sum())
+    if balance == 0:
+        field = np.median(signs[:, None] * fields_T, axis=0)
+        north = (np.eye(3), MIRRORED_FIELDS["wrong_hemisphere"], MIRRORED_FIELDS["ned_for_enu"])
+        along = [float(field @ turn @ right_T) for turn in north]
+        balance = max(along) + min(along)
+    return signs if balance >= 0 else -signs
+
+
+def _name(turn: FloatArray) -> tuple[str, str, str] | None:
+    """Return kind, words and mend of axes that read ``turn`` times what they should; None of right ones."""
+    reads = [f"{'-' if row.min() < 0 else ''}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in turn]
+    reversed_ = [letter for letter, row in zip("xyz", turn, strict=True) if row.min() < 0]
+    moved = [letter for letter, value in zip("xyz", np.diagonal(turn), strict=True) if value == 0]
+    back = ", ".join(
+        f"{letter} = {'-' if column.min() < 0 else ''}{'xyz'[int(np.argmax(np.abs(column)))]}"
+        for letter, column in zip("xyz", turn.T, strict=True)
+    )
+    mend = f"publish {back} of what the simulated sensor gives, or turn its site (MuJoCo) or pose (Gazebo)"
+    if not moved and not reversed_:
+        return None
+    if not moved and reversed_ == ["y", "z"]:
+        return "frd_for_flu", "y and z are reversed, FRD (forward, right, down) for FLU (forward, left, up)", mend
+    if not moved:
+        way = (
+            f"axis {reversed_[0]} is reversed"
+            if len(reversed_) == 1
+            else f"axes {' and '.join(reversed_)} are reversed"
+        )
+        way = "all axes are reversed" if len(reversed_) == 3 else way
+        return ("turned_axes" if len(reversed_) == 2 else "mirrored_axis"), way, mend
+    if np.linalg.det(turn) < 0:
+        if len(moved) == 2 and not reversed_:
+            return "exchanged_axes", f"axes {' and '.join(moved)} are exchanged", mend
+        return "mirrored_axis", f"they are mirrored: x, y, z read {', '.join(reads)}", mend
+    return "turned_axes", f"they are turned: x, y, z read {', '.join(reads)}", mend

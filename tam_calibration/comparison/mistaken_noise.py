@@ -1,0 +1,188 @@
+"""A simulator's noise that is none: absent, a variance for a standard deviation, or the same again.
+
+That noise is the same in several sensors whose generators have one seed is issue 411 of Basilisk. The elements of
+Gazebo's ``<noise>`` are standard deviations; a message's covariance holds variances. MuJoCo adds no noise to sensors
+since its version 3.1.4 (its issue 1603).
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tam_calibration.comparison.fast_residuals import NO_NOISE_T, ORDER, is_white, noise_level, noise_sequence, quietest
+from tam_calibration.comparison.result import Mistake
+from tam_calibration.comparison.words import sensors_in_words
+from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import TESLA_PER_FIELD_UNIT, FloatArray, to_nanotesla
+
+SAME = 0.9
+"""Correlation of two sequences of noise from which on they are one; differences of 100
+samples have 28 of their own, of which chance makes 0.6 at most."""
+
+SHORTEST = 100
+"""Samples that two sequences share at least before they are compared."""
+
+MUCH_MORE = 10.0
+"""Times that the recording's noise is more, before a simulation has none: sensors of a picotesla may be right."""
+
+NEAR_SQUARE = 0.2
+"""Part by which a noise may differ from the square of the right one: each is known to some 6 % from 300 samples."""
+
+NEAR_SQUARE_IN_TESLA = 0.5
+"""The same for tesla, where the square is a billion times less and nothing else is near."""
+
+APART = 4.0
+"""Times that a noise is more or less than the right one, before a square is more likely than another sensor."""
+
+
+def mistaken_noise(simulation: Recording, recording: Recording, array: Array) -> list[Mistake]:
+    """Return what is wrong with the noise of a simulation.
+
+    Parameters
+    ----------
+    simulation, recording : Recording
+        The two, in tesla.
+    array : Array
+        Of the recording: the noise that it states is right, else that of the readings.
+    """
+    sequences = [noise_sequence(simulation, sensor) for sensor in range(simulation.sensor_count)]
+    others = [noise_sequence(recording, sensor) for sensor in range(recording.sensor_count)]
+    repeated = [*_of_two_channels(sequences), *_again(sequences), *_of_two_runs(sequences, others)]
+    if repeated:
+        return repeated
+    right = [_right_level(recording, array, sensor) for sensor in range(recording.sensor_count)]
+    return list(_levels(simulation, right))
+
+
+def _right_level(recording: Recording, array: Array, sensor: int) -> float | None:
+    return noise_level(recording, sensor) if array.vector_noise_T is None else float(array.vector_noise_T[sensor])
+
+
+def _white(sequences: list[FloatArray | None]) -> dict[tuple[int, int], FloatArray]:
+    """Return the white sequences by sensor and axis, from 0."""
+    return {
+        (sensor, axis): each[:, axis]
+        for sensor, each in enumerate(sequences)
+        if each is not None and len(each) >= SHORTEST
+        for axis in range(3)
+        if is_white(each[:, axis])
+    }
+
+
+def _correlation(one: FloatArray, other: FloatArray) -> float:
+    return float(one @ other) / max(float(np.linalg.norm(one) * np.linalg.norm(other)), np.finfo(float).tiny)
+
+
+def _channel(channel: tuple[int, int]) -> str:
+    return f"sensor {channel[0] + 1} axis {'xyz'[channel[1]]}"
+
+
+def _of_two_channels(sequences: list[FloatArray | None]) -> Iterator[Mistake]:
+    white = _white(sequences)
+    channels = list(white)
+    for number, first in enumerate(channels):
+        same = [each for each in channels[number + 1 :] if abs(_correlation(white[first], white[each])) > SAME]
+        if same:
+            yield Mistake(
+                "same_noise_in_channels",
+                f"the simulation's noise is the same in {' and '.join(map(_channel, [first, same[0]]))}"
+                f"{f' and {len(same) - 1} more axes' if len(same) > 1 else ''}",
+                "all sensors" if len({sensor for sensor, _ in [first, *same]}) == len(sequences) else _channel(first),
+                "draw the noise of each axis of each sensor anew, from one generator or from several with other seeds",
+            )
+            return
+
+
+def _again(sequences: list[FloatArray | None]) -> Iterator[Mistake]:
+    for channel, sequence in _white(sequences).items():
+        period = _period(sequence)
+        if period:
+            yield Mistake(
+                "same_noise_again",
+                f"the simulation's noise repeats after {period} samples, as seen in {_channel(channel)}: its generator "
+                "is set to the same seed again and again",
+                "all sensors",
+                "make the generator once, before the first sample, and draw from it on",
+            )
+            return
+
+
+def _period(sequence: FloatArray) -> int:
+    """Return after how many samples differences (n,) come again; 0 where they do not."""
+    count = len(sequence)
+    spectrum = np.fft.rfft(sequence, 2 * count)
+    products = np.fft.irfft(np.abs(spectrum) ** 2)[:count]
+    energy = np.concatenate([[0.0], np.cumsum(sequence**2)])
+    lags = np.arange(2 * ORDER, count - SHORTEST)
+    if not len(lags):
+        return 0
+    size = np.sqrt(energy[count - lags] * (energy[count] - energy[lags]))
+    same = products[lags] > SAME * size
+    return int(lags[np.argmax(same)]) if same.any() else 0
+
+
+def _of_two_runs(sequences: list[FloatArray | None], others: list[FloatArray | None]) -> Iterator[Mistake]:
+    white, known = _white(sequences), _white(others)
+    for channel in white.keys() & known.keys():
+        count = min(len(white[channel]), len(known[channel]))
+        if _correlation(white[channel][:count], known[channel][:count]) > SAME:
+            yield Mistake(
+                "same_noise_in_runs",
+                "the noise is the same in both runs, sample by sample",
+                "all sensors",
+                "give every run another seed",
+            )
+            return
+
+
+def _levels(simulation: Recording, right: list[float | None]) -> Iterator[Mistake]:
+    """Yield sensors without noise, then those whose noise is a square or a root of the right one."""
+    found: dict[tuple[str, str], list[tuple[int, float, float]]] = {}
+    for sensor, right_T in enumerate(right[: simulation.sensor_count]):
+        own_T = None if right_T is None else _own_level(simulation, sensor, right_T)
+        if right_T is not None and own_T is not None and (name := _name(own_T, right_T)):
+            found.setdefault(name, []).append((sensor + 1, own_T, right_T))
+    for (kind, unit), levels in found.items():
+        sensors = [sensor for sensor, _, _ in levels]
+        if unit in ("", "T") or len(sensors) == simulation.sensor_count:
+            where = sensors_in_words(sensors, simulation.sensor_count)
+            own_T, right_T = (float(np.median([level[side] for level in levels])) for side in (1, 2))
+            yield _of_level(kind, unit, where, own_T, right_T)
+
+
+def _own_level(simulation: Recording, sensor: int, right_T: float) -> float | None:
+    """Return the noise of a sensor, tesla, or its bound where it has next to none; None where it is not told."""
+    bound_T = quietest(simulation, sensor)
+    return bound_T if bound_T < min(NO_NOISE_T, right_T / MUCH_MORE) else noise_level(simulation, sensor)
+
+
+def _name(own_T: float, right_T: float) -> tuple[str, str] | None:
+    """Return the kind of a mistaken noise and the unit, if any, in which it was made; None of one that may be right."""
+    if right_T / APART < own_T < right_T * APART:
+        return None
+    for power, kind in ((2.0, "variance_for_deviation"), (0.5, "root_for_deviation")):
+        for unit, tesla in TESLA_PER_FIELD_UNIT.items():
+            near = NEAR_SQUARE_IN_TESLA if unit == "T" else NEAR_SQUARE
+            if abs(own_T / ((right_T / tesla) ** power * tesla) - 1) < near:
+                return kind, unit
+    return ("no_noise", "") if own_T < min(NO_NOISE_T, right_T / MUCH_MORE) else None
+
+
+def _of_level(kind: str, unit: str, where: str, own_T: float, right_T: float) -> Mistake:
+    """Return the mistake of sensors whose noise is so large, tesla, beside the right one."""
+    own, right = (f"{to_nanotesla(level):.3g} nT" for level in (own_T, right_T))
+    mend = (
+        f"give the simulated sensor a standard deviation of {right_T:.3g} T: <stddev> of Gazebo's <noise>; MuJoCo adds "
+        "no noise of its own since 3.1.4, draw it where the sensor's output is published"
+    )
+    if kind == "no_noise":
+        return Mistake(
+            kind, f"the simulation has no noise in {where}, {own}, and the recording has {right}", where, mend
+        )
+    name = "variance" if kind == "variance_for_deviation" else "root of the standard deviation"
+    verb = "is" if unit == "T" else "looks like"
+    what = (
+        f"the simulation's noise of {where} {verb} the {name} in {unit}: {own}, where the standard deviation is {right}"
+    )
+    return Mistake(kind, what, where, mend)

@@ -1,0 +1,199 @@
+"""A simulator's field of the world that is none of the recording's: ignored, in NED, of the wrong hemisphere.
+
+Gazebo Sim had the field in NED axes (its pull request 2460 added ``use_earth_frame_ned``) and reads no
+``<magnetic_field>`` of the world (issue 3270). MuJoCo's default field is 0 -0.5 0.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tam_calibration.comparison.mistaken_frames import MIRRORED_FIELDS, Frames
+from tam_calibration.comparison.placement import TILT, Motion, Placement
+from tam_calibration.comparison.result import Mistake
+from tam_calibration.comparison.words import sensors_in_words, vector_in_microtesla
+from tam_calibration.core.noise import fast_noise
+from tam_calibration.integrity.overview import Overview
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray, to_degrees
+
+NO_FIELD = 0.02
+"""Part of the recording's intensity, below which a simulation reads no field: 1 µT."""
+
+IGNORED = 0.03
+"""Part of the field that readings vary by at most where the attitude turns and they do not: within 2° of a pole alone
+the level field is less."""
+
+SLOW = 0.1
+"""Part of the field by which such readings may vary otherwise, as from a magnet that comes near."""
+
+NEAR_DEG = 12.0
+"""Angle to a mistaken field within which it is that, for one sensor, and less for the mean of more: 3° of misalignment
+about each axis and 5 % of scale factor on both sides."""
+
+NOWHERE_DEG = 30.0
+"""The same for fields that are none of the Earth anywhere, as those that point south: the simulation may be of another
+site."""
+
+APART_DEG = 30.0
+"""Angle to the right field beyond which a simulation's is another, at a site some thousand kilometres off."""
+
+UPRIGHT_DEG = 7.0
+"""Angle from the vertical within which a field is taken to be vertical, for one sensor; only the poles have such."""
+
+SLANTING_DEG = 20.0
+"""Angle from the vertical of a recording's field that is none of a pole."""
+
+NORTH_DEG = 45.0
+"""Declination of the recording's field up to which its world is ENU: attitude without a compass has any heading."""
+
+SAME_SIZE = 0.12
+"""Part by which the intensities of two fields may differ that are one but for a sign, for one sensor."""
+
+MUJOCO_T = 0.5e-4
+"""Size of MuJoCo's default field, taken as gauss."""
+
+SOUTH = np.array([0.0, -1.0, 0.0])
+"""Its direction."""
+
+_WORDS = {
+    "ned_for_enu": "is in NED (north, east, down), and ENU (east, north, up) is expected",
+    "wrong_hemisphere": "has its vertical part reversed: it is of the wrong hemisphere, or of another site",
+    "south_for_north": "points south where the recording's points north",
+    "reversed_field": "is reversed, or all axes of all sensors are",
+}
+
+
+def without_field(simulation: Recording, recording: Recording) -> list[int]:
+    """Return the sensors, numbered from 1, of the simulation that read nothing beside noise.
+
+    Parameters
+    ----------
+    simulation, recording : Recording
+        The two, in tesla.
+    """
+    usual = float(np.median(np.linalg.norm(recording.readings_T, axis=2)))
+    own = np.median(np.linalg.norm(simulation.readings_T, axis=2), axis=0)
+    return [sensor for sensor, size in enumerate(own, 1) if size < NO_FIELD * usual]
+
+
+def unturned(overview: Overview, motion: Motion, placed: list[Placement]) -> list[int]:
+    """Return the sensors, numbered from 1, whose readings do not turn where the attitude does.
+
+    Parameters
+    ----------
+    overview : Overview
+        Of the simulation, in tesla.
+    motion : Motion
+        Of its samples.
+    placed : list of Placement
+        Of its sensors.
+    """
+    turning = float(motion.extent[1])
+    if turning < TILT:
+        return []
+    length = np.median(np.linalg.norm(overview.recording.readings_T, axis=2), axis=0)
+    fast = fast_noise(overview.values_T.T).reshape(-1, 3)
+    spread = np.sqrt(np.sum(np.maximum(overview.spread_T**2 - fast**2, 0), axis=1))
+    return [
+        sensor
+        for sensor, each in enumerate(placed, 1)
+        if each.explained_T < IGNORED * turning * length[sensor - 1]
+        and spread[sensor - 1] < SLOW * turning * length[sensor - 1]
+    ]
+
+
+def ignored_field(silent: list[int], stuck: list[int], count: int) -> Iterator[Mistake]:
+    """Yield what is to be said of sensors that read no field, and of those that do not turn in it.
+
+    Parameters
+    ----------
+    silent, stuck : list of int
+        Numbers of these sensors.
+    count : int
+        Number of all sensors of the simulation.
+    """
+    for sensors, way in ((silent, "reads nothing but noise about zero"), (stuck, "does not turn with the attitude")):
+        if sensors:
+            where = sensors_in_words(sensors, count)
+            yield Mistake(
+                "no_world_field",
+                f"the simulation ignores the world's field: what is read by {where} {way}",
+                where,
+                "give the world a field and turn it into the axes of the sensor: MuJoCo's <magnetometer site=…/> with "
+                '<option magnetic="0 2.1e-05 -4.3e-05"/>; in Gazebo Sim <spherical_coordinates> in the world and the '
+                "magnetometer system, which reads no <magnetic_field>",
+            )
+
+
+def mistaken_field(frames: Frames, one: Motion, other: Motion) -> Mistake | None:
+    """Return what is wrong with the field of the simulation's world beside that of the recording's; None for nothing.
+
+    Parameters
+    ----------
+    frames : Frames
+        Of the two.
+    one, other : Motion
+        Of the simulation and of the recording.
+    """
+    if min(one.extent[0], other.extent[0]) < TILT:
+        return None
+    own, right = frames.simulation_T, frames.recording_T
+    kind = _kind(own, right, len(frames.turns))
+    if kind is None:
+        return None
+    what, mend = _told(kind)
+    fields = f"{vector_in_microtesla(own)}, where the recording has {vector_in_microtesla(right)} east, north, up"
+    written = " ".join(f"{component:.2e}" for component in right)
+    return Mistake(
+        kind,
+        f"the simulation's field of the world {what}: {fields}",
+        "the world",
+        f'{mend}, as by <option magnetic="{written}"/> in MuJoCo',
+    )
+
+
+def _kind(own: FloatArray, right: FloatArray, count: int) -> str | None:
+    """Return what is wrong with a field that so many sensors read, beside the right one."""
+    near_deg = NEAR_DEG / np.sqrt(count)
+    if _from_vertical(own) < UPRIGHT_DEG / np.sqrt(count) and _from_vertical(right) > SLANTING_DEG:
+        return "vertical_field"
+    if _angle(own, right) < APART_DEG:
+        return None
+    if _angle(own, SOUTH) < near_deg and _is_size(own, MUJOCO_T, count):
+        return "default_field"
+    if abs(to_degrees(float(np.arctan2(right[0], right[1])))) > NORTH_DEG:
+        return None
+    angles = {kind: _angle(own, turn @ right) for kind, turn in MIRRORED_FIELDS.items()}
+    kind = min(angles, key=lambda each: angles[each])
+    if kind == "wrong_hemisphere":
+        return kind if angles[kind] < near_deg and _is_size(own, float(np.linalg.norm(right)), count) else None
+    return kind if angles[kind] < NOWHERE_DEG else None
+
+
+def _told(kind: str) -> tuple[str, str]:
+    """Return what is wrong, and the mend."""
+    if kind == "default_field":
+        return "is MuJoCo's default, half a gauss that points south", "write the field of the place, east, north, up"
+    if kind == "vertical_field":
+        return "is vertical", "give the field its level part too"
+    gazebo = (
+        "set <use_earth_frame_ned>false</use_earth_frame_ned> in Gazebo Sim's magnetometer system, or "
+        if kind == "ned_for_enu"
+        else ""
+    )
+    return _WORDS[kind], f"{gazebo}write the field of the world east, north, up"
+
+
+def _is_size(field_T: FloatArray, intensity_T: float, count: int) -> bool:
+    return bool(abs(np.linalg.norm(field_T) / intensity_T - 1) < SAME_SIZE / np.sqrt(count))
+
+
+def _angle(one: FloatArray, other: FloatArray) -> float:
+    """Return the angle between two vectors, degrees."""
+    cosine = float(one @ other) / float(np.linalg.norm(one) * np.linalg.norm(other))
+    return to_degrees(float(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def _from_vertical(field_T: FloatArray) -> float:
+    return to_degrees(float(np.arctan2(np.hypot(*field_T[:2]), abs(field_T[2]))))
