@@ -72,7 +72,7 @@ def test_batches_change_no_number(run, mend, name):
     assert_allclose(as_it_comes(Additions(own, 5), short, [1, 2, 20, 45]), whole, rtol=0, atol=1e-17)
 
 
-@settings(max_examples=15)
+@settings(max_examples=6)
 @given(cuts=st.lists(st.integers(1, 59), max_size=6), seed=st.integers(0, 3))
 def test_any_split_of_all_effects_together(run, mend, cuts, seed):
     """Whatever the batches, all effects at once and the noise give the same readings."""
@@ -224,7 +224,7 @@ def test_bad_input_is_one_sentence(run, mend):
 @pytest.mark.parametrize("name", ["temperature_drift", "time_skew", None])
 def test_a_mended_run_is_diagnosed_with_what_was_added(cross, name):
     """Of a clean run nothing is named, and of the mended one the effect that was added as the samples came."""
-    clean = run_of(1200, rate_hz=60.0)
+    clean = run_of(800, rate_hz=60.0)
     own = adding(mend_of(clean), *([name] if name else []))
     made = as_it_comes(Additions(own, 1), clean, [1, 500])[:, :-1].reshape(-1, 4, 3)
     found = diagnose(replace(clean, readings_T=made).take(slice(10, None)), cross)
