@@ -41,6 +41,7 @@ from pairs.folder import (
     seal,
     write_pair,
 )
+from pairs.judging import answer, compare_mended, truth_path
 from pairs.making import make_pair
 from pairs.outcome import PairOutcome
 from pairs.plan import PairPlan, plan_pairs
@@ -99,15 +100,8 @@ def make_one(folder: Path, world: Path | None, seed: int, task: tuple[int, PairP
 def judge(folder: Path, jobs: int) -> None:
     """Compare every pair of OUT that has no answer yet."""
     left = [name for name in pair_names(folder) if not (folder / ANSWERS / f"{name}.json").exists()]
-    in_processes("comparing", partial(judge_one, folder), left, jobs)
+    in_processes("comparing", partial(answer, folder), left, jobs)
     click.echo(f"{len(left)} answers more in {folder / ANSWERS}")
-
-
-def judge_one(folder: Path, name: str) -> None:
-    """Compare one pair."""
-    from pairs.judging import answer
-
-    answer(folder, name)
 
 
 @main.command()
@@ -115,12 +109,10 @@ def judge_one(folder: Path, name: str) -> None:
 @JOBS
 def score(folder: Path, jobs: int) -> None:
     """Open the key of OUT, and print the figures."""
-    from pairs.judging import truth_path
-
     answered = [name for name in pair_names(folder) if (folder / ANSWERS / f"{name}.json").exists()]
     mended = [name for name in answered if mended_path(folder, name).exists()]
     left = [name for name in mended if not truth_path(folder, name).exists()]
-    in_processes("comparing what was mended", partial(compare_mended_one, folder), left, jobs)
+    in_processes("comparing what was mended", partial(compare_mended, folder), left, jobs)
     keys = open_key(folder)
     outcomes = [
         PairOutcome(
@@ -138,13 +130,6 @@ def score(folder: Path, jobs: int) -> None:
     Console(width=120).print(table)
     for one in failures(outcomes):
         click.echo(one.line)
-
-
-def compare_mended_one(folder: Path, name: str) -> None:
-    """Compare one recording with the simulation that its maker mended."""
-    from pairs.judging import compare_mended
-
-    compare_mended(folder, name)
 
 
 def in_processes(description: str, work: Callable[[Task], None], tasks: Iterable[Task], jobs: int) -> None:
