@@ -1,7 +1,7 @@
 """Calibration of cross arrays of tri-axial magnetometers, on line over ROS 2 and offline.
 
-From Python: read a recording and its array, ``calibrate`` or ``diagnose``, ``correct``, ``locate``. Names load when
-they are first used, so that importing the package costs nothing.
+From Python: read a recording and its array, ``calibrate``, ``diagnose`` or ``compare`` it, ``correct``, ``locate``.
+Names load when they are first used, so that importing the package costs nothing.
 """
 
 from importlib import import_module
@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from tam_calibration.comparison import compare
     from tam_calibration.correction.calibration import Calibration
     from tam_calibration.correction.streaming import correct
     from tam_calibration.files import read_array, read_calibration, read_recording, write_calibration
@@ -28,6 +29,7 @@ __all__ = [
     "Recording",
     "Refused",
     "calibrate",
+    "compare",
     "correct",
     "diagnose",
     "locate",
@@ -46,6 +48,7 @@ _HOMES = {
     "Recording": "model.recording",
     "Refused": "model.exceptions",
     "calibrate": "fit",
+    "compare": "comparison",
     "correct": "correction.streaming",
     "diagnose": "gap",
     "locate": "localization.locate",

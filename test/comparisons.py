@@ -1,8 +1,6 @@
 """Fixtures of a comparison with a known truth, made by hand: what is told of it is tested without the judge."""
 
-import sys
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +20,7 @@ from tam_calibration.comparison.result import (
     SourceError,
     Step,
 )
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 MISTAKE = Mistake(
     "gauss_for_tesla",
@@ -79,6 +78,7 @@ def comparison(gap, recording, cross):
         SourceError(0.10, (0.08, 0.12)), SourceError(0.35, (0.30, 0.41)), SourceError(0.33, (0.28, 0.38)),
         "A tenth of the drift of sensor 2 stays",
     )  # fmt: skip
+    jump = FittedEffect("bias_jump", {"time_s": 1.7e9}, (Contribution(1, 0, "offset", {"offset": 2e-8}),))
     terms = (NoiseTerm(2, "y", 1e-9, 0.0, band_hz=(10.0, 14.0), band_T=1e-9), NoiseTerm(0, "", 1e-10, 0.0))
     return Comparison(
         "differs",
@@ -91,7 +91,7 @@ def comparison(gap, recording, cross):
             NoiseDifference(*each, each[1].colour == "band") for each in zip(*(s.noise for s in sides), strict=True)
         ),
         closing=closing,
-        mend=Mend((cause.fitted,), (), terms, calibration, 100.0),
+        mend=Mend((jump,), (), terms, calibration, 100.0),
         simulation=sides[0],
         recording=sides[1],
         remarks=("The recording: its noise is twice what its array states.",),
@@ -102,20 +102,3 @@ def comparison(gap, recording, cross):
 def mistaken():
     """Return a comparison that ended at a gross mistake of the simulator."""
     return Comparison("differs", "The simulation cannot be right: its unit is not tesla.", (MISTAKE,))
-
-
-@pytest.fixture
-def mend_texts(monkeypatch):
-    """Put texts in the place of what is written of a mend; they hold what HTML would take for its own."""
-    snippets = SimpleNamespace(
-        gazebo_sdf=lambda mend: "<magnetometer><x>&amp;</x></magnetometer>",
-        mujoco_mjcf=lambda mend: '<magnetometer noise="1e-9"/>',
-        python_plugin=lambda: "def add(readings, time_s):\n    return readings if time_s < 1 else None\n",
-    )
-
-    def write_mend(path, mend):
-        path.write_text(f"rate_Hz: {mend.rate_hz}\n")
-
-    files = SimpleNamespace(mend_to_mapping=lambda mend: {"rate_Hz": mend.rate_hz}, write_mend=write_mend)
-    monkeypatch.setitem(sys.modules, "tam_calibration.comparison.snippets", snippets)
-    monkeypatch.setitem(sys.modules, "tam_calibration.files.mend_yaml", files)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from comparisons import comparison, mend_texts, mistaken  # noqa: F401  fixtures are found by their names here
+from comparisons import comparison, mistaken  # noqa: F401  fixtures are found by their names here
 from ros_bench import bench, ros_domain  # noqa: F401
 
 from tam_calibration.model.array import Array

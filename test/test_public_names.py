@@ -17,6 +17,7 @@ import tam_calibration
 ROOT = Path(__file__).parents[1]
 
 RESULTS = (
+    "tam_calibration.comparison.result.Comparison",
     "tam_calibration.correction.calibration.Corrected",
     "tam_calibration.gap.result.Gap",
     "tam_calibration.localization.survey.Survey",

@@ -16,10 +16,12 @@ from tam_calibration.cli.terminal import (
     working,
     write_together,
 )
+from tam_calibration.comparison import compare
 from tam_calibration.comparison.result import Closing, Comparison
 from tam_calibration.files import provenance
 from tam_calibration.files.compared_recordings import read_array_of, read_compared
 from tam_calibration.files.comparison_json import Sources, comparison_to_mapping
+from tam_calibration.files.mend_yaml import write_mend
 from tam_calibration.files.text_files import to_json
 from tam_calibration.report.comparison_rows import (
     CLOSING_HEADER,
@@ -92,8 +94,6 @@ def command(
 
             write_comparison_report(beside["report"], comparison, sources)
         if "mend" in beside and comparison.mend is not None:
-            from tam_calibration.files.mend_yaml import write_mend
-
             write_mend(beside["mend"], comparison.mend)
     if comparison.mend is None:
         del outputs["mend"]
@@ -108,8 +108,6 @@ def _compare(
     simulation: Path, recording: Path, array_path: Path, simulated_array_path: Path | None, tolerance_s: float
 ) -> Comparison:
     """Return the comparison of two files, with remarks on how their samples were joined."""
-    from tam_calibration.comparison.compare import compare
-
     array = read_array_of("recording", array_path, recording)
     simulated = array if simulated_array_path is None else read_array_of("simulation", simulated_array_path, simulation)
     with showing_progress() as progress:

@@ -14,12 +14,12 @@ from tam_calibration.comparison.result import (
     NoiseDifference,
     SourceError,
 )
+from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf, python_plugin
 from tam_calibration.correction.calibration import Provenance
+from tam_calibration.files.mend_yaml import COMPARISON_SCHEMA, mend_to_mapping
 from tam_calibration.files.results_json import numbers_of, rounded, source_to_mapping
 from tam_calibration.files.text_files import to_json, write_whole
 from tam_calibration.model.units import for_people, to_nanotesla
-
-_SCHEMA = "tam_calibration/compare/1"
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def comparison_to_mapping(comparison: Comparison, sources: Sources) -> dict[str,
     """
     closing, mend = comparison.closing, comparison.mend
     return {
-        "schema": _SCHEMA,
+        "schema": COMPARISON_SCHEMA,
         "verdict": comparison.verdict,
         "statement": comparison.statement,
         "remarks": list(comparison.remarks),
@@ -182,9 +182,6 @@ def mend_in_texts(mend: Mend) -> dict[str, Any]:
     mend : Mend
         What to write into the simulator.
     """
-    from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf, python_plugin
-    from tam_calibration.files.mend_yaml import mend_to_mapping
-
     return {
         "sdf": gazebo_sdf(mend),
         "mjcf": mujoco_mjcf(mend),

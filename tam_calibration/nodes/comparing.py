@@ -4,10 +4,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from tam_calibration.comparison import compare
 from tam_calibration.comparison.result import Comparison
 from tam_calibration.files import provenance
 from tam_calibration.files.compared_recordings import read_array_of, read_compared
 from tam_calibration.files.comparison_json import Sources, write_comparison
+from tam_calibration.files.mend_yaml import write_mend
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.extras import require
@@ -78,8 +80,6 @@ def compare_with_simulation(
     Refused
         When more than half of the simulation's samples cannot be used.
     """
-    from tam_calibration.comparison.compare import compare
-
     path, array_path = Path(node.value("simulation")), node.value("simulation_array_file")
     simulated = read_array_of("simulation", Path(array_path), path) if array_path else array
     simulation, simulated_remarks = read_compared("simulation", path, simulated)
@@ -105,8 +105,6 @@ def _write(node: TamNode, comparison: Comparison, sources: Sources) -> str:
         write_comparison_report(Path(path), comparison, sources)
         written.append(path)
     if (path := node.value("mend_file")) and comparison.mend is not None:
-        from tam_calibration.files.mend_yaml import write_mend
-
         write_mend(Path(path), comparison.mend)
         written.append(path)
     return f"; written to {' and '.join(written)}" if written else ""

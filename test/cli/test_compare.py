@@ -1,15 +1,15 @@
 """`tam compare`: mistakes and verdict for people and programs, told by the exit code too."""
 
 import json
-import sys
 from dataclasses import replace
-from types import SimpleNamespace
+from importlib import import_module
 
 import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
 from tam_calibration.files import read_recording, write_array, write_recording
+from tam_calibration.files.mend_yaml import read_mend
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def folder(tmp_path, monkeypatch, recording, cross):
 
 
 @pytest.fixture
-def asked(monkeypatch, comparison, mend_texts):
+def asked(monkeypatch, comparison):
     """Put a stand-in in the place of the comparison; return what it was asked, and what it shall answer."""
     asked = {"answer": comparison}
 
@@ -32,7 +32,7 @@ def asked(monkeypatch, comparison, mend_texts):
         progress("judging", 0.5)
         return asked["answer"]
 
-    monkeypatch.setitem(sys.modules, "tam_calibration.comparison.compare", SimpleNamespace(compare=compare))
+    monkeypatch.setattr(import_module("tam_calibration.cli.compare"), "compare", compare)
     return asked
 
 
@@ -100,7 +100,7 @@ def test_a_page_and_the_mend_are_written(folder, asked):
     out = run("sim.csv", "real.csv", "--report", "page.html", "--mend", "mend.yaml", code=1).stdout
     assert "written: page.html" in out and "written: mend.yaml" in out
     assert (folder / "page.html").read_text().startswith("<!DOCTYPE html>")
-    assert (folder / "mend.yaml").read_text() == "rate_Hz: 100.0\n"
+    assert read_mend("mend.yaml").rate_hz == 100.0
 
 
 def test_the_simulation_may_have_an_array_of_its_own(folder, asked, cross):

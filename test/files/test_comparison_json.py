@@ -2,8 +2,10 @@
 
 import json
 
+from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.files.comparison_json import Sources, comparison_to_mapping, write_comparison
+from tam_calibration.files.mend_yaml import mend_to_mapping
 from tam_calibration.files.text_files import to_json
 
 PROMISED = (
@@ -25,7 +27,7 @@ GAP = {
 }
 
 
-def test_the_keys_are_those_of_the_schema(comparison, mend_texts):
+def test_the_keys_are_those_of_the_schema(comparison):
     """Names and nesting are fixed; what is added stands beside them."""
     content = comparison_to_mapping(comparison, Sources())
     assert set(PROMISED) <= set(content)
@@ -36,10 +38,12 @@ def test_the_keys_are_those_of_the_schema(comparison, mend_texts):
     assert all(set(row) >= NOISE for row in content["noise"]) and len(content["noise"]) == 13
     assert set(content["gap"]) >= GAP
     assert set(content["mend"]) == {"sdf", "mjcf", "plugin", "parameters"}
-    assert content["mend"]["parameters"] == {"rate_Hz": 100.0}
+    assert content["mend"]["parameters"] == mend_to_mapping(comparison.mend)
+    assert content["mend"]["sdf"] == gazebo_sdf(comparison.mend)
+    assert content["mend"]["mjcf"] == mujoco_mjcf(comparison.mend)
 
 
-def test_each_effect_has_its_place_and_parameters(comparison, mend_texts):
+def test_each_effect_has_its_place_and_parameters(comparison):
     """Of what is missing and surplus in units of files; of both, those of each side."""
     content = comparison_to_mapping(comparison, Sources())
     (missing,), (surplus,), (other,) = (content[name] for name in PROMISED[3:6])
@@ -50,7 +54,7 @@ def test_each_effect_has_its_place_and_parameters(comparison, mend_texts):
     assert values == [1.0, 2.0]
 
 
-def test_the_side_that_has_an_effect_shows_it(comparison, mend_texts):
+def test_the_side_that_has_an_effect_shows_it(comparison):
     """The simulation's run could have shown the drift that it lacks; what it has, it shows, and the recording not."""
     content = comparison_to_mapping(comparison, Sources())
     (missing,), (surplus,) = content["missing_in_simulation"], content["surplus_in_simulation"]
@@ -58,7 +62,7 @@ def test_the_side_that_has_an_effect_shows_it(comparison, mend_texts):
     assert surplus["shown_by_simulation_run"] and not surplus["shown_by_recording_run"]
 
 
-def test_sizes_are_in_units_of_files(comparison, mend_texts):
+def test_sizes_are_in_units_of_files(comparison):
     """Tesla become nT, T/m nT/m; source errors are those that the simulation foretells wrongly."""
     content = comparison_to_mapping(comparison, Sources())
     gap = content["gap"]
@@ -78,7 +82,7 @@ def test_sizes_are_in_units_of_files(comparison, mend_texts):
     assert (band["simulation_standard_error_nT"], band["recording_standard_error_nT"]) == (0.02, 0.04)
 
 
-def test_what_is_not_known_is_null(comparison, mend_texts):
+def test_what_is_not_known_is_null(comparison):
     """As JSON has no NaN: the gradient after the mend, and the figure of the side that does not tell."""
     content = json.loads(to_json(comparison_to_mapping(comparison, Sources())))
     assert content["gap"]["after_nT_per_m"] is None
@@ -95,7 +99,7 @@ def test_a_mistake_ends_the_comparison(mistaken):
     assert content["noise"] == content["missing_in_simulation"] == []
 
 
-def test_the_file_names_the_two_recordings(comparison, mend_texts, tmp_path):
+def test_the_file_names_the_two_recordings(comparison, tmp_path):
     """With size and digest; null for what nodes collected."""
     source = Provenance("sim.mcap", 12, "ab" * 32)
     write_comparison(tmp_path / "compare.json", comparison, Sources(source))

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.comparison.snippets import gazebo_sdf, mujoco_mjcf, python_plugin
 from tam_calibration.correction.calibration import Provenance
 from tam_calibration.files.comparison_json import Sources
+from tam_calibration.files.mend_yaml import mend_to_mapping
+from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.report.comparison_plots import (
     RECORDING_COLOR,
     SIMULATION_COLOR,
@@ -28,7 +31,7 @@ SOURCES = Sources(Provenance("sim<1>.mcap", 12, "ab" * 32), Provenance("dive.csv
 
 
 @pytest.fixture
-def write(tmp_path, mend_texts):
+def write(tmp_path):
     """Return a function that writes the page of a comparison and reads it: its HTML, its headings and its words."""
 
     def write(comparison):
@@ -84,9 +87,9 @@ def test_what_is_to_be_copied_is_text(comparison, write):
     """What HTML would take for its own is shown as it is, to the last character."""
     page, _, _ = write(comparison)
     blocks = [html.unescape(text) for text in re.findall(r'<pre class="code">(.*?)</pre>', page, re.DOTALL)]
-    assert blocks[0] == "<magnetometer><x>&amp;</x></magnetometer>"
-    assert blocks[2] == "def add(readings, time_s):\n    return readings if time_s < 1 else None\n"
-    assert blocks[3].strip() == "rate_Hz: 100.0"
+    mend = comparison.mend
+    assert blocks[:3] == [gazebo_sdf(mend), mujoco_mjcf(mend), python_plugin()]
+    assert blocks[3] == dump_mapping(mend_to_mapping(mend))
     assert "tam simulate --from-comparison mend.yaml" in blocks[4]
 
 
@@ -116,7 +119,7 @@ def test_without_attitude_no_source_is_drawn(comparison, write):
     assert page.count("<img") == 5 and "source error" not in words
 
 
-def test_the_same_comparison_gives_the_same_page(comparison, tmp_path, mend_texts):
+def test_the_same_comparison_gives_the_same_page(comparison, tmp_path):
     """A page is the same file whenever it is made."""
     for name in ("a.html", "b.html"):
         write_comparison_report(tmp_path / name, comparison, SOURCES)
