@@ -8,6 +8,7 @@ import numpy as np
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.gap.result import Gap
+from tam_calibration.gap.search import Search
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
@@ -334,6 +335,8 @@ class Side:
         Readings less what calibration and effects explain, tesla; NaN where there is none. Last the scalar.
     noise : tuple of AxisNoise
         Of each axis, last that of the scalar where there is one.
+    found : Search
+        The search that the diagnosis rests on: models without and with the causes.
     """
 
     recording: Recording = field(repr=False)
@@ -342,6 +345,7 @@ class Side:
     calibration: Calibration
     residual_T: FloatArray = field(repr=False)
     noise: tuple[AxisNoise, ...] = field(repr=False)
+    found: Search = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -373,6 +377,18 @@ class Comparison:
         The two, for plots; None where nothing was compared.
     remarks : tuple of str
         To read before the verdict, one sentence each.
+
+    Examples
+    --------
+    Two runs of one simulator differ in nothing; each has the noise of twelve axes and a scalar:
+
+    >>> from dataclasses import replace
+    >>> from tam_calibration import compare, read_scenario, simulate
+    >>> scenario = read_scenario("wu_table_1")
+    >>> one, other = (simulate(replace(scenario, seed=seed)).recording for seed in (1, 2))
+    >>> comparison = compare(one, other, scenario.array)
+    >>> comparison.verdict, comparison.missing, comparison.surplus, len(comparison.noise)
+    ('same', (), (), 13)
     """
 
     verdict: Verdict
