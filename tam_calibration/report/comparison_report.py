@@ -155,6 +155,9 @@ def figures_section(comparison: Comparison) -> Section | None:
     return Section("Side by side", tables)
 
 
+_COMMAND = "tam simulate --from-comparison mend.yaml --recording SIMULATION -o mended.csv"
+
+
 def mend_section(comparison: Comparison) -> Section | None:
     """Return what to write into the simulator, to copy; None where nothing was compared or all is the same."""
     mend = comparison.mend
@@ -167,7 +170,7 @@ def mend_section(comparison: Comparison) -> Section | None:
         Code(texts["mjcf"], "MuJoCo: the <sensor> and <custom> elements of the MJCF"),
         Code(texts["plugin"], "Python: what a plugin does sample by sample"),
         Code(dump_mapping(texts["parameters"]), "mend.yaml: the parameters, as tam compare --mend writes them"),
-        Code("tam simulate --from-comparison mend.yaml -o mended.csv", "A simulation with all of the mend"),
+        Code(_COMMAND, "The run of the simulation with all of the mend"),
     ]
     return Section("The mend, to copy", blocks)
 
