@@ -103,6 +103,8 @@ def differences_between(simulation: Side, recording: Side) -> Differences:
     if open_there is not None and not _is_like(open_there, open_here):
         surplus.append(open_there)
         energies.append((f"{_named(open_there)} in the simulation", open_there.size**2))
+    if recording.gap.verdict == "explained":
+        energies.append(("what the causes leave of the recording", recording.gap.size.after**2))
     noise = _noise(simulation, recording, [*missing, *surplus])
     told = {place for one in (*missing, *surplus) if one.fitted is None or is_noise(one.effect) for place in _rows(one)}
     energies += _noise_energies(noise, told)

@@ -106,20 +106,23 @@ def mended_twin(differences: Differences, simulation: Side, mend: Mend, seed: in
         for cause in simulation.gap.causes
         if not (is_noise(cause.fitted.effect) or any(cause.fitted is fitted for fitted in left_out))
     )
-    noise = tuple(_term(one.recording if one.differs else one.simulation) for one in differences.noise)
-    whole = replace(mend, added=(*kept, *mend.added), removed=(), noise=noise)
+    noise = [
+        _term(one.recording if one.differs else one.simulation) for one in differences.noise if one.recording.sensor
+    ]
+    of_scalar = [term for term in mend.noise if not term.sensor]  # whose own noise stays in its readings
+    whole = replace(mend, added=(*kept, *mend.added), removed=(), noise=(*noise, *of_scalar))
     return mended(_quiet(simulation), whole, seed, errors=simulation.calibration.errors)
 
 
 def _quiet(side: Side) -> Recording:
-    """Return the run of a side without noise and effects."""
+    """Return the run of a side without effects, its sensors without noise; the scalar tells the intensity."""
     calibration = side.calibration
     recording = calibration.without_effects(side.recording)
     field = _field(side, recording)
-    scalar = (
-        None if recording.scalar_T is None else np.where(np.isfinite(recording.scalar_T), norm(field, axis=1), np.nan)
-    )
-    return replace(recording, readings_T=calibration.errors.distort(field), scalar_T=scalar)
+    if recording.scalar_T is not None:
+        known = np.isfinite(recording.scalar_T)
+        field[known] *= (recording.scalar_T[known] / norm(field[known], axis=1))[:, None]
+    return replace(recording, readings_T=calibration.errors.distort(field))
 
 
 def _field(side: Side, recording: Recording) -> FloatArray:
