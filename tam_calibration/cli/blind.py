@@ -1,6 +1,5 @@
 """`tam blind`: the check on withheld effects, from making the cases to the score."""
 
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import as_completed
 from contextlib import suppress
@@ -225,7 +224,6 @@ def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: 
 
 def _in_processes(description: str, work: Callable[[Task], Result], tasks: list[Task], jobs: int) -> Iterator[Result]:
     """Do the tasks in processes of one thread each, and return the results as they come."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with processes(jobs, get_context("spawn")) as pool, showing_progress() as progress:
         done = as_completed(submit_all(pool, work, tasks))
         for future in progress.track(done, total=len(tasks), description=description):

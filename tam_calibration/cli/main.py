@@ -10,7 +10,10 @@ from tam_calibration import __version__
 from tam_calibration.cli.held_warnings import HeldWarnings
 from tam_calibration.cli.streams import on_one_line, tell, usable_streams
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.processors import use_one_thread
 from tam_calibration.model.signals import Ending
+
+use_one_thread()
 
 SUBCOMMANDS = {
     "simulate": "Make a recording of a known array and field, with the truth beside it.",

@@ -105,7 +105,7 @@ def differences_between(simulation: Side, recording: Side) -> Differences:
         energies.append((f"{_named(open_there)} in the simulation", open_there.size**2))
     if recording.gap.verdict == "explained":
         energies.append(("what the causes leave of the recording", recording.gap.size.after**2))
-    noise = _noise(simulation, recording, [*missing, *surplus])
+    noise = _noise(simulation, recording)
     told = {place for one in (*missing, *surplus) if one.fitted is None or is_noise(one.effect) for place in _rows(one)}
     energies += _noise_energies(noise, told)
     return Differences(
@@ -277,9 +277,10 @@ def _sizes_by_place(fitted: FittedEffect) -> dict[tuple[int, int | None], float]
     return sizes
 
 
-def _noise(simulation: Side, recording: Side, effects: Sequence[EffectDifference]) -> tuple[NoiseDifference, ...]:
+def _noise(simulation: Side, recording: Side) -> tuple[NoiseDifference, ...]:
     """Return the noise of every axis of both sides; where a known effect stays in it, no difference is told."""
-    staying = {place for one in effects if _stays(one) for place in _rows(one)}
+    causes = [*simulation.gap.causes, *recording.gap.causes]
+    staying = {place for cause in causes if _stays(cause.fitted.effect) for place in _rows(cause)}
     theirs = {(one.sensor, one.axis): one for one in simulation.noise}
     return tuple(
         NoiseDifference(
@@ -292,13 +293,12 @@ def _noise(simulation: Side, recording: Side, effects: Sequence[EffectDifference
     )
 
 
-def _stays(one: EffectDifference) -> bool:
-    """Whether a known effect is in the residual of which the noise is taken, as it cannot be taken off."""
-    is_known = one.fitted is not None and not is_noise(one.effect)
-    return is_known and not isinstance(effect_named(one.effect), LinearEffect)
+def _stays(effect: str) -> bool:
+    """Whether an effect is in the residual of which the noise is taken, as it cannot be taken off."""
+    return not is_noise(effect) and not isinstance(effect_named(effect), LinearEffect)
 
 
-def _rows(one: EffectDifference) -> list[tuple[int, str]]:
+def _rows(one: Cause | EffectDifference) -> list[tuple[int, str]]:
     return [
         (0, "") if sensor == "scalar" else (int(sensor), axis)
         for sensor in one.sensors

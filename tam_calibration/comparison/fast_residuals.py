@@ -35,6 +35,9 @@ _OF_WHITE = (-1.0) ** _LAGS * binom(2 * ORDER, ORDER + _LAGS) / binom(2 * ORDER,
 NO_NOISE_T = 2e-12
 """Rounding of the Earth's field to 32 bits makes 1e-12 T."""
 
+SHARED = 0.01
+"""Part of its noise by which a sensor differs from others of the same noise: errors of the sensors leave less."""
+
 FEWEST = 40
 """Samples: four for each of the ten numbers by which attitude explains an axis."""
 
@@ -89,6 +92,23 @@ def quietest(recording: Recording, sensor: int) -> float:
     residuals = [_beside_attitude(recording, sensor), _beside_others(recording, sensor)]
     left = [readings, *(residual for residual in residuals if residual is not None)]
     return min(float(np.sqrt(np.mean(differences(each) ** 2))) for each in left)
+
+
+def is_shared(recording: Recording, sensor: int) -> bool:
+    """Whether the noise of a sensor is that of the others: they explain it, and the attitude does not.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of N samples, tesla.
+    sensor : int
+        From 0.
+    """
+    beside = _beside_others(recording, sensor), _beside_attitude(recording, sensor)
+    if len(recording.time_s) < FEWEST or beside[0] is None or beside[1] is None:
+        return False
+    unlike, noise = (_size(differences(residual)) for residual in beside if residual is not None)
+    return unlike < SHARED * noise and _is_noise(beside[1], recording.readings_T[:, sensor])
 
 
 def differences(values: FloatArray) -> FloatArray:

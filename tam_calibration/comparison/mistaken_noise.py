@@ -9,7 +9,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tam_calibration.comparison.fast_residuals import NO_NOISE_T, ORDER, is_white, noise_level, noise_sequence, quietest
+from tam_calibration.comparison.fast_residuals import (
+    NO_NOISE_T,
+    ORDER,
+    is_shared,
+    is_white,
+    noise_level,
+    noise_sequence,
+    quietest,
+)
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.comparison.words import sensors_in_words
 from tam_calibration.model.array import Array
@@ -48,7 +56,7 @@ def mistaken_noise(simulation: Recording, recording: Recording, array: Array) ->
     """
     sequences = [noise_sequence(simulation, sensor) for sensor in range(simulation.sensor_count)]
     others = [noise_sequence(recording, sensor) for sensor in range(recording.sensor_count)]
-    repeated = [*_of_two_channels(sequences), *_again(sequences), *_of_two_runs(sequences, others)]
+    repeated = [*_of_two_channels(simulation, sequences), *_again(sequences), *_of_two_runs(sequences, others)]
     if repeated:
         return repeated
     right = [_right_level(recording, array, sensor) for sensor in range(recording.sensor_count)]
@@ -78,20 +86,29 @@ def _channel(channel: tuple[int, int]) -> str:
     return f"sensor {channel[0] + 1} axis {'xyz'[channel[1]]}"
 
 
-def _of_two_channels(sequences: list[FloatArray | None]) -> Iterator[Mistake]:
+def _of_two_channels(simulation: Recording, sequences: list[FloatArray | None]) -> Iterator[Mistake]:
+    if all(is_shared(simulation, sensor) for sensor in range(simulation.sensor_count)):
+        yield _same_in("all sensors", "all sensors")
+        return
     white = _white(sequences)
     channels = list(white)
     for number, first in enumerate(channels):
         same = [each for each in channels[number + 1 :] if abs(_correlation(white[first], white[each])) > SAME]
         if same:
-            yield Mistake(
-                "same_noise_in_channels",
-                f"the simulation's noise is the same in {' and '.join(map(_channel, [first, same[0]]))}"
-                f"{f' and {len(same) - 1} more axes' if len(same) > 1 else ''}",
-                "all sensors" if len({sensor for sensor, _ in [first, *same]}) == len(sequences) else _channel(first),
-                "draw the noise of each axis of each sensor anew, from one generator or from several with other seeds",
-            )
+            named = " and ".join(map(_channel, [first, same[0]]))
+            named += f" and {len(same) - 1} more axes" if len(same) > 1 else ""
+            are_all = len({sensor for sensor, _ in [first, *same]}) == len(sequences)
+            yield _same_in(named, "all sensors" if are_all else _channel(first))
             return
+
+
+def _same_in(named: str, where: str) -> Mistake:
+    return Mistake(
+        "same_noise_in_channels",
+        f"the simulation's noise is the same in {named}",
+        where,
+        "draw the noise of each axis of each sensor anew, from one generator or from several with other seeds",
+    )
 
 
 def _again(sequences: list[FloatArray | None]) -> Iterator[Mistake]:

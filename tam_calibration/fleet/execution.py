@@ -1,6 +1,5 @@
 """Tasks on the cores of this machine, or on a Dask cluster whose workers see the same paths."""
 
-import os
 from collections.abc import Iterator
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -11,6 +10,7 @@ from tam_calibration.fleet.processes import processes, submit_all
 from tam_calibration.fleet.task import Task, process
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.extras import require
+from tam_calibration.model.processors import use_one_thread
 
 _PRELOADED = (process.__module__, "tam_calibration.files.bag_corrected", "scipy.optimize", "scipy.spatial.transform")
 """What every task loads sooner or later: loaded once, before the processes are forked."""
@@ -34,7 +34,7 @@ def run_here(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, str]]:
     iterator of (Task, str)
         With an empty text where the result was written.
     """
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    use_one_thread()
     left = []
     for task, problem in _in_pool(tasks, jobs):
         if isinstance(problem, BrokenProcessPool):

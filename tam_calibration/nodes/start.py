@@ -7,8 +7,12 @@ import sys
 from importlib import import_module
 
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.processors import use_one_thread
 from tam_calibration.model.signals import Ending
-from tam_calibration.nodes.session import configure_fast_dds
+
+use_one_thread()
+
+from tam_calibration.nodes.session import configure_fast_dds  # noqa: E402  it loads numpy
 
 
 def calibrator() -> int:

@@ -32,8 +32,12 @@ def test_a_mistake_is_told_before_anything_is_fitted(run, cross):
 
 
 def test_a_run_that_tells_nothing_is_said_by_name(run, cross):
-    """Too short a recording: it is named, and nothing is invented."""
-    found = compare(run(1), run(2).take(slice(0, 30)), cross)
+    """An array at rest: the side is named, and nothing is invented."""
+    one = run(2)
+    still = Recording(
+        one.time_s, one.readings_T[:1] + 1e-9 * np.random.default_rng(3).normal(size=one.readings_T.shape)
+    )
+    found = compare(run(1), still, cross)
     assert found.verdict == "not_identifiable" and "the recording" in found.statement
 
 
@@ -45,8 +49,8 @@ def test_other_numbers_of_sensors_are_bad_input(run, cross):
         compare(alone, one, cross)
 
 
-def test_progress_only_rises(run, cross):
-    """From 0 to 1 over both sides and the twin."""
+def test_progress_goes_over_both_sides_and_the_twin(run, cross):
+    """A third each, from 0 to at most 1."""
     told = []
     compare(run(1), run(2, 0, 1.5), cross, progress=lambda stage, done: told.append(done))
-    assert np.all(np.diff(told) >= -0.34) and max(told) <= 1 and told[0] == 0
+    assert told[0] == 0 and max(told) <= 1 and {int(3 * done) for done in told} >= {0, 1, 2}
