@@ -98,7 +98,8 @@ def solve(problem: Problem, data: FloatArray, start: FloatArray) -> Solution:
         part = problem if problem.weights.ndim == 3 else replace(problem, weights=problem.weights[at])
         return part.predict(unknowns)
 
-    return solve_damped(predict, data, start, _is_small)
+    with np.errstate(over="ignore"):  # what a step leads far away makes no field there, and is taken back
+        return solve_damped(predict, data, start, _is_small)
 
 
 def _is_small(unknowns: FloatArray, step: FloatArray) -> np.ndarray:

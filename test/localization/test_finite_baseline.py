@@ -1,3 +1,5 @@
+import warnings
+
 import numpy as np
 import pytest
 from numpy.linalg import norm
@@ -103,3 +105,11 @@ def test_places_of_the_axes_are_part_of_the_model(dipoles):
     readings = np.diagonal(fields.reshape(len(places), 4, 3, 3), axis1=2, axis2=3)
     found = locate_dipole(readings.reshape(len(places), -1) @ array.operator.T, array)
     assert_allclose(found.position_m, places, atol=1e-9)
+
+
+def test_noise_that_leads_steps_far_away_is_no_warning(cross):
+    """Outputs without any source take some fits to infinity: that is refused in order, not warned of."""
+    outputs = np.random.default_rng(0).normal(0, 1e-9, (2000, 12)) @ cross.operator.T
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        locate_dipole(outputs, cross)
