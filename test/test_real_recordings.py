@@ -1,10 +1,12 @@
-"""Fits of recordings that were not made by this project: phones, and an optically tracked sensor."""
+"""Recordings that were not made by this project: phones, and an optically tracked sensor."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tam_calibration.comparison.mistakes import mistakes_of
 from tam_calibration.files import read_array, read_recording
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import Refused
@@ -48,3 +50,15 @@ def test_a_magnet_attached_in_the_middle_is_refused_with_the_times(method):
     recording, array = read_recording(RECORDINGS / "broad_32.csv"), read_array(RECORDINGS / "broad.yaml")
     with pytest.raises(Refused, match=r"not one calibration: .* nT between .* but .* between (36|52|68|84)\.\d and"):
         calibrate(recording, array, method)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "kinds"),
+    [("broad_08", 1.0, []), ("broad_33", 1.0, []), ("broad_08", 1e4, ["gauss_for_tesla"])],
+)
+def test_runs_of_one_sensor_have_no_gross_mistake_beside_each_other(name, unit, kinds):
+    """Neither has another run, nor one with a magnet attached, where a simulator's are sought; gauss are one."""
+    one, other = (read_recording(RECORDINGS / f"{each}.csv") for each in (name, "broad_02"))
+    array = read_array(RECORDINGS / "broad.yaml")
+    found = mistakes_of(replace(one, readings_T=unit * one.readings_T), other, array, array)
+    assert [mistake.kind for mistake in found] == kinds
