@@ -78,7 +78,7 @@ def compare(
             _side("recording", recording, array, _part(tell, 1, 3)),
         )
     except Refused as problem:
-        return Comparison("not_identifiable", f"No comparison: {problem}.")
+        return Comparison("not_identifiable", f"No comparison: {str(problem).rstrip('.')}.")
     differences = differences_between(*sides)
     mend = mend_of(differences, *sides)
     closing = _closing(differences, mend, *sides, _part(tell, 2, 3), seed)
@@ -154,7 +154,7 @@ def _closing(
         of_simulation,
         of_recording,
         of_mended,
-        "; ".join(words for words, _ in left.energies),
+        "" if left.are_none else "; ".join(words for words, _ in left.energies),
     )
 
 
