@@ -20,7 +20,6 @@ from tam_calibration.comparison.result import (
 )
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.effects.removal import added_to
 from tam_calibration.gap.evidence import unusable
 from tam_calibration.gap.result import Cause
 from tam_calibration.model.exceptions import InputError, Refused
@@ -225,7 +224,7 @@ def _energy_without(side: Side, effects: Sequence[FittedEffect]) -> float:
     nominal = side.found.nominal
     recording = nominal.recording
     if effects:
-        added = added_to(recording, effects, nominal.errors, nominal.array)
+        added = nominal.added_by(effects)
         readings = recording.readings_T - added[:, :-1].reshape(recording.readings_T.shape)
         scalar = None if recording.scalar_T is None else recording.scalar_T - added[:, -1]
         recording = replace(recording, readings_T=readings, scalar_T=scalar)

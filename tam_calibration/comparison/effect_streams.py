@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.effects.bursts import samples_in
 from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.effect import FoundEffect, LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.recursions import Memory
 from tam_calibration.effects.term import rows_of
@@ -48,12 +48,13 @@ def streamed(fitted: FittedEffect, generator: np.random.Generator) -> list[Strea
     effect, parts = effect_named(fitted.effect), fitted.contributions
     if isinstance(effect, LinearEffect):
         return [_Recursive(fitted, generator) if effect.is_causal else _FromThePast(fitted, generator)]
-    if fitted.effect not in _RANDOM:
+    assert isinstance(effect, FoundEffect)
+    if effect.stream not in _STREAMS:
         raise InputError(
             f"{fitted.effect} cannot be added to samples as they arrive, for it needs those to come: "
             "add it to the whole recording with tam simulate --from-comparison"
         )
-    kind = _RANDOM[fitted.effect]
+    kind = _STREAMS[effect.stream]
     return [
         kind(replace(fitted, contributions=(part,)), own)
         for part, own in zip(parts, generator.spawn(len(parts)), strict=True)
@@ -177,12 +178,10 @@ class _Stale(_Bursts):
         return rows
 
 
-_RANDOM: dict[str, Callable[[FittedEffect, np.random.Generator], StreamedEffect]] = {
-    "noise_excess": _Recursive,
-    "quantization": _Recursive,
-    "saturation": _Recursive,
-    "timing_jitter": _FromThePast,
-    "outliers": _Spikes,
-    "stale_samples": _Stale,
+_STREAMS: dict[str, Callable[[FittedEffect, np.random.Generator], StreamedEffect]] = {
+    "of_sample": _Recursive,
+    "of_course": _FromThePast,
+    "spikes": _Spikes,
+    "repeats": _Stale,
 }
-"""How each effect that is no linear one is added to samples that arrive."""
+"""The class for each kind of an effect that is no linear one; one of whole recordings has none."""

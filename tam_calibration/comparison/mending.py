@@ -8,6 +8,7 @@ from numpy.linalg import lstsq, norm
 from tam_calibration.comparison.additions import mended
 from tam_calibration.comparison.differences import Differences, is_noise
 from tam_calibration.comparison.result import AxisNoise, Mend, NoiseDifference, NoiseTerm, Side
+from tam_calibration.comparison.side import without_effects
 from tam_calibration.core.elimination import Elimination
 from tam_calibration.effects.switching import WINDOW_UNITS
 from tam_calibration.gap.attitude_nominal import products_of
@@ -117,7 +118,7 @@ def mended_twin(differences: Differences, simulation: Side, mend: Mend, seed: in
 def _quiet(side: Side) -> Recording:
     """Return the run of a side without effects, its sensors without noise; the scalar tells the intensity."""
     calibration = side.calibration
-    recording = calibration.without_effects(side.recording)
+    recording = without_effects(calibration, side.recording, side.found.model)
     field = _field(side, recording)
     if recording.scalar_T is not None:
         known = np.isfinite(recording.scalar_T)

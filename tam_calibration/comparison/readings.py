@@ -9,13 +9,16 @@ from tam_calibration.comparison.result import Figure, Side, Standing
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.fit.coverage import field_of, measure_coverage
+from tam_calibration.gap.delays import estimate_delays
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.sensor_errors import PARAMETER_NAMES
 from tam_calibration.model.units import FloatArray
 
 LEAST_HOLE = 1.5
 """Interval over the median from which samples are missing: half a sample late is the most that jitter makes."""
 
-CERTAIN = 3.0
-"""Standard errors from which two figures differ."""
+CERTAIN = 4.5
+"""Standard errors from which two figures differ: of some hundred by chance in one of a thousand comparisons."""
 
 SAME_RATE = 0.01
 """Part of a rate by which two may differ: drivers keep theirs no better."""
@@ -23,11 +26,18 @@ SAME_RATE = 0.01
 SAME_TIME = 0.01
 """Part of the interval by which two jitters may differ: clocks of computers make as much."""
 
+RESOLUTION_S = 1e-9
+"""Of stamps in ROS, seconds: jitter below it is rounding."""
+
 SAME_PART = 0.01
 """Part of the samples by which two losses may differ: no figure of the rest depends on it."""
 
 SAME_STEP = 0.01
 """Part of a step by which two may differ: it is found to much less."""
+
+
+UNITS = ("1", "rad", "T", "rad")
+"""SI units of scale factors, non-orthogonality, biases and misalignment."""
 
 
 @dataclass(frozen=True)
@@ -60,20 +70,27 @@ class ReadingFigure:
 
 
 def figures_of(side: Side) -> tuple[ReadingFigure, ...]:
-    """Return the figures of a recording: of its stamps, of each sensor, of the scalar and of the path.
+    """Return the figures of a recording: of its stamps, of each sensor and its errors, of the scalar and of the path.
 
     Parameters
     ----------
     side : Side
         Recording with its diagnosis, which tells the noise beside which steps are coarse.
     """
-    return (*_of_stamps(side.recording.time_s), *_of_sensors(side), *_of_scalar(side), _coverage(side))
+    return (
+        *_of_stamps(side.recording.time_s),
+        *_delays(side),
+        *_of_sensors(side),
+        *_errors_of_sensors(side),
+        *_of_scalar(side),
+        _coverage(side),
+    )
 
 
 def side_by_side(simulation: Side, recording: Side) -> tuple[Figure, ...]:
     """Return the figures of two recordings beside each other.
 
-    Figures are the same where they differ by no more than their tolerance or three standard errors. What is of the path
+    Figures are the same where they differ by no more than their tolerance or 4.5 standard errors. What is of the path
     is stated, and never differs. Where one side is NaN nothing can be told.
 
     Parameters
@@ -114,6 +131,7 @@ def _of_stamps(time_s: FloatArray) -> Iterator[ReadingFigure]:
     is_hole = interval >= LEAST_HOLE * step
     missing = float(np.rint(interval[is_hole] / step - 1).sum())
     jitter = float(noise_deviation(interval[~is_hole] - step))
+    jitter = jitter if jitter > RESOLUTION_S else 0.0
     lost = missing / (missing + len(time_s))
     rate, count = 1 / step, len(interval)
     # A median has 2/π of the information on a mean, a median of absolute deviations 37 % of that on a deviation.
@@ -122,6 +140,29 @@ def _of_stamps(time_s: FloatArray) -> Iterator[ReadingFigure]:
     yield ReadingFigure("stamps", "rate", "Hz", rate, rate_error, SAME_RATE * rate, True)
     yield ReadingFigure("stamps", "jitter", "s", jitter, jitter_error, SAME_TIME * step, True)
     yield ReadingFigure("stamps", "part lost", "1", lost, float(np.sqrt(lost * (1 - lost) / count)), SAME_PART, True)
+
+
+def _delays(side: Side) -> Iterator[ReadingFigure]:
+    """Yield how much later than sensor 1 the others are stamped; NaN where the motion does not tell."""
+    count, step = side.recording.sensor_count, float(np.median(np.diff(side.recording.time_s)))
+    delays = errors = np.full(count, np.nan)
+    try:
+        found = estimate_delays(side.recording, side.array)
+        delays, errors = found.delay_s, found.standard_error_s
+    except (InputError, Refused, np.linalg.LinAlgError):
+        pass
+    for sensor in range(1, count):
+        name = f"delay of sensor {sensor + 1}"
+        yield ReadingFigure("stamps", name, "s", float(delays[sensor]), float(errors[sensor]), SAME_TIME * step, True)
+
+
+def _errors_of_sensors(side: Side) -> Iterator[ReadingFigure]:
+    """Yield scale factors, non-orthogonality, biases and misalignment, which a calibration removes."""
+    values, errors = side.calibration.errors.to_vector(), side.calibration.standard_errors
+    for sensor in range(side.recording.sensor_count):
+        for index, name in enumerate(PARAMETER_NAMES):
+            value, error = float(values[sensor, index]), float(errors[sensor, index])
+            yield ReadingFigure(f"sensor {sensor + 1}", name, UNITS[index // 3], value, error, 0.0, True)
 
 
 def _of_sensors(side: Side) -> Iterator[ReadingFigure]:

@@ -9,6 +9,7 @@ from tam_calibration.comparison.noise import noise_of
 from tam_calibration.comparison.result import AxisNoise, Side
 from tam_calibration.core.elimination import Elimination
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.effects.removal import removable
 from tam_calibration.gap.attitude_nominal import products_of
 from tam_calibration.gap.calibration_with_effects import calibration_of
 from tam_calibration.gap.diagnose import judge
@@ -74,7 +75,7 @@ def residual_of(calibration: Calibration, recording: Recording, model: Model) ->
     mixing : (3K, 3K) array
         M of e = M n, the residual of the noise n of the rows.
     """
-    quiet = calibration.without_effects(recording)
+    quiet = without_effects(calibration, recording, model)
     errors, row_count = calibration.errors, 3 * recording.sensor_count
     unbiased = (quiet.readings_T - errors.bias_T).reshape(recording.sample_count, row_count)
     mixing = np.eye(row_count)
@@ -94,6 +95,24 @@ def residual_of(calibration: Calibration, recording: Recording, model: Model) ->
     residual = np.column_stack([rows, scalar - np.nanmean(scalar) if np.isfinite(scalar).any() else scalar])
     residual[~model.is_counted] = np.nan
     return residual, mixing
+
+
+def without_effects(calibration: Calibration, recording: Recording, model: Model) -> Recording:
+    """Return a recording without what the effects of its calibration add to it.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the recording.
+    recording : Recording
+        N samples of K sensors.
+    model : Model
+        Of the same samples, with the effects; of one sensor it knows the field better than its readings.
+    """
+    if model.world is None:
+        return calibration.without_effects(recording)
+    added = model.added_by(removable(calibration.effects))
+    return replace(recording, readings_T=recording.readings_T - added[:, :-1].reshape(recording.readings_T.shape))
 
 
 def _noise_of_scalar(time_s: FloatArray, scalar_T: FloatArray) -> AxisNoise:

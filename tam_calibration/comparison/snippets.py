@@ -3,7 +3,7 @@
 They hold noise, bias, steps and range of the sensors; the rest is added by a plugin, or by ``tam simulate``.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import numpy as np
 
@@ -11,8 +11,8 @@ from tam_calibration.comparison.noise_stream import slow_modes
 from tam_calibration.comparison.result import Mend, NoiseTerm
 from tam_calibration.model.fitted_effect import ALL, Contribution
 
-_HELD = {"quantization": "Gazebo", "saturation": "MuJoCo"}
-"""Effects that one of the simulators has an element for."""
+_STEP, _LIMITS = "step", ("lower limit", "upper limit")
+"""Values of effects that a simulator has an element for: Gazebo for the step of rounding, MuJoCo for the range."""
 
 
 def gazebo_sdf(mend: Mend) -> str:
@@ -35,13 +35,13 @@ def gazebo_sdf(mend: Mend) -> str:
             f"  <always_on>1</always_on>\n  <update_rate>{_number(mend.rate_hz)}</update_rate>\n"
             f"  <magnetometer>\n{axes}\n  </magnetometer>\n</sensor>"
         )
-    remarks = [*_not_held(mend, "Gazebo"), *_bands(mend)]
+    remarks = [*_not_held(mend, (_STEP,)), *_bands(mend)]
     return "\n".join([*map(_comment, remarks), *blocks]) + "\n"
 
 
 def _sdf_axis(mend: Mend, sensor: int, axis: int) -> str:
     calibration, term = mend.calibration, _term(mend, sensor, axis)
-    step = _value(mend, "quantization", "step", sensor, axis)
+    step = _value(mend, _STEP, sensor, axis)
     elements = {
         "mean": calibration.errors.bias_T[sensor, axis],
         "stddev": calibration.array.vector_noise_T[sensor] if term is None else term.white_T,
@@ -78,7 +78,7 @@ def mujoco_mjcf(mend: Mend) -> str:
         biases.append(f'  <numeric name="{name}_bias" data="{" ".join(map(_number, bias_T))}"/>')
     remarks = [
         "mj_step adds neither noise nor bias: they are numbers for your code, or let Additions do it",
-        *_not_held(mend, "MuJoCo"),
+        *_not_held(mend, _LIMITS),
         *(f"{_place(term)}: slow noise goes to the mend file" for term in mend.noise if np.isfinite(term.knee_hz)),
         *_bands(mend),
     ]
@@ -111,14 +111,13 @@ def _white_T(mend: Mend, sensor: int) -> float:
 
 def _range_T(mend: Mend, sensor: int) -> float | None:
     """Return the smallest limit of a sensor's axes: MuJoCo clips all of them on both sides."""
-    names = ("lower limit", "upper limit")
-    limits = [_value(mend, "saturation", name, sensor, axis) for name in names for axis in range(3)]
+    limits = [_value(mend, name, sensor, axis) for name in _LIMITS for axis in range(3)]
     return min((abs(limit) for limit in limits if limit is not None), default=None)
 
 
-def _value(mend: Mend, effect: str, name: str, sensor: int, axis: int) -> float | None:
+def _value(mend: Mend, name: str, sensor: int, axis: int) -> float | None:
     """Return a value of an added effect at an axis; None where there is none."""
-    parts = [part for fitted in mend.added if fitted.effect == effect for part in fitted.contributions]
+    parts = [part for fitted in mend.added for part in fitted.contributions]
     return next((part.values[name] for part in parts if name in part.values and _acts_on(part, sensor, axis)), None)
 
 
@@ -126,11 +125,11 @@ def _acts_on(part: Contribution, sensor: int, axis: int) -> bool:
     return part.sensor in (sensor, ALL) and part.axis in (axis, None)
 
 
-def _not_held(mend: Mend, simulator: str) -> Iterator[str]:
-    """Yield what a model of the simulator cannot state."""
+def _not_held(mend: Mend, held: Collection[str]) -> Iterator[str]:
+    """Yield what a model cannot state that holds effects with some values."""
     yield "scale factors, non-orthogonality and misalignment are left out: the mend file has them under calibration"
     for fitted in mend.added:
-        if _HELD.get(fitted.effect) != simulator:
+        if not any(name in held for part in fitted.contributions for name in part.values):
             yield f"{fitted.effect} goes to the mend file: let Additions or tam simulate add it"
     for name in mend.removed:
         yield f"the simulation has {name}, and the recording has it not, or otherwise: take it out"

@@ -32,6 +32,7 @@ __all__ = [
     "LinearEffect",
     "Shape",
     "Sized",
+    "StreamKind",
     "SurrogateKind",
     "Term",
     "WhitenedResiduals",
@@ -403,8 +404,24 @@ def _term_of(contribution: Contribution, terms: Mapping[Key, Term], effect: str)
     return term
 
 
+StreamKind = Literal["of_sample", "of_course", "spikes", "repeats", "of_whole"]
+"""How an effect is added to samples as they arrive.
+
+``of_sample``: to each by itself, or with what recursions remember. ``of_course``: by how the field goes on. ``spikes``:
+at random, in bursts. ``repeats``: readings of before, in bursts at random. ``of_whole``: only to whole recordings.
+"""
+
+
 class FoundEffect(Effect):
-    """An effect that is found in the readings or the residual by another test than regression."""
+    """An effect that is found in the readings or the residual by another test than regression.
+
+    Attributes
+    ----------
+    stream : str
+        How it is added to samples as they arrive, see ``StreamKind``.
+    """
+
+    stream: ClassVar[StreamKind] = "of_whole"
 
     @abstractmethod
     def find(self, residuals: WhitenedResiduals) -> Finding | str:

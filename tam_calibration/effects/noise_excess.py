@@ -28,6 +28,7 @@ class NoiseExcess(FoundEffect):
 
     name = "noise_excess"
     title = "more noise than the others have"
+    stream = "of_sample"
     physics = (
         "The noise of an axis, a sensor or the scalar magnetometer exceeds that of the others: electronics, contacts, "
         "1/f noise of the core (Ripka 2001, Magnetic Sensors and Magnetometers)."

@@ -34,6 +34,7 @@ class Outliers(FoundEffect):
 
     name = "outliers"
     title = "spikes in single readings"
+    stream = "spikes"
     physics = (
         "A disturbance of the transmission or a short event nearby puts single readings, or a few in a row, far off "
         "(Cook and Weisberg 1982, mean-shift model)."

@@ -52,6 +52,7 @@ class Quantization(FoundEffect):
 
     name = "quantization"
     title = "readings rounded to coarse steps"
+    stream = "of_sample"
     physics = (
         "A converter or a telegram with few digits rounds readings to steps; rounding adds a variance of step²/12 "
         "(Bennett 1948)."

@@ -113,7 +113,7 @@ def added_to(
     InputError
         When the recording lacks a channel that an effect needs.
     """
-    _require_channels(recording, effects)
+    require_channels(recording, effects)
     recording = filled(recording)
     stream = EffectStream(effects, errors, array)
     count = recording.sample_count
@@ -122,8 +122,15 @@ def added_to(
     return np.concatenate([stream.added(batch).rows_T for batch in batches])
 
 
-def _require_channels(recording: Recording, effects: Iterable[FittedEffect]) -> None:
+def require_channels(recording: Recording, effects: Iterable[FittedEffect]) -> None:
     """Check that a recording has the channels that effects need.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of which they are to be taken off.
+    effects : iterable of FittedEffect
+        Linear effects.
 
     Raises
     ------

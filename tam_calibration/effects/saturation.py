@@ -44,6 +44,7 @@ class Saturation(FoundEffect):
 
     name = "saturation"
     title = "readings cut off at the end of the range"
+    stream = "of_sample"
     physics = (
         "An axis cannot read beyond the range of its amplifier or converter: the reading stays at the limit "
         "(IEEE Std 1241-2010)."

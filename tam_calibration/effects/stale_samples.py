@@ -30,6 +30,7 @@ class StaleSamples(FoundEffect):
 
     name = "stale_samples"
     title = "readings that repeat the one before, or come late"
+    stream = "repeats"
     physics = (
         "A controller that samples before a new value has come uses the last one again, and values that are held up "
         "come in a later period (vacant sampling; Nilsson, Real-time control systems with delays, Lund Institute of "

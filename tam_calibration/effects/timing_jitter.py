@@ -37,6 +37,7 @@ class TimingJitter(FoundEffect):
 
     name = "timing_jitter"
     title = "times of sampling that scatter at random"
+    stream = "of_course"
     physics = (
         "A sample that is taken a random time off its stamp errs by that time and the rate of the signal, so that its "
         "noise grows with the square of the rate (Shinagawa, Akazawa and Wakimoto, Jitter analysis of high-speed "

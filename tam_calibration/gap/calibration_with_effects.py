@@ -7,7 +7,7 @@ import numpy as np
 
 from tam_calibration.correction.calibration import Calibration, EffectSize
 from tam_calibration.effects.library import effect_named, installed_effects, shown_by
-from tam_calibration.effects.removal import added_to, on_sensors
+from tam_calibration.effects.removal import on_sensors
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.gap.conclude import conclude
@@ -181,7 +181,7 @@ def _without(model: Model) -> Recording:
     recording = model.recording
     fitted = [part.fitted(part.terms(model.channels()), np.zeros((len(part.values),) * 2)) for part in model.parts]
     if fitted:
-        added = added_to(recording, fitted, model.errors, model.array)
+        added = model.added_by(fitted)
         readings = recording.readings_T - added[:, :-1].reshape(recording.readings_T.shape)
         scalar = None if recording.scalar_T is None else recording.scalar_T - added[:, -1]
         recording = replace(recording, readings_T=readings, scalar_T=scalar)

@@ -13,7 +13,7 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.effects.bias_jump import gross_bias_jump
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE
-from tam_calibration.effects.removal import attitude_known, filled
+from tam_calibration.effects.removal import added_to, attitude_known, filled, linear_effect, require_channels
 from tam_calibration.effects.term import Key, Term, chosen
 from tam_calibration.gap.attitude_nominal import Oriented, attitude_variance, bias_variance
 from tam_calibration.gap.channel_nominal import without_channels, without_channels_in_world
@@ -448,6 +448,33 @@ class Model:
         channels = self.channels()
         for part in self.parts:
             total += part.signal(part.terms(channels), count)
+        return total
+
+    def added_by(self, effects: Sequence[FittedEffect]) -> FloatArray:
+        """Return what fitted effects add to the rows, (N, 3K + 1), tesla.
+
+        They follow the field that the sensors agree on or, of one sensor, that of the recorded attitude: a single
+        sensor's own readings have its noise, which effects of rates of change multiply.
+
+        Parameters
+        ----------
+        effects : sequence of FittedEffect
+            Linear effects, at most with the sensors of the recording.
+
+        Raises
+        ------
+        InputError
+            When the recording lacks a channel that an effect needs.
+        """
+        total = np.zeros((self.recording.sample_count, 3 * self.recording.sensor_count + 1))
+        if not effects:
+            return total
+        if self.world is None:
+            return added_to(self.recording, effects, self.errors, self.array)
+        require_channels(self.recording, effects)
+        covariates = self.channels().covariates
+        for fitted in effects:
+            total += linear_effect(fitted).signal(covariates, fitted)
         return total
 
     def base(self) -> Base:

@@ -5,9 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
+from tam_calibration import read_scenario
 from tam_calibration.comparison import readings
 from tam_calibration.comparison.readings import figures_of, side_by_side
+from tam_calibration.model.sensor_errors import PARAMETER_NAMES
 
 
 @pytest.fixture(scope="session")
@@ -105,7 +108,7 @@ def test_a_scalar_that_is_missing_differs(side):
 
 
 def test_figures_differ_beyond_tolerance_and_chance(side, with_stamps):
-    """Rates and jitters within one per cent are the same, and what is within three standard errors."""
+    """Rates and jitters within one per cent are the same, and what is within 4.5 standard errors."""
     one = with_stamps(even(side(1), 100.0))
     for rate, expected in ((100.9, "same"), (101.2, "differs")):
         assert standing(one, with_stamps(even(side(1), rate)), "stamps", "rate") == expected
@@ -121,10 +124,42 @@ def test_figures_differ_beyond_tolerance_and_chance(side, with_stamps):
 def test_the_limits_of_the_same():
     """As they are stated."""
     limits = readings.LEAST_HOLE, readings.CERTAIN, readings.SAME_RATE, readings.SAME_TIME
-    assert limits == (1.5, 3.0, 0.01, 0.01)
+    assert limits == (1.5, 4.5, 0.01, 0.01)
     assert (readings.SAME_PART, readings.SAME_STEP) == (0.01, 0.01)
 
 
 def test_two_runs_of_one_simulator_do_not_differ(side):
     """Other seeds change no figure of the simulation."""
     assert {figure.standing for figure in side_by_side(side(1), side(2))} <= {"same", "cannot tell"}
+
+
+def test_errors_of_the_sensors_stand_with_their_standard_errors(side):
+    """Twelve of each sensor, in SI, the truth within 4.5 of their standard errors."""
+    truth = read_scenario("tumble_100_hz").errors.to_vector().ravel()
+    found = [one for one in figures_of(side(1)) if one.name in PARAMETER_NAMES]
+    assert len(found) == len(truth) == 48
+    near = [abs(one.value - value) <= 4.5 * one.standard_error for one, value in zip(found, truth, strict=True)]
+    assert sum(near) == 48
+
+
+def test_a_sensor_that_is_late_is_told_with_its_delay(side):
+    """Readings of sensor 3 that are 2 ms old: the delay is told to microseconds, and that of the others as none."""
+    own = side(1)
+    readings_T = own.recording.readings_T.copy()
+    path = CubicSpline(own.recording.time_s, readings_T[:, 2])
+    readings_T[:, 2] = path(own.recording.time_s - 0.002)
+    late = replace(own, recording=replace(own.recording, readings_T=readings_T))
+    found = {one.name: one for one in figures_of(late)}
+    for sensor, delay_s in ((2, 0.0), (3, 0.002), (4, 0.0)):
+        one = found[f"delay of sensor {sensor}"]
+        assert one.value == pytest.approx(delay_s, abs=4.5 * one.standard_error) and 0 < one.standard_error < 2e-5
+    assert standing(own, late, "stamps", "delay of sensor 3") == "differs"
+
+
+def test_without_motion_no_delay_is_told(side):
+    """Poses in no order tell none: NaN, and no failure."""
+    own = side(1)
+    mixed = own.recording.readings_T[np.random.default_rng(4).permutation(own.recording.sample_count)]
+    jumping = replace(own, recording=replace(own.recording, readings_T=mixed))
+    (found,) = [one for one in figures_of(jumping) if one.name == "delay of sensor 2"]
+    assert np.isnan(found.value)
