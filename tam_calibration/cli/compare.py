@@ -139,7 +139,7 @@ def _print(comparison: Comparison, written: list[Path]) -> None:
     if comparison.noise:
         console.print(noise_words(comparison))
         console.print(table_of(NOISE_HEADER, noise_rows(comparison), _WORDS))
-    if comparison.closing is not None and comparison.closing.before > 0:
+    if comparison.verdict == "differs" and comparison.closing is not None:
         _print_closing(console, comparison.closing)
     console.print(f"Next: {next_words(comparison)}", soft_wrap=True)
     for path in written:

@@ -128,7 +128,7 @@ def residuals_section(comparison: Comparison) -> Section | None:
 def closing_section(comparison: Comparison) -> Section | None:
     """Return how far the mend closes the gap, and what stays open; None where there is no gap."""
     closing = comparison.closing
-    if closing is None or closing.before == 0:
+    if closing is None or comparison.verdict == "same":
         return None
     blocks: list[Block] = [
         Text("Each term was added to a twin of the simulation's run, the largest first, and judged out of sample."),
