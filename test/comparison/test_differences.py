@@ -31,6 +31,12 @@ def test_the_same_effect_in_both_is_no_difference(side):
     assert differences_between(side(1, 3), side(2, 3)).are_none
 
 
+@pytest.mark.parametrize(("size", "is_none"), [(3.45, True), (3.75, False)])
+def test_a_fifth_of_an_effect_is_no_difference(side, size, is_none):
+    """Sensors of one kind differ by so much: 15 % more is the same, 25 % more is not."""
+    assert differences_between(side(1, size), side(2, 3)).are_none == is_none
+
+
 @pytest.mark.parametrize("size", [1.5, 6.0])
 def test_other_parameters_are_told_with_their_energy(side, size):
     """Half or twice a drift is one of other parameters: its energy is the square of what is missing of it."""
