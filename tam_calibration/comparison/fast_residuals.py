@@ -23,7 +23,7 @@ SLOW = 0.5
 """Part of the readings' spread that the differences of a followed motion make; those of attitudes drawn anew for each
 sample make as much as the spread, and what attitude leaves of them is not noise but every small effect."""
 
-_LAGS = np.arange(1.0, 13.0)
+_LAGS = np.arange(1, 13)
 """Samples on, at which noise is compared with white noise: a hum, which sensors share, does not die down in them."""
 
 NEAR_WHITE = 0.3
@@ -34,6 +34,9 @@ _OF_WHITE = (-1.0) ** _LAGS * binom(2 * ORDER, ORDER + _LAGS) / binom(2 * ORDER,
 
 NO_NOISE_T = 2e-12
 """Rounding of the Earth's field to 32 bits makes 1e-12 T."""
+
+JERK = 5.0
+"""Robust standard deviations from which a difference is that of a jerk; of noise one in 2 million is."""
 
 SHARED = 0.01
 """Part of its noise by which a sensor differs from others of the same noise: errors of the sensors leave less."""
@@ -59,7 +62,14 @@ def noise_sequence(recording: Recording, sensor: int) -> FloatArray | None:
     is_slow = _size(differences(readings)) < SLOW * _size(readings - readings.mean(axis=0))
     if is_slow and (residual := _beside_attitude(recording, sensor)) is not None:
         tried.append(residual)
-    return next((differences(each) for each in tried if _is_noise(each, readings)), None)
+    return next((_without_jerks(differences(each)) for each in tried if _is_noise(each, readings)), None)
+
+
+def _without_jerks(sequence_T: FloatArray) -> FloatArray:
+    """Return differences (n, 3) with 0 for all that a jerk of the motion, which all sensors share, has a part in."""
+    is_jerk = np.abs(sequence_T) > JERK * noise_deviation(sequence_T, axis=0)
+    touched = np.apply_along_axis(np.convolve, 0, is_jerk, np.ones(2 * ORDER + 1), "same") > 0
+    return np.where(touched, 0.0, sequence_T)
 
 
 def noise_level(recording: Recording, sensor: int) -> float | None:
@@ -118,10 +128,16 @@ def differences(values: FloatArray) -> FloatArray:
 
 
 def is_white(sequence: FloatArray) -> bool:
-    """Whether differences (n,) are those of white noise that is no rounding."""
+    """Whether differences (n,), those of jerks 0, are those of white noise that is no rounding."""
+    known = sequence != 0
+    count = int(known.sum())
     power = float(sequence @ sequence)
-    lagged = np.array([float(sequence[int(lag) :] @ sequence[: -int(lag)]) for lag in _LAGS])
-    return power > len(sequence) * NO_NOISE_T**2 and bool((np.abs(lagged / power - _OF_WHITE) < NEAR_WHITE).all())
+    if 2 * count < len(sequence) or power <= count * NO_NOISE_T**2:
+        return False
+    lagged = np.array(
+        [sequence[lag:] @ sequence[:-lag] / max(known[lag:] @ known[:-lag].astype(float), 1.0) for lag in _LAGS]
+    )
+    return bool((np.abs(lagged * count / power - _OF_WHITE) < NEAR_WHITE).all())
 
 
 def _is_noise(residual_T: FloatArray, readings_T: FloatArray) -> bool:

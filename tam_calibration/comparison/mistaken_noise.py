@@ -34,6 +34,10 @@ SHORTEST = 100
 MUCH_MORE = 10.0
 """Times that the recording's noise is more, before a simulation has none: sensors of a picotesla may be right."""
 
+NEARLY_NONE = 100.0
+"""Times that the recording's noise is more, before a simulation has none whatever its sensors: no two kinds that are
+taken for one another differ by so much."""
+
 NEAR_SQUARE = 0.2
 """Part by which a noise may differ from the square of the right one: each is known to some 6 % from 300 samples."""
 
@@ -171,7 +175,12 @@ def _levels(simulation: Recording, right: list[float | None]) -> Iterator[Mistak
 def _own_level(simulation: Recording, sensor: int, right_T: float) -> float | None:
     """Return the noise of a sensor, tesla, or its bound where it has next to none; None where it is not told."""
     bound_T = quietest(simulation, sensor)
-    return bound_T if bound_T < min(NO_NOISE_T, right_T / MUCH_MORE) else noise_level(simulation, sensor)
+    return bound_T if _is_none(bound_T, right_T) else noise_level(simulation, sensor)
+
+
+def _is_none(own_T: float, right_T: float) -> bool:
+    """Whether a noise is as good as none beside the right one."""
+    return own_T < right_T / NEARLY_NONE or own_T < min(NO_NOISE_T, right_T / MUCH_MORE)
 
 
 def _name(own_T: float, right_T: float) -> tuple[str, str] | None:
@@ -183,7 +192,7 @@ def _name(own_T: float, right_T: float) -> tuple[str, str] | None:
             near = NEAR_SQUARE_IN_TESLA if unit == "T" else NEAR_SQUARE
             if abs(own_T / ((right_T / tesla) ** power * tesla) - 1) < near:
                 return kind, unit
-    return ("no_noise", "") if own_T < min(NO_NOISE_T, right_T / MUCH_MORE) else None
+    return ("no_noise", "") if _is_none(own_T, right_T) else None
 
 
 def _of_level(kind: str, unit: str, where: str, own_T: float, right_T: float) -> Mistake:

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from tam_calibration.comparison.mistaken_frames import MIRRORED_FIELDS
 from tam_calibration.comparison.mistakes import mistakes_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import ORIENTATIONS, SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import Scenario, simulate
@@ -273,3 +275,27 @@ def test_sentences_name_place_and_mend():
     (mistake,) = pair.told(MISTAKES["gauss_for_tesla"](pair, pair.run()))
     assert mistake.where == "all sensors" and mistake.what.startswith("the simulation's field is in gauss, and tesla")
     assert "multiply the sensor's output by 0.0001" in mistake.mend and "<use_units_gauss>" in mistake.mend
+
+
+@pytest.mark.parametrize(("is_shared", "kinds"), [(True, ["same_noise_in_channels"]), (False, [])])
+def test_jerks_of_the_motion_hide_no_noise_and_make_none(is_shared, kinds):
+    """A course with kinks, as thrusters make: noise that all sensors share is told, and sound noise is not accused."""
+    runs = []
+    for seed, noise_shape in ((7, (1500, 1 if is_shared else 4, 3)), (8, (1500, 4, 3))):
+        generator = np.random.default_rng(seed)
+        rates = generator.normal(0, 0.3, (30, 3)).repeat(50, axis=0)
+        turns = Rotation.from_rotvec(np.cumsum(rates / 5, axis=0))
+        attitude = (turns * Rotation.from_rotvec(generator.normal(0, 1e-3, (1500, 3)))).as_quat()
+        field_T = turns.inv().apply([1e-6, 20e-6, -45e-6])[:, None]
+        readings_T = field_T + np.broadcast_to(generator.normal(0, 1e-9, noise_shape), (1500, 4, 3))
+        runs.append(Recording(np.arange(1500) / 5, readings_T, attitude=attitude))
+    array = Array.cross(0.5, vector_noise_T=1e-9, scalar_noise_T=1e-10)
+    assert [mistake.kind for mistake in mistakes_of(*runs, array, array)] == kinds
+
+
+@pytest.mark.parametrize(("part", "kinds"), [(1 / 120, ["no_noise"]), (1 / 80, [])])
+def test_a_noise_of_a_hundredth_is_none(part, kinds):
+    """Whatever the simulated sensors are: the recording's have a hundred times as much."""
+    pair = Pair(3, is_slow=True)
+    quiet = replace(pair.simulated.array, vector_noise_T=part * pair.simulated.array.vector_noise_T)
+    assert pair.kinds(pair.run(array=quiet)) == kinds
