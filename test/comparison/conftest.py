@@ -8,7 +8,7 @@ import pytest
 
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
-SAMPLES = 2000
+SAMPLES = 1200
 
 
 @pytest.fixture(scope="session")

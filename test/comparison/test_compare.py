@@ -14,8 +14,10 @@ def test_two_runs_of_one_simulator_are_the_same(run, cross):
 
 
 def test_a_missing_effect_is_named_and_closes_the_gap(run, cross):
-    """The twin with the mend has the drift: the gap closes but for noise."""
-    found = compare(run(1), run(2, 3), cross)
+    """The twin with the mend has the drift: the gap closes but for noise; progress goes over all three."""
+    told = []
+    found = compare(run(1), run(2, 3), cross, progress=lambda stage, done: told.append(done))
+    assert told[0] == 0 and max(told) <= 1 and {int(3 * done) for done in told} >= {0, 1, 2}
     assert (found.verdict, [one.effect for one in found.missing]) == ("differs", ["temperature_drift"])
     closing = found.closing
     assert closing.before > 1 and closing.closed > 0.97 and closing.closed_interval[1] == 1.0
@@ -47,10 +49,3 @@ def test_other_numbers_of_sensors_are_bad_input(run, cross):
     alone = Recording(one.time_s, one.readings_T[:, :1], one.scalar_T)
     with pytest.raises(InputError, match="the simulation has 1 sensors, the recording 4"):
         compare(alone, one, cross)
-
-
-def test_progress_goes_over_both_sides_and_the_twin(run, cross):
-    """A third each, from 0 to at most 1."""
-    told = []
-    compare(run(1), run(2, 0, 1.5), cross, progress=lambda stage, done: told.append(done))
-    assert told[0] == 0 and max(told) <= 1 and {int(3 * done) for done in told} >= {0, 1, 2}
