@@ -115,10 +115,10 @@ def _causes(
     for effect, seed in zip(effects, seeds, strict=False):
         disturbance = CAUSES[effect].draw(np.random.default_rng(seed), run.scene)
         cause = scale_to(model, disturbance, gaps[effect], run.seen)
-        if cause is None or not case._is_natural(cause, run.scene) or not case._can_be_seen(model, cause):
+        if cause is None or not case.is_natural(cause, run.scene) or not case.can_be_seen(model, cause):
             return None
         causes.append(cause)
-    return tuple(causes) if len(causes) < 2 or case._differ(model, causes, apart=False) else None
+    return tuple(causes) if len(causes) < 2 or case.are_unlike(model, causes, apart=False) else None
 
 
 def _again(run: Run, cause: Scaled, seed: int, times: float) -> Scaled | None:
@@ -156,14 +156,14 @@ def _mistaken(rng: Generator, plan: PairPlan) -> _Sides | None:
 
 def _pair_of(rng: Generator, plan: PairPlan, sides: _Sides) -> Pair:
     """Return what goes to files."""
-    sheet, scene = case._sheet(rng), sides.recording.scene
+    sheet, scene = case.draw_sheet(rng), sides.recording.scene
     noises = {"simulation": sides.simulation.noise, "recording": sides.recording.noise}
     key = {
         "kind": plan.kind,
         "detail": plan.detail,
         "gap": plan.gaps[0] if len(plan.gaps) == 1 else None,
-        "missing": [case._cause_key(cause) for cause in sides.missing],
-        "surplus": [case._cause_key(cause) for cause in sides.surplus],
+        "missing": [case.cause_key(cause) for cause in sides.missing],
+        "surplus": [case.cause_key(cause) for cause in sides.surplus],
         "noise_nT": {name: levels_nT(noise) for name, noise in noises.items()},
         "samples": scene.sample_count,
         "rate_hz": 1 / scene.step_s,
@@ -184,4 +184,4 @@ def _mended(rng: Generator, plan: PairPlan, sides: _Sides) -> Columns | None:
 
 
 def _columns(rng: Generator, run: Run, causes: tuple[Scaled, ...]) -> Columns:
-    return case.columns_of(rng, run.scene, PLAIN, case._record(run.seen, list(causes)))
+    return case.columns_of(rng, run.scene, PLAIN, case.with_causes(run.seen, list(causes)))

@@ -61,7 +61,7 @@ class Run:
     @property
     def is_informative(self) -> bool:
         """Whether it determines a calibration."""
-        return NominalModel(self.scene).conditioning > case._WELL_CONDITIONED
+        return NominalModel(self.scene).conditioning > case.WELL_CONDITIONED
 
 
 def draw_recording(rng: Generator, motions: tuple[str, ...], coarse: bool = False) -> Run:
@@ -71,7 +71,7 @@ def draw_recording(rng: Generator, motions: tuple[str, ...], coarse: bool = Fals
         wish = Wish(int(rng.integers(1500, 3001)), 4, motions, True, False, CHANNELS, coarse)
         scenes = (draw_scene(rng, wish) for _ in count())
         scene = next(one for one in scenes if one.step_s * SLOWEST_HZ <= 1)
-        return Run(scene, case._draw_noise(rng, scene))
+        return Run(scene, case.draw_noise(rng, scene))
 
     return _informative(draw)
 

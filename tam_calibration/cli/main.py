@@ -13,8 +13,6 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.processors import use_one_thread
 from tam_calibration.model.signals import Ending
 
-use_one_thread()
-
 SUBCOMMANDS = {
     "simulate": "Make a recording of a known array and field, with the truth beside it.",
     "calibrate": "Estimate the errors of an array's sensors from a recording.",
@@ -45,6 +43,7 @@ class LazyGroup(click.Group):
         *args, **extra
             As of click.
         """
+        use_one_thread()
         with usable_streams():
             ending = Ending()
             try:

@@ -15,6 +15,9 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SampleSource
 
+_NAMES = "The simulation", "The recording"
+"""How remarks on the two begin."""
+
 _QUANTILE = 1.96
 """Of the normal distribution, for 95 % intervals."""
 
@@ -96,9 +99,6 @@ def compare(
         *sides,
         tuple(f"{name}: {remark}" for name, side in zip(_NAMES, sides, strict=True) for remark in side.gap.remarks),
     )
-
-
-_NAMES = "The simulation", "The recording"
 
 
 def _require_same_count(simulation: SampleSource, recording: SampleSource, array: Array, of_simulation: Array) -> None:

@@ -222,13 +222,7 @@ def _is_shown(fitted: FittedEffect, side: Side) -> bool:
 def _energy_without(side: Side, effects: Sequence[FittedEffect]) -> float:
     """Return the residual energy of a side once effects are taken off as they are, and the calibration fitted anew."""
     nominal = side.found.nominal
-    recording = nominal.recording
-    if effects:
-        added = nominal.added_by(effects)
-        readings = recording.readings_T - added[:, :-1].reshape(recording.readings_T.shape)
-        scalar = None if recording.scalar_T is None else recording.scalar_T - added[:, -1]
-        recording = replace(recording, readings_T=readings, scalar_T=scalar)
-    return float(replace(nominal, recording=recording).settled().base().energy)
+    return float(replace(nominal, recording=nominal.without(effects)).settled().base().energy)
 
 
 def _parameters_differ(theirs: Cause, own: Cause, simulation: Side, recording: Side) -> tuple[float, bool]:

@@ -3,18 +3,15 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.linalg import lstsq, norm
+from numpy.linalg import norm
 
 from tam_calibration.comparison.additions import mended
 from tam_calibration.comparison.differences import Differences, is_noise
 from tam_calibration.comparison.result import AxisNoise, Mend, NoiseDifference, NoiseTerm, Side
-from tam_calibration.comparison.side import without_effects
-from tam_calibration.core.elimination import Elimination
+from tam_calibration.comparison.side import field_of, without_effects
 from tam_calibration.effects.switching import WINDOW_UNITS
-from tam_calibration.gap.attitude_nominal import products_of
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.units import FloatArray
 
 _TIMES = {"time_s", "end_s", "start_s", *WINDOW_UNITS}
 """Parameters of shapes that are times of a recording, and not durations."""
@@ -119,24 +116,8 @@ def _quiet(side: Side) -> Recording:
     """Return the run of a side without effects, its sensors without noise; the scalar tells the intensity."""
     calibration = side.calibration
     recording = without_effects(calibration, side.recording, side.found.model)
-    field = _field(side, recording)
+    field = field_of(calibration, recording, side.found.model)
     if recording.scalar_T is not None:
         known = np.isfinite(recording.scalar_T)
         field[known] *= (recording.scalar_T[known] / norm(field[known], axis=1))[:, None]
     return replace(recording, readings_T=calibration.errors.distort(field))
-
-
-def _field(side: Side, recording: Recording) -> FloatArray:
-    """Return the field (N, 3) on which sensors agree; of one sensor that of the attitude, where it is known."""
-    errors = side.calibration.errors
-    unbiased = (recording.readings_T - errors.bias_T).reshape(recording.sample_count, -1)
-    model = side.found.model
-    if model.world is None:
-        field: FloatArray = unbiased @ Elimination.of_sensors(errors, side.calibration.array.vector_noise_T).unmixing.T
-        return field
-    assert model.recording.attitude is not None
-    products = products_of(model.recording.attitude)
-    smooth: FloatArray = errors.restore(
-        (products @ lstsq(products, recording.readings_T[:, 0], rcond=None)[0])[:, None]
-    )
-    return smooth[:, 0]

@@ -218,9 +218,9 @@ class Closing:
         Gap between simulation and recording, and between the mended twin of the simulation's run and the recording:
         root of the summed energies of what either has and the other has not, in noise floors.
     before_T, after_T : float
-        The same as a field at one axis, tesla.
+        The same as a field at one axis, tesla: noise floors times the floor.
     before_T_per_m, after_T_per_m : float
-        The same in the gradient tensor, T/m; NaN without a gradient.
+        The gradient that noise of so many floors makes in the tensor, T/m; NaN without a gradient.
     closed, closed_interval : float, (float, float)
         1 - (after / before)², and its 95 % confidence interval.
     steps : tuple of Step

@@ -9,7 +9,7 @@ from tam_calibration.comparison.noise import noise_of
 from tam_calibration.comparison.result import AxisNoise, Side
 from tam_calibration.core.elimination import Elimination
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.effects.removal import removable
+from tam_calibration.effects.removal import agreed_field, removable
 from tam_calibration.gap.attitude_nominal import products_of
 from tam_calibration.gap.calibration_with_effects import calibration_of
 from tam_calibration.gap.diagnose import judge
@@ -77,16 +77,13 @@ def residual_of(calibration: Calibration, recording: Recording, model: Model) ->
     """
     quiet = without_effects(calibration, recording, model)
     errors, row_count = calibration.errors, 3 * recording.sensor_count
-    unbiased = (quiet.readings_T - errors.bias_T).reshape(recording.sample_count, row_count)
     mixing = np.eye(row_count)
     if recording.sensor_count > 1:
-        response = errors.matrix.reshape(row_count, 3)
-        mixing -= response @ Elimination.of_sensors(errors, calibration.array.vector_noise_T).unmixing
-        rows = unbiased @ mixing.T
-    elif model.world is not None:
-        assert model.recording.attitude is not None
-        products = products_of(model.recording.attitude)
-        rows = unbiased - products @ lstsq(products, unbiased, rcond=None)[0]
+        unmixing = Elimination.of_sensors(errors, calibration.array.vector_noise_T).unmixing
+        mixing -= errors.matrix.reshape(row_count, 3) @ unmixing
+    if recording.sensor_count > 1 or model.world is not None:
+        left = quiet.readings_T - errors.distort(field_of(calibration, quiet, model))
+        rows = left.reshape(recording.sample_count, row_count)
     else:
         intensity_T = np.linalg.norm(errors.restore(quiet.readings_T)[:, 0], axis=1)
         known_T = model.intensity_T if quiet.scalar_T is None else quiet.scalar_T
@@ -111,8 +108,29 @@ def without_effects(calibration: Calibration, recording: Recording, model: Model
     """
     if model.world is None:
         return calibration.without_effects(recording)
-    added = model.added_by(removable(calibration.effects))
-    return replace(recording, readings_T=recording.readings_T - added[:, :-1].reshape(recording.readings_T.shape))
+    return model.without(removable(calibration.effects))
+
+
+def field_of(calibration: Calibration, quiet: Recording, model: Model) -> FloatArray:
+    """Return the field (N, 3) on which sensors agree; of one sensor that of the attitude, where it is known; tesla.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the recording.
+    quiet : Recording
+        N samples without what effects add.
+    model : Model
+        Of the same samples.
+    """
+    errors = calibration.errors
+    if model.world is None:
+        return agreed_field(quiet.readings_T, errors, calibration.array)
+    assert model.recording.attitude is not None
+    products = products_of(model.recording.attitude)
+    smooth_T = products @ lstsq(products, quiet.readings_T[:, 0], rcond=None)[0]
+    field: FloatArray = errors.restore(smooth_T[:, None])[:, 0]
+    return field
 
 
 def _noise_of_scalar(time_s: FloatArray, scalar_T: FloatArray) -> AxisNoise:

@@ -178,14 +178,8 @@ def _kept(model: Model, array: Array, warnings: tuple[str, ...], accept: Collect
 
 def _without(model: Model) -> Recording:
     """Return the samples of a model's recording that count, without what its effects add."""
-    recording = model.recording
     fitted = [part.fitted(part.terms(model.channels()), np.zeros((len(part.values),) * 2)) for part in model.parts]
-    if fitted:
-        added = model.added_by(fitted)
-        readings = recording.readings_T - added[:, :-1].reshape(recording.readings_T.shape)
-        scalar = None if recording.scalar_T is None else recording.scalar_T - added[:, -1]
-        recording = replace(recording, readings_T=readings, scalar_T=scalar)
-    return recording.take(np.flatnonzero(model.is_counted))
+    return model.without(fitted).take(np.flatnonzero(model.is_counted))
 
 
 def _free(part: Part, model: Model) -> tuple[str, ...]:

@@ -450,8 +450,8 @@ class Model:
             total += part.signal(part.terms(channels), count)
         return total
 
-    def added_by(self, effects: Sequence[FittedEffect]) -> FloatArray:
-        """Return what fitted effects add to the rows, (N, 3K + 1), tesla.
+    def without(self, effects: Sequence[FittedEffect]) -> Recording:
+        """Return the recording without what fitted effects add to it.
 
         They follow the field that the sensors agree on or, of one sensor, that of the recorded attitude: a single
         sensor's own readings have its noise, which effects of rates of change multiply.
@@ -466,16 +466,18 @@ class Model:
         InputError
             When the recording lacks a channel that an effect needs.
         """
-        total = np.zeros((self.recording.sample_count, 3 * self.recording.sensor_count + 1))
+        recording = self.recording
         if not effects:
-            return total
+            return recording
         if self.world is None:
-            return added_to(self.recording, effects, self.errors, self.array)
-        require_channels(self.recording, effects)
-        covariates = self.channels().covariates
-        for fitted in effects:
-            total += linear_effect(fitted).signal(covariates, fitted)
-        return total
+            added = added_to(recording, effects, self.errors, self.array)
+        else:
+            require_channels(recording, effects)
+            covariates = self.channels().covariates
+            added = np.sum([linear_effect(fitted).signal(covariates, fitted) for fitted in effects], axis=0)
+        readings = recording.readings_T - added[:, :-1].reshape(recording.readings_T.shape)
+        scalar = None if recording.scalar_T is None else recording.scalar_T - added[:, -1]
+        return replace(recording, readings_T=readings, scalar_T=scalar)
 
     def base(self) -> Base:
         """Return the fit as the base of further hypotheses, linearised where it stands; kept of a short recording."""

@@ -10,10 +10,6 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.processors import use_one_thread
 from tam_calibration.model.signals import Ending
 
-use_one_thread()
-
-from tam_calibration.nodes.session import configure_fast_dds  # noqa: E402  it loads numpy
-
 
 def calibrator() -> int:
     """Run the calibrator until it is told to end."""
@@ -52,8 +48,9 @@ def _run(*names: str) -> int:
         The exit code: 0 when the nodes were told to end, 2 when a parameter or file is not usable (said on stderr).
     """
     ending = Ending(exit_code=0)
+    use_one_thread()
     try:
-        configure_fast_dds()
+        import_module("tam_calibration.nodes.session").configure_fast_dds()
         nodes = [getattr(import_module(f"tam_calibration.nodes.{name.lower()}_node"), name) for name in names]
         import_module("tam_calibration.nodes.spinning").spin_nodes(ending, nodes)
     except (InputError, OSError) as problem:

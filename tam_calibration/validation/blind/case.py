@@ -63,7 +63,7 @@ def key_of(plan: CasePlan, scene: Scene, causes: list[Scaled], gap: float, sheet
     holes = bool((np.diff(scene.time_s) > 1.5 * scene.step_s).any())
     return {
         "kind": plan.kind,
-        "effects": [_cause_key(cause) for cause in causes],
+        "effects": [cause_key(cause) for cause in causes],
         "visible_gap": gap,
         "withheld_channel": withheld,
         "identifiable": plan.kind not in ("withheld", "short"),
@@ -78,7 +78,8 @@ def key_of(plan: CasePlan, scene: Scene, causes: list[Scaled], gap: float, sheet
     }
 
 
-def _cause_key(cause: Scaled) -> dict[str, Any]:
+def cause_key(cause: Scaled) -> dict[str, Any]:
+    """Return what the key says of a cause: place, size, all that was drawn, and what it may be called."""
     disturbance = cause.disturbance
     entry = CAUSES[disturbance.effect]
     struck = int((np.abs(cause.signal[0]).sum(axis=(1, 2)) + np.abs(cause.signal[1]) > 0).sum())
@@ -97,7 +98,7 @@ def _cause_key(cause: Scaled) -> dict[str, Any]:
     }
 
 
-_WELL_CONDITIONED = 1e-3
+WELL_CONDITIONED = 1e-3
 """Least singular value of the nominal parameters' design over the largest: below, the calibration is undetermined."""
 
 _HIDDEN = 0.03
@@ -145,21 +146,21 @@ def _try(rng: Generator, plan: CasePlan) -> Case | None:
     """Draw a recording and its causes; None when the causes cannot be seen or told apart in it."""
     scene = draw_scene(rng, _draw_wish(rng, plan))
     model = NominalModel(scene)
-    if model.conditioning < _WELL_CONDITIONED:
+    if model.conditioning < WELL_CONDITIONED:
         return None
-    noise = _draw_noise(rng, scene)
+    noise = draw_noise(rng, scene)
     seen = (scene.readings_T + noise[0], scene.intensity_T + noise[1])
     causes: list[Scaled] = []
     for effect, gap in zip(plan.effects, plan.gaps, strict=True):
         scaled = scale_to(model, CAUSES[effect].draw(rng, scene), gap, seen)
-        if scaled is None or not _is_natural(scaled, scene) or not _can_be_seen(model, scaled):
+        if scaled is None or not is_natural(scaled, scene) or not can_be_seen(model, scaled):
             return None
         causes.append(scaled)
-    if len(causes) == 2 and not _differ(model, causes, apart=plan.kind == "mixed"):
+    if len(causes) == 2 and not are_unlike(model, causes, apart=plan.kind == "mixed"):
         return None
-    recorded = _record(seen, causes)
+    recorded = with_causes(seen, causes)
     signal = (recorded[0] - seen[0], recorded[1] - seen[1])
-    sheet = _sheet(rng)
+    sheet = draw_sheet(rng)
     return Case(
         columns_of(rng, scene, plan, recorded),
         array_of(scene, sheet),
@@ -191,12 +192,13 @@ def _draw_wish(rng: Generator, plan: CasePlan) -> Wish:
     )
 
 
-def _draw_noise(rng: Generator, scene: Scene) -> Signal:
+def draw_noise(rng: Generator, scene: Scene) -> Signal:
+    """Draw the white noise of all readings and of the scalar."""
     vectors = rng.normal(size=scene.readings_T.shape) * scene.vector_noise_T
     return vectors, rng.normal(size=scene.sample_count) * scene.scalar_noise_T
 
 
-def _can_be_seen(model: NominalModel, scaled: Scaled) -> bool:
+def can_be_seen(model: NominalModel, scaled: Scaled) -> bool:
     """Whether the nominal fit leaves a visible part of a signal."""
     vectors, scalar = scaled.signal
     whole = np.concatenate([vectors.reshape(len(vectors), -1), scalar[:, None]], axis=1) * model.weights
@@ -210,7 +212,7 @@ def _can_be_seen(model: NominalModel, scaled: Scaled) -> bool:
     return float(norm(model.left(scaled.signal))) > _HIDDEN * float(norm(whole))
 
 
-def _is_natural(scaled: Scaled, scene: Scene) -> bool:
+def is_natural(scaled: Scaled, scene: Scene) -> bool:
     """Whether a cause changes no reading by more, nor faster, than it does in nature."""
     entry = CAUSES[scaled.disturbance.effect]
     largest_T = max(float(np.abs(part).max()) for part in scaled.signal)
@@ -223,7 +225,7 @@ def _is_natural(scaled: Scaled, scene: Scene) -> bool:
     return bool(to_nanotesla(max(np.sqrt(np.mean(rate**2)) for rate in rates)) <= entry.most_nT_per_s)
 
 
-def _differ(model: NominalModel, causes: list[Scaled], apart: bool) -> bool:
+def are_unlike(model: NominalModel, causes: list[Scaled], apart: bool) -> bool:
     """Say whether two causes leave unlike signals, and are not of one family at one place; apart: nor at one place."""
     families = {CAUSES[one.disturbance.effect].family for one in causes}
     places = [{*one.disturbance.sensors} for one in causes]
@@ -233,7 +235,7 @@ def _differ(model: NominalModel, causes: list[Scaled], apart: bool) -> bool:
     return bool(abs(first @ second) < _MOST_CORRELATION * norm(first) * norm(second))
 
 
-def _record(seen: Signal, causes: list[Scaled]) -> Signal:
+def with_causes(seen: Signal, causes: list[Scaled]) -> Signal:
     """Add the causes: first what acts on the sensors, then what the recorder does to the sum."""
     vectors, scalar = seen
     for cause in sorted(causes, key=lambda cause: cause.disturbance.after_noise):
@@ -244,6 +246,6 @@ def _record(seen: Signal, causes: list[Scaled]) -> Signal:
     return vectors, scalar
 
 
-def _sheet(rng: Generator) -> FloatArray:
+def draw_sheet(rng: Generator) -> FloatArray:
     """Draw the ratio of the true noise to that of the data sheet, for vectors and scalar."""
     return np.ones(2) if rng.random() < 0.3 else rng.uniform(0.88, 1.12, 2)
