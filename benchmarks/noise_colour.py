@@ -18,9 +18,16 @@ from tam_calibration.comparison.result import AxisNoise
 from tam_calibration.model.units import FloatArray
 
 MIXING = np.kron(np.eye(4) - 0.25, np.eye(3))
+"""Of four alike sensors less their mean."""
+
 STEP_S = 0.02
+"""Between samples: no figure depends on it, as kinds are given in cycles a sample."""
+
 COUNTS = (400, 1000, 4000)
+"""Samples: the fewest that tell a slow course, and those of a short and of a long run at sea."""
+
 VARIANCES = (0.25, 0.5, 1.0, 4.0)
+"""Of the coloured part over that of the white one: from where no colour can be told to where all should be."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +66,7 @@ KINDS = (
     Kind("band of 10 % half width", "band", half_width=0.01, centre=0.1),
     Kind("band of 20 % half width", "band", half_width=0.06, centre=0.3),
 )
+"""Both classes from steep to flat and from narrow to wide, so that the limits of each are seen."""
 
 
 def run(

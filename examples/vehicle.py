@@ -37,8 +37,10 @@ PERIODS_S = (10.0, 60.0)
 """Number and periods of the sinusoids that a thruster's course is the sum of: some turns of the vehicle each."""
 
 WARMING = Temperature(20.0, 25.0)
+"""Of electronics in the first minutes, recorded beside the sensors; it acts on none."""
+
 SWITCHED = Current(0.5, 3.0, 40.0)
-"""What is recorded beside the sensors of a robot; neither acts on them."""
+"""Of thrusters that are on every other 20 s, recorded in the same way."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,10 @@ from tam_calibration.model.sensor_errors import ORIENTATIONS
 from tam_calibration.model.units import FloatArray
 
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
+"""Signs of the inverse of a unit quaternion x, y, z, w."""
+
 _SCALAR_LAST = [1, 2, 3, 0]
+"""Order that makes x, y, z, w of MuJoCo's w, x, y, z."""
 
 MIRRORED_FIELDS = {
     "ned_for_enu": np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),

@@ -48,6 +48,7 @@ _UNITS = (
     _Unit(1e-6, "tesla", "microtesla"),
     _Unit(1e-9, "tesla", "nanotesla"),
 )
+"""Units of simulators and drivers, and those that a table of ours may state, of which another was meant."""
 
 _CLOCKS = {1e-9: "nanoseconds", 1e-6: "microseconds", 1e-3: "milliseconds", 1e3: "thousands of seconds"}
 """Unit of stamps, by what the rate of samples is then multiplied with."""

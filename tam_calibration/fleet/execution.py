@@ -68,6 +68,7 @@ def _process_problem(problem: BaseException | None) -> str:
 
 
 CONNECT_S = 10.0
+"""For a scheduler to answer: one that runs does at once, also in another building."""
 
 
 def run_on_cluster(tasks: list[Task], scheduler: str) -> Iterator[tuple[Task, str]]:

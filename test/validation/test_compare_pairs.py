@@ -1,28 +1,22 @@
 """Pairs of a simulation from MuJoCo and a recording of another physics hold what their keys say, and are scored so."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from pairs.folder import KEY, begin, open_key, pair_name, seal, write_pair
+from pairs.making import TIMES, make_pair
+from pairs.mistakes import mistaken_columns, mistaken_run, mistaken_vehicle
+from pairs.noise import band, pink
+from pairs.outcome import PairOutcome
+from pairs.plan import MISTAKES, SHARES, PairPlan, plan_pairs
+from pairs.run import run_of
+from vehicle import VehicleRun
 
-ROOT = Path(__file__).parents[2]
-sys.path += [str(ROOT / "benchmarks"), str(ROOT / "examples")]
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.sensor_errors import SensorErrors
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: .venv/bin/pip install -e '.[compare]'")
-
-from pairs.folder import KEY, begin, open_key, pair_name, seal, write_pair  # noqa: E402
-from pairs.making import TIMES, make_pair  # noqa: E402
-from pairs.mistakes import mistaken_columns, mistaken_run, mistaken_vehicle  # noqa: E402
-from pairs.noise import band, pink  # noqa: E402
-from pairs.outcome import PairOutcome  # noqa: E402
-from pairs.plan import MISTAKES, SHARES, PairPlan, plan_pairs  # noqa: E402
-from pairs.run import run_of  # noqa: E402
-from vehicle import VehicleRun  # noqa: E402
-
-from tam_calibration.model.exceptions import InputError, Refused  # noqa: E402
-from tam_calibration.model.sensor_errors import SensorErrors  # noqa: E402
 
 TURNS = [(0, "qx"), (1, "qy"), (2, "qz"), (3, "qw")]
 FIELDS = [f"b{sensor}{axis}_nT" for sensor in range(1, 5) for axis in "xyz"]
