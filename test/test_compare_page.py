@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from mujoco_vehicle import main as vehicle
 
 from tam_calibration.cli.main import main as tam
-from tam_calibration.comparison.mistaken_units import _UNITS
+from tam_calibration.comparison.mistakes.units import _UNITS
 from tam_calibration.comparison.snippets import python_plugin
 
 ROOT = Path(__file__).parents[1]
@@ -85,6 +85,6 @@ def test_the_table_of_mistakes_has_every_kind():
     """Of units by their names, of the others as they stand in the code; and no other."""
     rows = PAGE.partition("## Gross mistakes")[2].partition("\n## ")[0].splitlines()
     told = [kind for row in rows if row.startswith("| `") for kind in re.findall(r"`(\w+)`", row.split("|")[1])]
-    files = (ROOT / "tam_calibration" / "comparison").glob("mistaken_*.py")
+    files = (ROOT / "tam_calibration" / "comparison" / "mistakes").glob("[!_]*.py")
     known = {kind for file in files for kind in re.findall(r'"([a-z]+(?:_[a-z]+)+)"', file.read_text(encoding="utf-8"))}
     assert sorted(told) == sorted(known | {f"{unit.given}_for_{unit.expected}" for unit in _UNITS})

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tam_calibration.comparison.placement import FITS, Motion, Placement, beside, placements
+from tam_calibration.comparison.mistakes.placement import FITS, Motion, Placement, beside, placements
+from tam_calibration.comparison.mistakes.words import sensors_in_words
 from tam_calibration.comparison.result import Mistake
-from tam_calibration.comparison.words import sensors_in_words
 from tam_calibration.integrity.handedness import left_handed
 from tam_calibration.integrity.overview import Overview
 from tam_calibration.model.sensor_errors import ORIENTATIONS

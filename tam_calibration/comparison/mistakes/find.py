@@ -1,10 +1,10 @@
 """Gross mistakes of a simulator, found before anything is fitted and told in the words of those who use it."""
 
-from tam_calibration.comparison.mistaken_frames import frames_of, mistaken_attitude, mistaken_axes, mistaken_hands
-from tam_calibration.comparison.mistaken_noise import mistaken_noise
-from tam_calibration.comparison.mistaken_units import mistaken_stamps, mistaken_units
-from tam_calibration.comparison.mistaken_world import ignored_field, mistaken_field, unturned, without_field
-from tam_calibration.comparison.placement import Motion, placements
+from tam_calibration.comparison.mistakes.frames import frames_of, mistaken_attitude, mistaken_axes, mistaken_hands
+from tam_calibration.comparison.mistakes.noise import mistaken_noise
+from tam_calibration.comparison.mistakes.placement import Motion, placements
+from tam_calibration.comparison.mistakes.units import mistaken_stamps, mistaken_units
+from tam_calibration.comparison.mistakes.world import ignored_field, mistaken_field, unturned, without_field
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.integrity.overview import Overview
 from tam_calibration.model.array import Array

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tam_calibration.comparison.mistakes.words import in_microtesla, sensors_in_words
 from tam_calibration.comparison.result import Mistake
-from tam_calibration.comparison.words import in_microtesla, sensors_in_words
 from tam_calibration.model.array import Array
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD
 from tam_calibration.model.recording import Recording

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tam_calibration.comparison.fast_residuals import (
+from tam_calibration.comparison.mistakes.fast_residuals import (
     NO_NOISE_T,
     ORDER,
     is_shared,
@@ -18,8 +18,8 @@ from tam_calibration.comparison.fast_residuals import (
     noise_sequence,
     quietest,
 )
+from tam_calibration.comparison.mistakes.words import sensors_in_words
 from tam_calibration.comparison.result import Mistake
-from tam_calibration.comparison.words import sensors_in_words
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT, FloatArray, to_nanotesla
