@@ -97,7 +97,10 @@ def compare(
         closing,
         mend,
         *sides,
-        tuple(f"{name}: {remark}" for name, side in zip(_NAMES, sides, strict=True) for remark in side.gap.remarks),
+        (
+            *(f"{name}: {remark}" for name, side in zip(_NAMES, sides, strict=True) for remark in side.gap.remarks),
+            *differences.remarks,
+        ),
     )
 
 
@@ -132,7 +135,7 @@ def _closing(
     else:
         twin = mended_twin(differences, simulation, mend, seed)
         mended = side_of(twin, simulation.array, progress)
-        left = differences_between(mended, recording)
+        left = differences_between(mended, recording).that_show
         after = left.energy
     floor_T = recording.gap.size.floor_T
     per_m = _gradient_of_floor(recording)
@@ -149,12 +152,12 @@ def _closing(
         float(np.sqrt(before)) * per_m,
         float(np.sqrt(after)) * per_m,
         closed,
-        _interval(before, after, recording.gap.channel_count),
+        _interval(before, after, left.undecided_energy, recording.gap.channel_count),
         _steps(differences, after),
         of_simulation,
         of_recording,
         of_mended,
-        "" if left.are_none else "; ".join(words for words, _ in left.energies),
+        "; ".join([*(words for words, _ in left.energies), *(remark.rstrip(".") for remark in left.remarks)]),
     )
 
 
@@ -166,16 +169,17 @@ def _gradient_of_floor(side: Side) -> float:
     return float(np.linalg.norm(side.calibration.output_standard_errors[3:]))
 
 
-def _interval(before: float, after: float, count: float) -> tuple[float, float]:
+def _interval(before: float, after: float, undecided: float, count: float) -> tuple[float, float]:
     """Return the 95 % interval of the part that closes, by error propagation.
 
-    An energy g² of n channels has the variance (2 + 4 g²) / n, that of a noncentral chi-square over n.
+    An energy g² of n channels has the variance (2 + 4 g²) / n, that of a noncentral chi-square over n. The lower end
+    takes what is undecided for left.
     """
     if before <= 0:
         return (0.0, 1.0)
     variance = (2 + 4 * after) / count / before**2 + (2 + 4 * before) / count * after**2 / before**4
     closed, half = 1 - after / before, _QUANTILE * float(np.sqrt(variance))
-    return (float(np.clip(closed - half, 0, 1)), float(np.clip(closed + half, 0, 1)))
+    return (float(np.clip(closed - undecided / before - half, 0, 1)), float(np.clip(closed + half, 0, 1)))
 
 
 def _steps(differences: Differences, after: float) -> tuple[Step, ...]:
@@ -191,4 +195,6 @@ def _statement(differences: Differences, closing: Closing) -> str:
     if differences.are_none:
         return "The same: calibration, effects and noise of the simulation are those of the recording."
     words, _ = differences.energies[0] if differences.energies else ("other noise", 0.0)
-    return f"They differ by {closing.before:.2g} noise floors, most by {words}; mended, by {closing.after:.2g}."
+    most = closing.before * float(np.sqrt(1 - closing.closed_interval[0]))
+    after = f"{closing.after:.2g}, at most {most:.2g}"
+    return f"They differ by {closing.before:.2g} noise floors, most by {words}; mended, by {after}."

@@ -5,11 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration, EffectSize
 from tam_calibration.effects.library import effect_named, installed_effects, shown_by
 from tam_calibration.effects.removal import on_sensors
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.identifiability import require_determined
+from tam_calibration.fit.estimate import Estimate, make_calibration
+from tam_calibration.fit.identifiability import refuse_open, require_determined
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.evidence import Evidence, examine, unusable
 from tam_calibration.gap.hypothesis import Hypothesis, refined
@@ -25,6 +27,9 @@ from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import measure_residuals
 from tam_calibration.model.sensor_errors import SensorErrors
+
+IN_WORLD = "recorded_attitude"
+"""Method of a calibration of one sensor in the field of the world."""
 
 _AUTO = "auto"
 """Given instead of names: the effects that a diagnosis finds."""
@@ -79,7 +84,8 @@ def calibrate_with_effects(
         recording, array, accept, sought=shown_by(installed_effects() if _AUTO in effects else effects)
     )
     recording.check_plausible(array.field)
-    require_determined(recording, array)
+    if recording.sensor_count > 1 or recording.attitude is None:  # else the attitude may determine what these do not
+        require_determined(recording, array)
     if _AUTO in effects:
         found = search(recording, array, progress=progress)
         told = [fault.sentence for fault in faults]
@@ -121,7 +127,7 @@ def calibration_of(
     """
     model = found.nominal if gap.verdict == "no_gap" else found.model
     left = (gap.statement,) if gap.verdict in ("partly_explained", "unexplained") else ()
-    if model.parts or model.findings:
+    if model.parts or model.findings or model.world is not None:
         return _kept(model, array, (*warnings, *left), accept)
     calibration = calibrate(recording, array, accept=accept)
     return replace(calibration, warnings=(*calibration.warnings, *left))
@@ -156,11 +162,12 @@ def _with_named(model: Model, names: Collection[str]) -> tuple[Model, tuple[str,
 def _kept(model: Model, array: Array, warnings: tuple[str, ...], accept: Collection[str]) -> Calibration:
     """Return the calibration of the readings without the effects, with the effects and the uncertainty of both."""
     recording, findings = model.recording, tuple(finding.fitted for finding in model.findings)
-    calibration = calibrate(_without(model), array, accept={*CHANNEL_FAULTS, *accept})
-    at_end = replace(
-        model, array=calibration.array, errors=calibration.errors, intensity_T=calibration.intensity_T, world=None
-    )
-    joint = Joint(at_end, tuple(_free(part, at_end) for part in model.parts))
+    if model.world is None:
+        calibration = calibrate(_without(model), array, accept={*CHANNEL_FAULTS, *accept})
+        model = replace(model, array=calibration.array, errors=calibration.errors, intensity_T=calibration.intensity_T)
+    else:
+        calibration = _in_world(model, array, accept)
+    joint = Joint(model, tuple(_free(part, model) for part in model.parts))
     assert calibration.covariance is not None
     shared = joint.shared_covariance(calibration.errors, calibration.has_scalar_reference)
     none = SensorErrors.none(recording.sensor_count)
@@ -174,6 +181,15 @@ def _kept(model: Model, array: Array, warnings: tuple[str, ...], accept: Collect
         effects=(*joint.effects, *findings),
         effect_sizes=(*joint.sizes(calibration), *(EffectSize(np.zeros(9), np.zeros(9)) for _ in findings)),
     )
+
+
+def _in_world(model: Model, array: Array, accept: Collection[str]) -> Calibration:
+    """Return the calibration of one sensor as its attitude determines it, which its intensity alone may not."""
+    errors, covariance = model.errors, Joint(model, ((),) * len(model.parts)).covariance_in_world()
+    estimate = Estimate(errors, covariance, covariance_from_noise=False, intensity_T=model.intensity_T)
+    calibration = make_calibration(IN_WORLD, _without(model), array, estimate)
+    refuse_open(calibration.standard_errors.ravel(), calibration.intensity_T)
+    return within_limits(calibration, accept)
 
 
 def _without(model: Model) -> Recording:

@@ -70,27 +70,43 @@ class Joint:
         """
         if not self.model.parts:
             return np.zeros((errors.to_vector().size,) * 2)
-        unit = float(np.mean(self._channels.covariates.intensity_T))
-        deviation = np.sqrt(np.maximum(np.diag(self._covariance), 0))
         shift = pseudo_inverse(self._nominal.information) @ self._channels.cross(self._nominal.designs[0], self._design)
+        return self._of_errors(errors, has_scalar, -shift, self._covariance)
 
-        def parameters(step: FloatArray) -> FloatArray:
-            moved = stepped(errors, step, unit)
-            if not has_scalar:
-                moved = SensorErrors.from_matrix(
-                    free_scale(moved.matrix) * moved.matrix, moved.bias_T, errors.orientation
-                )
-            return moved.to_vector().ravel()
+    def covariance_in_world(self) -> FloatArray:
+        """Return the covariance (12 K, 12 K) of the errors in the field of the world, the effects taken as known.
 
+        It is scaled by the residual, as nobody states the noise of an attitude.
+        """
+        base = self.model.base()
+        factor = base.energy / max(base.channels.count - base.rank, 1.0)
+        own = self._nominal.inverse
+        return self._of_errors(self.model.errors, False, np.eye(len(own)), factor * own)
+
+    def _of_errors(
+        self, errors: SensorErrors, has_scalar: bool, shift: FloatArray, covariance: FloatArray
+    ) -> FloatArray:
+        """Return the covariance of the errors from that of P coefficients, whose units shift the design of them."""
+        deviation = np.sqrt(np.maximum(np.diag(covariance), 0))
         columns = [
-            (parameters(-step) - parameters(step)) / 2 if size > 0 else np.zeros(shift.shape[0])
-            for size, step in zip(deviation, (shift * deviation).T, strict=True)
+            (self._moved(errors, has_scalar, step) - self._moved(errors, has_scalar, -step)) / 2
+            for step in (shift * deviation).T
         ]
         slope = np.column_stack(columns)
         slope[_FIRST_TURN] = 0
-        correlation = self._covariance / np.outer(*[np.where(deviation > 0, deviation, 1)] * 2)
-        added: FloatArray = slope @ correlation @ slope.T
-        return added
+        correlation = covariance / np.outer(*[np.where(deviation > 0, deviation, 1)] * 2)
+        by_parameter: FloatArray = slope @ correlation @ slope.T
+        return by_parameter
+
+    def _moved(self, errors: SensorErrors, has_scalar: bool, step: FloatArray) -> FloatArray:
+        """Return the flattened parameters of errors after a step of their design."""
+        unit = float(np.mean(self._channels.covariates.intensity_T))
+        if self.model.world is not None:
+            return self.model.world.stepped(errors, step, unit)[0].to_vector().ravel()
+        moved = stepped(errors, step, unit)
+        if not has_scalar:
+            moved = SensorErrors.from_matrix(free_scale(moved.matrix) * moved.matrix, moved.bias_T, errors.orientation)
+        return moved.to_vector().ravel()
 
     def sizes(self, calibration: Calibration) -> tuple[EffectSize, ...]:
         """Return the size of each effect in the outputs of a calibration, and its standard error."""
