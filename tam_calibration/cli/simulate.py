@@ -173,7 +173,7 @@ def _mend(mend_path: Path, run_path: Path, output: Path, seed: int, storage: str
         write_array(places["array"], array)
     intensity = norm(made.readings_T, axis=2).mean(axis=1)
     summary = _summary(made, intensity, _rate_hz(made), seed)
-    return summary | {name: str(path) for name, path in paths.items()} | {"truth": str(mend_path)}
+    return summary | {name: str(path) for name, path in paths.items()} | {"mend": str(mend_path)}
 
 
 def _rate_hz(recording: Recording) -> float:
@@ -218,13 +218,18 @@ def _summary(recording: Recording, intensity_T: FloatArray, rate_hz: float, seed
 def sentences(result: dict[str, Any]) -> str:
     """Return what was made and what to type next, for people."""
     recording, array = (shlex.quote(result[name]) for name in ("recording", "array"))
-    calibration = shlex.quote(str(beside(Path(result["recording"]), "calibration.yaml")))
+    if "mend" in result:
+        source, following = f"{result['mend']}  what was added", f"tam compare {recording} RECORDING --array {array}"
+    else:
+        calibration = shlex.quote(str(beside(Path(result["recording"]), "calibration.yaml")))
+        source = f"{result['truth']}  their true errors"
+        following = f"tam calibrate {recording} --array {array} -o {calibration}"
     channels = f" with {', '.join(result['channels'])}" if result["channels"] else ""
     return (
         f"{result['samples']} samples of {result['sensors']} sensors{channels} in {result['duration_s']:.6g} s, "
         f"field {result['intensity_nT']:.2f} nT, seed {result['seed']}\n"
         f"  {result['recording']}  the recording\n"
         f"  {result['array']}  positions and noise of the sensors\n"
-        f"  {result['truth']}  their true errors\n"
-        f"next: tam calibrate {recording} --array {array} -o {calibration}"
+        f"  {source}\n"
+        f"next: {following}"
     )

@@ -27,7 +27,7 @@ class Additions:
     """Adds the effects and the noise that a simulation lacks to its readings, as a plugin makes them.
 
     Samples may come one by one or in batches of any size: how they are split changes no number. Where time goes back,
-    as when a simulation is reset, all begins anew. An effect that depends on how the field goes on foretells that from
+    as when a simulation is reset, all begins anew. Times of effects count from the first sample. An effect that depends on how the field goes on foretells that from
     the samples so far: it is missing in the first sample of a run, and not quite as in `mended`. The others are.
 
     Parameters
@@ -115,8 +115,10 @@ class Additions:
         _check(self._mend, batch)
         if batch.time_s[0] <= self._newest_s:
             self._begin()
+        if not np.isfinite(self._newest_s):
+            self._first_s = float(batch.time_s[0])
         self._newest_s = float(batch.time_s[-1])
-        covariates = _covariates(self._mend, batch, self._errors)
+        covariates = _covariates(self._mend, batch, self._errors, self._first_s)
         rows = _rows(batch)
         with _values_known():
             for effect in self._of_field:
@@ -128,7 +130,7 @@ class Additions:
 
 
 def mended(recording: Recording, mend: Mend, seed: int, errors: SensorErrors | None = None) -> Recording:
-    """Return a simulation's recording with the effects and the noise that it lacks.
+    """Return a simulation's recording with the effects and the noise that it lacks; their times count from its start.
 
     What the simulation should not have, ``mend.removed``, must have been taken off before.
 
@@ -151,7 +153,7 @@ def mended(recording: Recording, mend: Mend, seed: int, errors: SensorErrors | N
     errors = _errors_of(mend, errors)
     _check(mend, recording)
     run = filled(recording)
-    covariates = _covariates(mend, run, errors)
+    covariates = _covariates(mend, run, errors, float(run.time_s[0]))
     noise, *own = np.random.default_rng(seed).spawn(1 + len(mend.added))
     rows = add_effects(_rows(run), covariates, mend.added, own, "field")
     rows = rows + _noise_stream(mend, noise).drawn(run.time_s)
@@ -198,11 +200,11 @@ def _noise_stream(mend: Mend, generator: np.random.Generator) -> NoiseStream:
     return NoiseStream(mend.noise, 3 * calibration.array.sensor_count + 1, mend.rate_hz, span_s, generator)
 
 
-def _covariates(mend: Mend, recording: Recording, errors: SensorErrors) -> Covariates:
-    """Return what the effects follow."""
+def _covariates(mend: Mend, recording: Recording, errors: SensorErrors, first_s: float) -> Covariates:
+    """Return what the effects follow, in a run whose first sample had the time ``first_s``."""
     array = mend.calibration.array
     return Covariates(
-        recording.time_s,
+        recording.time_s - first_s,
         agreed_field(recording.readings_T, errors, array),
         errors,
         array,

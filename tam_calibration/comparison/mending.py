@@ -45,13 +45,13 @@ def _rate_hz(side: Side) -> float:
 
 
 def _at_run(fitted: FittedEffect, of: Side, at: Side) -> FittedEffect:
-    """Return an effect whose times lie in the run of another side as they do in that of its own."""
+    """Return an effect whose times, now since the first sample, lie in the run of a side as they do in its own."""
     (first, last), (start, stop) = of.recording.time_span_s, at.recording.time_span_s
     stretch = (stop - start) / (last - first)
     shape = dict(fitted.shape)
     for name, value in fitted.shape.items():
         if name in _TIMES:
-            shape[name] = start + stretch * (value - first)
+            shape[name] = stretch * (value - first)
         elif name == "span_s":
             shape[name] = stretch * value
     return replace(fitted, shape=shape)
@@ -100,7 +100,7 @@ def mended_twin(differences: Differences, simulation: Side, mend: Mend, seed: in
     left_out = [one.fitted for one in differences.surplus]
     left_out += [one.simulation.fitted for one in differences.other_parameters]
     kept = tuple(
-        cause.fitted
+        _at_run(cause.fitted, simulation, simulation)
         for cause in simulation.gap.causes
         if not (is_noise(cause.fitted.effect) or any(cause.fitted is fitted for fitted in left_out))
     )

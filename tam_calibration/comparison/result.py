@@ -299,7 +299,7 @@ class Mend:
     Parameters
     ----------
     added : tuple of FittedEffect
-        Effects that the simulation lacks, in the order of their sizes.
+        Effects that the simulation lacks, in the order of their sizes; their times are since the first sample of a run.
     removed : tuple of str
         Effects that it should not have, or have with the parameters of ``added``.
     noise : tuple of NoiseTerm

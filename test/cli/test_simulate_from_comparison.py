@@ -51,7 +51,7 @@ def test_a_simulated_run_gets_what_it_lacks(simulate, run, mend, source):
     assert_array_equal(recording.time_s, run.time_s)
     assert_allclose(recording.temperature_C, run.temperature_C)
     assert read_array(Path("mended.array.yaml")).has_geometry_of(mend.calibration.array)
-    assert f"{source}  " in made.output and "next: tam calibrate mended.csv" in made.output
+    assert f"{source}  what was added\nnext: tam compare mended.csv RECORDING --array mended.array.yaml" in made.output
 
 
 def test_a_scenario_gets_what_it_lacks(simulate):

@@ -174,6 +174,16 @@ def test_a_jump_is_at_its_time_in_each_run(run, mend):
         assert_allclose(made[:, 2] - rows(run)[:, 2], np.where(run.time_s >= 9.0, 27e-9, 0), atol=1e-18)
 
 
+def test_a_clock_of_its_own_moves_no_effect(run, mend):
+    """Times count from the first sample: a run stamped in seconds of this century gets the same, batch by batch too."""
+    mend = adding(mend, "bias_jump", "geomagnetic_drift")
+    later = replace(run, time_s=run.time_s + 1.7e9)
+    by_run, by_later = (mended(one, mend, 1).readings_T for one in (run, later))
+    np.testing.assert_allclose(by_later, by_run, atol=1e-14)
+    one, other = Additions(mend, 1), Additions(mend, 1)
+    np.testing.assert_allclose(as_it_comes(one, later, (100,)), as_it_comes(other, run, (100,)), atol=1e-14)
+
+
 def test_another_run_has_other_noise(run, mend):
     """After a reset the noise is not that of the first run, and another seed has another."""
     add = Additions(replace(mend, noise=NOISE), 1)
