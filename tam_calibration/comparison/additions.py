@@ -26,9 +26,10 @@ _STATED_AS = {"temperature_C": "temperature", "current_A": "current", "attitude"
 class Additions:
     """Adds the effects and the noise that a simulation lacks to its readings, as a plugin makes them.
 
-    Samples may come one by one or in batches of any size: how they are split changes no number. Where time goes back,
-    as when a simulation is reset, all begins anew. Times of effects count from the first sample. An effect that depends on how the field goes on foretells that from
-    the samples so far: it is missing in the first sample of a run, and not quite as in `mended`. The others are.
+    Samples may come one by one or in batches of any size: how they are split changes no number. Times of effects count
+    from the first sample. Where time goes back, as when a simulation is reset, all begins anew. An effect that depends
+    on how the field goes on foretells that from the samples so far: it is missing in the first sample of a run, and not
+    quite as in `mended`. The others are.
 
     Parameters
     ----------

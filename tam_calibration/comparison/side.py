@@ -9,7 +9,7 @@ from tam_calibration.comparison.noise import noise_of
 from tam_calibration.comparison.result import AxisNoise, Side
 from tam_calibration.core.elimination import Elimination
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.effects.removal import agreed_field, removable
+from tam_calibration.effects.removal import agreed_field
 from tam_calibration.gap.attitude_nominal import products_of
 from tam_calibration.gap.calibration_with_effects import calibration_of
 from tam_calibration.gap.diagnose import judge
@@ -108,7 +108,7 @@ def without_effects(calibration: Calibration, recording: Recording, model: Model
     """
     if model.world is None:
         return calibration.without_effects(recording)
-    return model.without(removable(calibration.effects))
+    return model.quiet()
 
 
 def field_of(calibration: Calibration, quiet: Recording, model: Model) -> FloatArray:

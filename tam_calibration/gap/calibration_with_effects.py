@@ -8,7 +8,7 @@ import numpy as np
 from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration, EffectSize
 from tam_calibration.effects.library import effect_named, installed_effects, shown_by
-from tam_calibration.effects.removal import on_sensors
+from tam_calibration.effects.removal import linear_effect, on_sensors
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.estimate import Estimate, make_calibration
 from tam_calibration.fit.identifiability import refuse_open, require_determined
@@ -170,6 +170,9 @@ def _kept(model: Model, array: Array, warnings: tuple[str, ...], accept: Collect
     joint = Joint(model, tuple(_free(part, model) for part in model.parts))
     assert calibration.covariance is not None
     shared = joint.shared_covariance(calibration.errors, calibration.has_scalar_reference)
+    kept = [pair for pair in zip(joint.effects, joint.sizes(calibration), strict=True) if _is_kept(pair[0], model)]
+    effects = *(fitted for fitted, _ in kept), *findings
+    left = [fitted for fitted in joint.effects if not _is_kept(fitted, model)]
     none = SensorErrors.none(recording.sensor_count)
     return replace(
         calibration,
@@ -177,15 +180,23 @@ def _kept(model: Model, array: Array, warnings: tuple[str, ...], accept: Collect
         before=measure_residuals(none, array, recording, calibration.intensity_T),
         samples=recording.sample_count,
         time_span_s=(float(recording.time_s[0]), float(recording.time_s[-1])),
-        warnings=tuple(dict.fromkeys((*calibration.warnings, *warnings, *_not_corrected((*joint.effects, *findings))))),
-        effects=(*joint.effects, *findings),
-        effect_sizes=(*joint.sizes(calibration), *(EffectSize(np.zeros(9), np.zeros(9)) for _ in findings)),
+        warnings=tuple(
+            dict.fromkeys((*calibration.warnings, *warnings, *_not_corrected(effects), *_of_attitude(left)))
+        ),
+        effects=effects,
+        effect_sizes=(*(size for _, size in kept), *(EffectSize(np.zeros(9), np.zeros(9)) for _ in findings)),
     )
+
+
+def _is_kept(fitted: FittedEffect, model: Model) -> bool:
+    """Whether an effect can be taken off other data: of one sensor not by how its own, noisy readings go on."""
+    return model.world is None or linear_effect(fitted).is_causal
 
 
 def _in_world(model: Model, array: Array, accept: Collection[str]) -> Calibration:
     """Return the calibration of one sensor as its attitude determines it, which its intensity alone may not."""
-    errors, covariance = model.errors, Joint(model, ((),) * len(model.parts)).covariance_in_world()
+    errors = replace(model.errors, misalignment=np.zeros((1, 3)))  # the frame is the sensor's own, but for rounding
+    covariance = Joint(model, ((),) * len(model.parts)).covariance_in_world()
     estimate = Estimate(errors, covariance, covariance_from_noise=False, intensity_T=model.intensity_T)
     calibration = make_calibration(IN_WORLD, _without(model), array, estimate)
     refuse_open(calibration.standard_errors.ravel(), calibration.intensity_T)
@@ -194,8 +205,7 @@ def _in_world(model: Model, array: Array, accept: Collection[str]) -> Calibratio
 
 def _without(model: Model) -> Recording:
     """Return the samples of a model's recording that count, without what its effects add."""
-    fitted = [part.fitted(part.terms(model.channels()), np.zeros((len(part.values),) * 2)) for part in model.parts]
-    return model.without(fitted).take(np.flatnonzero(model.is_counted))
+    return model.quiet().take(np.flatnonzero(model.is_counted))
 
 
 def _free(part: Part, model: Model) -> tuple[str, ...]:
@@ -203,6 +213,14 @@ def _free(part: Part, model: Model) -> tuple[str, ...]:
     channels = model.channels()
     tried = list(part.effect.shapes(channels.covariates, channels.residuals))
     return tuple(name for name in part.shape if len({shape[name] for shape in tried if name in shape}) > 1)
+
+
+def _of_attitude(effects: Sequence[FittedEffect]) -> tuple[str, ...]:
+    """Return a warning of the effects that only the attitude tells how to take off."""
+    if not effects:
+        return ()
+    names = " and ".join(dict.fromkeys(fitted.effect.replace("_", " ") for fitted in effects))
+    return (f"{names}: known beside the attitude, and left in corrected data, where it takes less off than noise adds",)
 
 
 def _not_corrected(effects: Sequence[FittedEffect]) -> tuple[str, ...]:

@@ -479,6 +479,14 @@ class Model:
         scalar = None if recording.scalar_T is None else recording.scalar_T - added[:, -1]
         return replace(recording, readings_T=readings, scalar_T=scalar)
 
+    def quiet(self) -> Recording:
+        """Return the recording without what its accepted effects add to it."""
+        channels = self.channels()
+        none = [np.zeros((len(part.values),) * 2) for part in self.parts]
+        return self.without(
+            [part.fitted(part.terms(channels), unknown) for part, unknown in zip(self.parts, none, strict=True)]
+        )
+
     def base(self) -> Base:
         """Return the fit as the base of further hypotheses, linearised where it stands; kept of a short recording."""
         if self in _KNOWN:

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
-from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
+from tam_calibration.gap.calibration_with_effects import IN_WORLD, calibrate_with_effects
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
@@ -159,3 +159,44 @@ def test_another_array_is_refused(made):
     """The number of sensors must be that of the array."""
     with pytest.raises(InputError, match="use the array file of this recording"):
         calibrate_with_effects(made.recording, Array(np.zeros((2, 3))), ["auto"])
+
+
+def test_attitude_calibrates_a_sensor_whose_intensity_does_not(lone):
+    """Turned within a narrow cone: errors are as far from the truth as their standard errors say, over recordings."""
+    pulls = []
+    for seed in range(12):
+        made = lone(3000, noise_T=3e-8, seed=seed)
+        narrow = made.field_T[:, 2] > 0.85 * made.world.intensity_T
+        recording = made.recording.take(narrow)
+        with pytest.raises(InputError):
+            calibrate(recording, made.array)
+        found = calibrate_with_effects(recording, made.array, ["auto"])
+        assert found.method == IN_WORLD and found.effects == ()
+        is_free = found.standard_errors[0] > 0
+        pulls.append(
+            (found.errors.to_vector() - made.errors.to_vector())[0, is_free] / found.standard_errors[0, is_free]
+        )
+    assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1, abs=0.25)
+
+
+def test_a_delay_beside_the_attitude_stays_in_corrected_data(lone):
+    """To take it off by the readings of the sensor itself would add more noise; the calibration is without it."""
+    made = lone(noise_T=1e-7)
+    late = np.array([np.interp(made.recording.time_s - 0.02, made.recording.time_s, of) for of in made.field_T.T]).T
+    found = calibrate_with_effects(made.with_added(late - made.field_T).recording, made.array, ["time_skew"])
+    assert found.method == IN_WORLD and found.effects == () and "left in corrected data" in found.warnings[-1]
+    pulls = (found.errors.to_vector() - made.errors.to_vector()) / np.maximum(found.standard_errors, 1e-12)
+    assert np.abs(pulls).max() < 4.5
+
+
+def test_a_magnet_that_comes_and_goes_is_kept_with_the_calibration(lone):
+    """One sensor with attitude: the jump is taken off, the errors are those without it."""
+    made = lone()
+    added = np.zeros((made.recording.sample_count, 3))
+    added[300:600, 2] = 27e-6
+    found = calibrate_with_effects(made.with_added(added).recording, made.array, ["auto"])
+    assert found.method == IN_WORLD and [one.effect for one in found.effects] == ["bias_jump"]
+    pulls = (found.errors.to_vector() - made.errors.to_vector()) / np.where(
+        found.standard_errors > 0, found.standard_errors, np.inf
+    )
+    assert np.abs(pulls).max() < 4
