@@ -96,7 +96,8 @@ class Path:
         whole = np.diag(self.information[-1])
         left = information - nuisance.transpose(0, 2, 1) @ nuisance
         left += np.diag(np.maximum(_PRECISE * whole, np.finfo(float).tiny))
-        gain: FloatArray = np.sum(score * np.linalg.solve(left, score), axis=(1, 2)) * enough
+        values = score / left if left.shape[1] == 1 else np.linalg.solve(left, score)
+        gain: FloatArray = np.sum(score * values, axis=(1, 2)) * enough
         return gain
 
     def _pair(self, start: int, cuts: NDArray[np.intp]) -> Change:

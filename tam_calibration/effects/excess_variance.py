@@ -113,6 +113,10 @@ class ChannelMoments:
         part : (J,) array
             Excess variance of each row over the floor s², T².
         """
+        if len(rows) == 1:
+            inner = 1 + part[0] * self.gram[:, rows[0], rows[0]]
+            explained = float((part[0] * self.score[:, rows[0], rows[0]] / inner).sum())
+            return self._likelihood(np.log(inner), explained)
         chosen = np.ix_(range(len(self.count)), rows, rows)
         root = np.sqrt(part)
         gram = root[:, None] * self.gram[chosen] * root
@@ -120,6 +124,10 @@ class ChannelMoments:
         inner = np.eye(len(rows)) + gram
         _, log_determinant = np.linalg.slogdet(inner)
         explained = float(np.trace(np.linalg.solve(inner, score), axis1=1, axis2=2).sum())
+        return self._likelihood(log_determinant, explained)
+
+    def _likelihood(self, log_determinant: FloatArray, explained: float) -> tuple[float, float]:
+        """Return minus twice the log likelihood, and the floor s² that the explained energy leaves."""
         floor = max(self.energy - explained, np.finfo(float).tiny) / self.channel_count
         n = self.channel_count
         return float(n * np.log(floor) + self.count @ log_determinant + n), floor

@@ -9,6 +9,7 @@ follows, the readings do not repeat; see ``clipped_core``.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ from tam_calibration.model.units import FloatArray
 
 WIDEST_RANGE = Limit(5e-2, "the widest range of a Hall sensor; Melexis, data sheet of the MLX90393", "T")
 """Largest field that any sensor of this kind can read."""
+
+_KNOWN: "WeakKeyDictionary[WhitenedResiduals, list[_Limit]]" = WeakKeyDictionary()
 
 _ENDS = {"upper limit": 1.0, "lower limit": -1.0}
 """Signs that turn either end of a range into an upper one."""
@@ -135,7 +138,13 @@ class Saturation(FoundEffect):
 
 
 def find_limits(residuals: WhitenedResiduals) -> list[_Limit]:
-    """Return the limits at which axes stay, at the upper and the lower end."""
+    """Return the limits at which axes stay, at the upper and the lower end; kept as long as the residuals exist."""
+    if residuals not in _KNOWN:
+        _KNOWN[residuals] = _find_limits(residuals)
+    return _KNOWN[residuals]
+
+
+def _find_limits(residuals: WhitenedResiduals) -> list[_Limit]:
     readings = residuals.recording.readings_T.reshape(len(residuals.energy), -1)
     found = []
     for row in range(readings.shape[1]):
@@ -174,8 +183,8 @@ def _limit_of(residuals: WhitenedResiduals, row: int, end: str, sign: float, rea
         return None
     shortfall = -sign * residuals.row_shift_T[at_limit, row]
     sure = np.sqrt(information[at_limit])
-    scale = max(1.0, _scale(residuals, row))
-    if not shortfall @ sure > CERTAIN * np.sqrt(len(at_limit)) * scale:
+    excess = shortfall @ sure / (CERTAIN * np.sqrt(len(at_limit)))
+    if not excess > 1 or not excess > (scale := max(1.0, _scale(residuals, row))):
         return None
     if len(at_limit) == 1 and not _is_lone(residuals, row, int(at_limit[0]), scale):
         return None
