@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from tam_calibration.comparison.causes import are_alike, likely_causes, size_of, unknown_part
 from tam_calibration.comparison.noise import differs
-from tam_calibration.comparison.other_run import is_shown, parameters_differ
+from tam_calibration.comparison.other_run import follows_the_run, is_shown, parameters_differ
 from tam_calibration.comparison.result import (
     UNKNOWN,
     EffectDifference,
@@ -90,22 +90,28 @@ def differences_between(simulation: Side, recording: Side) -> Differences:
     simulation, recording : Side
         Of the same number of sensors.
     """
-    common, of_simulation, of_recording = _matched(simulation, recording)
+    common, of_simulation_alone, of_recording_alone = _matched(simulation, recording)
     missing = [
-        _difference(cause, recording, simulation) for cause in of_recording if not _is_all_noise(cause, recording)
+        _difference(cause, recording, simulation) for cause in of_recording_alone if not _is_all_noise(cause, recording)
     ]
     surplus = [
-        _difference(cause, simulation, recording) for cause in of_simulation if not _is_all_noise(cause, simulation)
+        _difference(cause, simulation, recording)
+        for cause in of_simulation_alone
+        if not _is_all_noise(cause, simulation)
     ]
     energies = [(_lacking(one), one.size**2) for one in missing]
     energies += [(f"{_named(one)}, which the recording lacks", one.size**2) for one in surplus]
     other = []
     for theirs, own in common:
         part, is_beyond = parameters_differ(theirs, own, simulation, recording)
-        if is_beyond and not is_noise(own.fitted.effect):
-            pair = OtherParameters(_difference(theirs, simulation, recording), _difference(own, recording, simulation))
-            other.append(pair)
-            energies.append((f"other parameters of {_named(pair.recording)}", part * pair.recording.size**2))
+        if is_beyond and not is_noise(own[0].fitted.effect):
+            differing = [_difference(cause, recording, simulation) for cause in own]
+            of_simulation = [_difference(cause, simulation, recording) for cause in theirs]
+            other += [OtherParameters(*pair) for pair in zip(of_simulation, differing, strict=False)]
+            missing += differing[len(theirs) :]
+            surplus += of_simulation[len(own) :]
+            energy = sum(one.size**2 for one in differing)
+            energies.append((f"other parameters of {_named(differing[0])}", part * energy))
     open_here, open_there = unknown_part(recording), unknown_part(simulation)
     in_both = _places(open_here) & _places(open_there)
     undecided: tuple[EffectDifference, ...] = ()
@@ -160,18 +166,39 @@ def _lacking(one: EffectDifference) -> str:
     return f"{_named(one)}, which the simulation lacks"
 
 
-def _matched(simulation: Side, recording: Side) -> tuple[list[tuple[Cause, Cause]], list[Cause], list[Cause]]:
-    """Return the causes that both sides have, in pairs, and those of the simulation and of the recording alone."""
+def _matched(
+    simulation: Side, recording: Side
+) -> tuple[list[tuple[list[Cause], list[Cause]]], list[Cause], list[Cause]]:
+    """Return the causes that both sides have, in groups of one effect, and those of one side alone."""
     left, common, own = likely_causes(simulation), [], []
-    for cause in likely_causes(recording):
-        alike = [one for one in left if _is_same_cause(one, cause)]
-        best = max(alike, key=lambda one: (one.fitted.effect == cause.fitted.effect, one.share), default=None)
+    for causes in _grouped(likely_causes(recording)):
+        alike = [one for one in left if any(_is_same_cause(one, cause) for cause in causes)]
+        best = max(alike, key=lambda one: (one.fitted.effect == causes[0].fitted.effect, one.share), default=None)
         if best is None:
-            own.append(cause)
-        else:
-            left.remove(best)
-            common.append((best, cause))
+            own += causes
+            continue
+        theirs = next(group for group in _grouped(alike) if best in group)
+        left = [one for one in left if one not in theirs]
+        common.append((theirs, causes))
     return common, left, own
+
+
+def _grouped(causes: Sequence[Cause]) -> list[list[Cause]]:
+    """Return causes by effect: several of one that follows the run, at common sensors, are one effect in two shapes."""
+    groups: list[list[Cause]] = []
+    for cause in causes:
+        name = cause.fitted.effect
+        of_name = (group for group in groups if group[0].fitted.effect == name and follows_the_run(name))
+        known = next((group for group in of_name if any(_share_sensors(cause, one) for one in group)), None)
+        if known is None:
+            groups.append([cause])
+        else:
+            known.append(cause)
+    return groups
+
+
+def _share_sensors(one: Cause, other: Cause) -> bool:
+    return bool(set(one.sensors) & set(other.sensors))
 
 
 def _is_same_cause(one: Cause, other: Cause) -> bool:
@@ -179,7 +206,7 @@ def _is_same_cause(one: Cause, other: Cause) -> bool:
     names = one.fitted.effect, other.fitted.effect
     is_one_name = names[0] == names[1] or names[0] in other.indistinguishable_from
     is_one_name |= names[1] in one.indistinguishable_from
-    return is_one_name and bool(set(one.sensors) & set(other.sensors))
+    return is_one_name and _share_sensors(one, other)
 
 
 def _difference(cause: Cause, side: Side, other: Side) -> EffectDifference:

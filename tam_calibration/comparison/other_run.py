@@ -28,9 +28,18 @@ _SAME_FREQUENCY = 0.01
 """Relative difference of two frequencies that are one: clocks and motors keep a per cent."""
 
 
-def _is_of_clock(effect: LinearEffect) -> bool:
-    """Whether an effect has times or phases of its own, which another run does not repeat."""
-    return effect.is_free_in_time or effect.surrogates == "at_other_frequencies"
+def follows_the_run(name: str) -> bool:
+    """Whether an effect adds what a run tells: it has neither chance nor times and phases of its own.
+
+    Parameters
+    ----------
+    name : str
+        Of the effect.
+    """
+    effect = effect_named(name)
+    if not isinstance(effect, LinearEffect):
+        return False
+    return not (effect.is_free_in_time or effect.surrogates == "at_other_frequencies")
 
 
 def is_shown(fitted: FittedEffect, side: Side) -> bool:
@@ -47,7 +56,7 @@ def is_shown(fitted: FittedEffect, side: Side) -> bool:
     channels = side.found.nominal.base().channels
     if unusable(effect, nominal.recording, channels.covariates) is not None:
         return False
-    if not isinstance(effect, LinearEffect) or _is_of_clock(effect):
+    if not follows_the_run(fitted.effect):
         return True
     try:
         change = _energy_without(side, [fitted]) - _energy_without(side, [])
@@ -62,33 +71,36 @@ def _energy_without(side: Side, effects: Sequence[FittedEffect]) -> float:
     return float(replace(nominal, recording=nominal.without(effects)).settled().base().energy)
 
 
-def parameters_differ(theirs: Cause, own: Cause, simulation: Side, recording: Side) -> tuple[float, bool]:
+def parameters_differ(
+    theirs: Sequence[Cause], own: Sequence[Cause], simulation: Side, recording: Side
+) -> tuple[float, bool]:
     """Return by which part of its energy an effect of both sides differs, and whether that is beyond chance.
 
     Parameters
     ----------
-    theirs, own : Cause
-        Of the simulation and of the recording.
+    theirs, own : sequence of Cause
+        Of the simulation and of the recording: one each, or more where an effect that follows the run took several.
     simulation, recording : Side
         The two.
     """
-    effect = effect_named(own.fitted.effect)
-    if not isinstance(effect, LinearEffect) or _is_of_clock(effect):
-        part = _values_apart(theirs.fitted, own.fitted)
+    simulated, recorded = ([cause.fitted for cause in causes] for causes in (theirs, own))
+    if follows_the_run(recorded[0].effect):
+        part = _signals_apart(simulated, recorded, recording)
     else:
-        part = _signals_apart(theirs.fitted, own.fitted, recording)
-    count = sum(len(one.values) for one in own.fitted.contributions)
+        part = _values_apart(simulated[0], recorded[0])
+    count = sum(len(one.values) for fitted in recorded for one in fitted.contributions)
     energies = [
-        size_of(cause, side) ** 2 * side.gap.channel_count for cause, side in ((theirs, simulation), (own, recording))
+        sum(size_of(cause, side) ** 2 for cause in causes) * side.gap.channel_count
+        for causes, side in ((theirs, simulation), (own, recording))
     ]
     chance = count * sum(1 / max(energy, 1.0) for energy in energies)
     return part, part > _ALIKE**2 + _CERTAIN * chance
 
 
-def _signals_apart(theirs: FittedEffect, own: FittedEffect, recording: Side) -> float:
+def _signals_apart(theirs: Sequence[FittedEffect], own: Sequence[FittedEffect], recording: Side) -> float:
     """Return the energy that the simulation's parameters leave in the recording, over that of the effect."""
     try:
-        with_theirs, with_own, without = (_energy_without(recording, one) for one in ([theirs], [own], []))
+        with_theirs, with_own, without = (_energy_without(recording, one) for one in (theirs, own, []))
     except InputError:  # it lacks a channel that their form of the effect needs
         return 1.0
     return max(with_theirs - with_own, 0.0) / max(without - with_own, np.finfo(float).tiny)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,6 +47,28 @@ def test_other_parameters_are_told_with_their_energy(side):
     assert (pair.recording.effect, found.missing, found.surplus) == ("temperature_drift", (), ())
     part = (6 / 3 - 1) ** 2
     assert found.energy == pytest.approx(part * own.gap.size.before**2, rel=0.2)
+
+
+def in_two(side):
+    """Return a side whose drift was found as two causes, one of an axis and one of the others."""
+    (cause,) = side.gap.causes
+    parts = [
+        replace(cause, share=cause.share / 2, fitted=replace(cause.fitted, contributions=contributions))
+        for contributions in (cause.fitted.contributions[:1], cause.fitted.contributions[1:])
+    ]
+    return replace(side, gap=replace(side.gap, causes=tuple(parts)))
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_an_effect_in_two_shapes_is_compared_as_one(side, both):
+    """A drift that took two causes is the same as one of the same size, and of other parameters beside twice of it."""
+    own = in_two(side(2, 3))
+    same, twice = ((in_two if both else lambda one: one)(side(1, size)) for size in (3, 6))
+    assert differences_between(same, own).are_none
+    found = differences_between(twice, own)
+    assert len(found.other_parameters) == 1 + both and found.surplus == ()
+    assert len(found.missing) == 1 - both  # that the mend adds beside the other
+    assert found.energy == pytest.approx(own.gap.size.before**2, rel=0.2)
 
 
 def test_the_same_effect_elsewhere_is_another(side):
