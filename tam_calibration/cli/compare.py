@@ -95,12 +95,13 @@ def command(
             write_comparison_report(beside["report"], comparison, sources)
         if "mend" in beside and comparison.mend is not None:
             write_mend(beside["mend"], comparison.mend)
-    if comparison.mend is None:
-        del outputs["mend"]
+    written = [path for name, path in outputs.items() if path and (name != "mend" or comparison.mend is not None)]
     if to_stdout:
         click.echo(content)
     else:
-        _print(comparison, [path for path in outputs.values() if path])
+        _print(comparison, written)
+        if mend and comparison.mend is None:
+            click.echo(f"not written: {mend}, as nothing was compared")
     ctx.exit(0 if comparison.verdict == "same" else 1)
 
 

@@ -133,8 +133,11 @@ def _closing(
     if differences.are_none:
         after, left, mended = before, differences, simulation
     else:
-        twin = mended_twin(differences, simulation, mend, seed)
-        mended = side_of(twin, simulation.array, progress)
+        try:
+            twin = mended_twin(differences, simulation, mend, seed)
+            mended = side_of(twin, simulation.array, progress)
+        except (InputError, Refused) as problem:
+            return _untried(before, recording, str(problem))
         left = differences_between(mended, recording).that_show
         after = left.energy
     floor_T = recording.gap.size.floor_T
@@ -158,6 +161,22 @@ def _closing(
         of_recording,
         of_mended,
         "; ".join([*(words for words, _ in left.energies), *(remark.rstrip(".") for remark in left.remarks)]),
+    )
+
+
+def _untried(before: float, recording: Side, problem: str) -> Closing:
+    """Return the gap of a simulation in whose run the mend cannot be tried."""
+    size, unknown = float(np.sqrt(before)), float("nan")
+    return Closing(
+        size,
+        unknown,
+        size * recording.gap.size.floor_T,
+        unknown,
+        size * _gradient_of_floor(recording),
+        unknown,
+        unknown,
+        (0.0, 1.0),
+        left=f"the mend cannot be tried in the simulation's run: {problem}",
     )
 
 
@@ -195,6 +214,8 @@ def _statement(differences: Differences, closing: Closing) -> str:
     if differences.are_none:
         return "The same: calibration, effects and noise of the simulation are those of the recording."
     words, _ = differences.energies[0] if differences.energies else ("other noise", 0.0)
+    if not np.isfinite(closing.after):
+        return f"They differ by {closing.before:.2g} noise floors, most by {words}; the mend cannot be tried."
     most = closing.before * float(np.sqrt(1 - closing.closed_interval[0]))
     after = f"{closing.after:.2g}, at most {most:.2g}"
     return f"They differ by {closing.before:.2g} noise floors, most by {words}; mended, by {after}."

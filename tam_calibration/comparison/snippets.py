@@ -9,6 +9,7 @@ import numpy as np
 
 from tam_calibration.comparison.noise_stream import slow_modes
 from tam_calibration.comparison.result import Mend, NoiseTerm
+from tam_calibration.effects.library import effect_named
 from tam_calibration.model.fitted_effect import ALL, Contribution
 
 _STEP, _LIMITS = "step", ("lower limit", "upper limit")
@@ -86,14 +87,23 @@ def mujoco_mjcf(mend: Mend) -> str:
     return "\n".join(lines) + "\n"
 
 
-def python_plugin() -> str:
-    """Return the lines with which a simulator's plugin adds what its readings lack."""
+def python_plugin(mend: Mend) -> str:
+    """Return the lines with which a simulator's plugin adds what its readings lack.
+
+    Parameters
+    ----------
+    mend : Mend
+        What it lacks: the lines hand on the channels that its effects follow.
+    """
+    followed = {channel for fitted in mend.added for channel in effect_named(fitted.effect).channels}
+    given = [name for name in ("temperature_C", "current_A", "attitude") if name in followed]
+    arguments = ", ".join(["readings_T", "time_s", "scalar_T", *(f"{name}={name}" for name in given)])
     return (
         "from tam_calibration.comparison.additions import Additions\n"
         "from tam_calibration.files.mend_yaml import read_mend\n"
         "\n"
         'add = Additions(read_mend("mend.yaml"), seed=1)  # once; another seed for each run\n'
-        "readings_T, scalar_T = add(readings_T, time_s, scalar_T)  # each sample: tesla, seconds\n"
+        f"readings_T, scalar_T = add({arguments})  # each sample, SI\n"
     )
 
 

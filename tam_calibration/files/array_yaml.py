@@ -216,6 +216,8 @@ def read_array(path: str | Path, look_up: LookUp | None = None) -> Array:
     (4, array([1.e-09, 1.e-09, 1.e-09, 1.e-09]))
     """
     with mapping_in(Path(path)) as content:
+        if {"array", "motion"} <= content.keys():
+            raise InputError("it is a scenario: give the array file that tam simulate wrote beside the recording")
         return check(content, ArrayFile).located(look_up).to_array()
 
 

@@ -185,6 +185,6 @@ def mend_in_texts(mend: Mend) -> dict[str, Any]:
     return {
         "sdf": gazebo_sdf(mend),
         "mjcf": mujoco_mjcf(mend),
-        "plugin": python_plugin(),
+        "plugin": python_plugin(mend),
         "parameters": mend_to_mapping(mend),
     }

@@ -84,7 +84,7 @@ class RecordingStream:
         if count and not piece.time_s[0] > self._columns["time_s"].read(count - 1, 1)[0]:
             raise InputError(
                 f"time repeats or goes backwards at sample {count + 1}, {piece.time_s[0]:.6f} s: "
-                "sort the samples by time and keep one of each"
+                "sort the samples by time and keep one of each, or take one stretch of a simulator that was reset"
             )
         self._columns["time_s"].append(piece.time_s)
         self._columns["readings_T"].append(piece.readings_T)

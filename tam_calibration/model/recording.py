@@ -184,7 +184,8 @@ class Recording:
         kind = "repeats" if step[first] == 0 else "goes backwards"
         raise InputError(
             f"time {kind} at sample {first + 2}: after {self.time_s[first]:.6f} s comes {self.time_s[first + 1]:.6f} s "
-            f"({int((step <= 0).sum())} such places); sort the samples by time and keep one of each"
+            f"({int((step <= 0).sum())} such places); sort the samples by time and keep one of each, or take one "
+            "stretch of a simulator that was reset"
         )
 
     @property

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -23,6 +25,16 @@ def test_a_missing_effect_is_named_and_closes_the_gap(run, cross):
     assert closing.before > 1 and closing.closed > 0.97 and closing.closed_interval[1] == 1.0
     assert closing.steps[0].added.startswith("temperature drift") and closing.steps[-1].left == closing.after
     assert closing.source_error_after_m < 0.2 * closing.source_error_before_m
+
+
+def test_a_mend_that_cannot_be_tried_is_told_all_the_same(run, cross):
+    """A simulation without temperature beside a recording that drifts with it: only the closing is not known."""
+    cold = replace(run(1), temperature_C=None)
+    found = compare(cold, run(2, 3), cross)
+    assert found.verdict == "differs" and [one.effect for one in found.missing] == ["temperature_drift"]
+    assert not found.missing[0].is_shown_by_other_run and found.mend.added
+    assert found.closing.before > 1 and np.isnan(found.closing.after) and found.statement.endswith("cannot be tried.")
+    assert "give temperature_C of the simulation" in found.closing.left
 
 
 def test_a_mistake_is_told_before_anything_is_fitted(run, cross):

@@ -113,8 +113,20 @@ def test_the_plugin_s_lines_run(tmp_path, monkeypatch, run, mend):
     """They load the mend file and add to one sample."""
     monkeypatch.chdir(tmp_path)
     drift = fitted("bias_jump", {"time_s": -1.0}, 0, 0, "offset", {"offset": 1e-7})
-    write_mend("mend.yaml", replace(mend, added=(drift,), noise=()))
+    mend = replace(mend, added=(drift,), noise=())
+    write_mend("mend.yaml", mend)
     names = {"readings_T": run.readings_T[0], "time_s": 0.0, "scalar_T": None}
-    exec(python_plugin(), names)
+    exec(python_plugin(mend), names)
     assert (names["readings_T"] - run.readings_T[0])[0, 0] == pytest.approx(1e-7)
-    assert len([line for line in python_plugin().splitlines() if line]) <= 5
+    assert len([line for line in python_plugin(mend).splitlines() if line]) <= 5
+
+
+def test_the_plugin_hands_on_the_channels_that_its_effects_follow(tmp_path, monkeypatch, run, mend):
+    """A drift needs the temperature: the lines have it, and run."""
+    monkeypatch.chdir(tmp_path)
+    drift = fitted("temperature_drift", {"time_constant_s": 0.0, "reference_C": 20.0}, 0, 0, "offset", {"offset": 1e-8})
+    mend = replace(mend, added=(drift,), noise=())
+    write_mend("mend.yaml", mend)
+    names = {"readings_T": run.readings_T[0], "time_s": 0.0, "scalar_T": None, "temperature_C": 30.0}
+    exec(python_plugin(mend), names)
+    assert (names["readings_T"] - run.readings_T[0])[0, 0] == pytest.approx(1e-7)

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.files import read_array, write_array
+from tam_calibration.files.scenario import shipped_scenarios
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
@@ -199,3 +200,10 @@ def test_a_file_without_positions_leaves_them_to_tf(tmp_path):
     stated = read_array(path, POSES.__getitem__)
     assert stated.positions_m.tolist() == [[1, 0, 0], [0, 1, 0]]
     assert stated.mounting.rotations is None and stated.mounting.imu_rotation is None
+
+
+def test_a_scenario_is_told_by_its_name():
+    """Who gives the scenario instead of the array is told which file it is."""
+    scenario = shipped_scenarios()["auv"]
+    with pytest.raises(InputError, match="it is a scenario: give the array file that tam simulate wrote"):
+        read_array(scenario)

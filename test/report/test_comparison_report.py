@@ -90,7 +90,7 @@ def test_what_is_to_be_copied_is_text(comparison, write):
     page, _, _ = write(comparison)
     blocks = [html.unescape(text) for text in re.findall(r'<pre class="code">(.*?)</pre>', page, re.DOTALL)]
     mend = comparison.mend
-    assert blocks[:3] == [gazebo_sdf(mend), mujoco_mjcf(mend), python_plugin()]
+    assert blocks[:3] == [gazebo_sdf(mend), mujoco_mjcf(mend), python_plugin(mend)]
     assert blocks[3] == dump_mapping(mend_to_mapping(mend))
     assert "tam simulate --from-comparison mend.yaml" in blocks[4]
 

@@ -208,7 +208,8 @@ def _name(turn: FloatArray) -> tuple[str, str, str] | None:
         f"{letter} = {'-' if column.min() < 0 else ''}{'xyz'[int(np.argmax(np.abs(column)))]}"
         for letter, column in zip("xyz", turn.T, strict=True)
     )
-    mend = f"publish {back} of what the simulated sensor gives, or turn its site (MuJoCo) or pose (Gazebo)"
+    turned = ", or turn its site (MuJoCo) or pose (Gazebo)" if np.linalg.det(turn) > 0 else ""
+    mend = f"publish {back} of what the simulated sensor gives{turned}"
     if not moved and not reversed_:
         return None
     if not moved and reversed_ == ["y", "z"]:
