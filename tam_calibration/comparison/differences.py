@@ -163,7 +163,8 @@ def _named(one: EffectDifference) -> str:
 
 
 def _lacking(one: EffectDifference) -> str:
-    return f"{_named(one)}, which the simulation lacks"
+    unless = "" if one.is_shown_by_other_run else " or its run could not show"
+    return f"{_named(one)}, which the simulation lacks{unless}"
 
 
 def _matched(

@@ -8,6 +8,7 @@ import pytest
 from tam_calibration.comparison.causes import are_alike, likely_causes, size_of, unknown_part
 from tam_calibration.comparison.differences import differences_between
 from tam_calibration.comparison.result import UNKNOWN, EffectDifference
+from tam_calibration.comparison.side import side_of
 
 
 def opened(side, after=2.0, **cause):
@@ -63,9 +64,11 @@ def test_unknown_parts_of_other_sizes_are_told(side):
     assert [one.effect for one in (*found.missing, *found.surplus)] == [UNKNOWN, UNKNOWN] and not found.remarks
 
 
-def test_what_the_mended_run_cannot_show_is_not_left(side):
+def test_what_the_mended_run_cannot_show_is_not_left(side, run, cross):
     """An effect that the simulation's run would not show counts before the mend, and not as left after it."""
-    found = differences_between(side(1), side(2, 3))
-    hidden = replace(found, missing=tuple(replace(one, is_shown_by_other_run=False) for one in found.missing))
-    assert hidden.that_show.missing == () and hidden.that_show.energy == 0 and hidden.energy == found.energy
-    assert found.that_show.energy == found.energy
+    found = differences_between(side_of(replace(run(1), temperature_C=None), cross), side(2, 3))
+    assert [one.is_shown_by_other_run for one in found.missing] == [False] and found.energy > 1
+    assert "or its run could not show" in found.energies[0][0]
+    assert found.that_show.missing == () and found.that_show.energy == 0
+    shown = differences_between(side(1), side(2, 3))
+    assert shown.that_show.energy == shown.energy
