@@ -20,6 +20,7 @@ from tam_calibration.fleet.task_result import read_result
 
 KILLS = 10
 PATIENCE_S = 120
+MOMENT_S = 0.01
 
 
 @pytest.fixture
@@ -136,11 +137,20 @@ def paths(out):
     return {os.path.join(place, name) for place, folders, files in os.walk(out) for name in (*folders, *files)}
 
 
+def has_ended(child):
+    """Wait a moment for a process to end, so that looking does not take the core that it works on."""
+    try:
+        child.wait(MOMENT_S)
+    except subprocess.TimeoutExpired:
+        return False
+    return True
+
+
 def kill_after(folder, steps):
     """Kill the command when so many files and folders have appeared; return whether it was still at work."""
     child, seen = start(folder), paths(folder / "out")
     before = len(seen)
-    while len(seen) < before + steps and child.poll() is None:
+    while len(seen) < before + steps and not has_ended(child):
         seen |= paths(folder / "out")
     child.send_signal(signal.SIGKILL)
     child.communicate(timeout=PATIENCE_S)  # ends when its processes have ended too: they hold the same pipe
