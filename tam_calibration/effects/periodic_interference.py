@@ -113,7 +113,8 @@ class PeriodicInterference(LinearEffect):
         squares = {"line": 0.0, "harmonics": 0.0}
         for one in fitted.contributions:
             squares[one.term] += sum(value**2 for value in one.values.values())
-        ratio = float(np.sqrt(squares["harmonics"]) / max(np.sqrt(squares["line"]), np.finfo(float).tiny))
+        with np.errstate(over="ignore"):  # beside a line of nothing its harmonics are beyond any limit
+            ratio = float(np.sqrt(squares["harmonics"]) / max(np.sqrt(squares["line"]), np.finfo(float).tiny))
         return [*super().sizes(covariates, fitted), Sized(_OVERTONES, ratio, _DISTORTION)]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
