@@ -12,6 +12,9 @@ State = TypeVar("State")
 
 _MOST_STEPS = 60
 _FIRST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e12
+_LEAST_DAMPING = 1e-14
+"""Beside a diagonal of one: fifty times its rounding, so that unknowns that act alike make no singular matrix."""
+
 _EASED, _RAISED = 0.03, 10.0
 """By what the damping is multiplied after a step that lowers χ², and after one that does not."""
 
@@ -112,7 +115,7 @@ def solve_damped(
         better = at[is_better]
         unknowns[better], chi_square[better] = tried[is_better], new_chi_square[is_better]
         normal[better], slope[better] = new_normal[is_better], new_slope[is_better]
-        damping[at] *= np.where(is_better, _EASED, _RAISED)
+        damping[at] = np.maximum(damping[at] * np.where(is_better, _EASED, _RAISED), _LEAST_DAMPING)
         is_last = is_small(unknowns[at], change)
         is_found[at[is_last]] = True
         is_open[at[is_last | (damping[at] > _LARGEST_DAMPING)]] = False

@@ -85,3 +85,23 @@ def test_scaled_matrices_have_a_diagonal_of_ones():
     assert_allclose(np.diag(unit), 1)
     assert_allclose(unit * np.outer(scale, scale), matrix)
     assert_allclose(scaled(np.array([[0.0, 0.0], [0.0, 4.0]]))[1], [1, 2])
+
+
+def test_unknowns_that_act_alike_are_not_found_and_break_no_neighbour():
+    """One problem of two in which a and b count only as a + b: the other is solved as if it were alone."""
+
+    def predict(unknowns, at):
+        first, second = unknowns[:, :1], unknowns[:, 1:]
+        is_alike = (at == 0)[:, None]
+        data = first + np.where(is_alike, 1.0, TIMES) * second + 1e-3 * first**2
+        by_second = np.broadcast_to(np.where(is_alike, 1.0, TIMES), data.shape)
+        alike = is_alike[..., None] * np.ones((1, len(TIMES), 2))
+        slopes = np.stack([np.broadcast_to(1 + 2e-3 * first, data.shape), by_second], axis=2)
+        return np.where(is_alike, first + second, data), np.where(alike > 0, 1.0, slopes)
+
+    data = np.stack([np.full(len(TIMES), 3.0), 1 + 2 * TIMES + 1e-3])
+    solution = solve_damped(
+        predict, data, np.array([[0.5, 0.25], [0.5, 0.5]]), lambda _, step: np.zeros(len(step), bool)
+    )
+    assert_allclose(solution.unknowns[1], [1, 2], atol=1e-9)
+    assert np.isnan(solution.covariance[0]).all() and not solution.is_found[0]
