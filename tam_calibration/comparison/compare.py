@@ -4,7 +4,7 @@ import numpy as np
 
 from tam_calibration.comparison.differences import Differences, differences_between
 from tam_calibration.comparison.mending import mend_of, mended_twin
-from tam_calibration.comparison.mistakes import mistakes_of
+from tam_calibration.comparison.mistakes.find import mistakes_of
 from tam_calibration.comparison.readings import side_by_side
 from tam_calibration.comparison.result import Closing, Comparison, Mend, Side, Step
 from tam_calibration.comparison.side import side_of
@@ -97,10 +97,7 @@ def compare(
         closing,
         mend,
         *sides,
-        (
-            *(f"{name}: {remark}" for name, side in zip(_NAMES, sides, strict=True) for remark in side.gap.remarks),
-            *differences.remarks,
-        ),
+        _remarks(sides, differences),
     )
 
 
@@ -123,6 +120,11 @@ def _side(name: str, source: SampleSource, array: Array, progress: Progress) -> 
         return side_of(source, array, progress)
     except (InputError, Refused) as problem:
         raise type(problem)(f"the {name}: {problem}") from problem
+
+
+def _remarks(sides: tuple[Side, Side], differences: Differences) -> tuple[str, ...]:
+    of_sides = (f"{name}: {remark}" for name, side in zip(_NAMES, sides, strict=True) for remark in side.gap.remarks)
+    return (*of_sides, *differences.remarks)
 
 
 def _closing(

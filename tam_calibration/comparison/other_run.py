@@ -53,7 +53,7 @@ def is_shown(fitted: FittedEffect, side: Side) -> bool:
         Whose run it is.
     """
     effect, nominal = effect_named(fitted.effect), side.found.nominal
-    channels = side.found.nominal.base().channels
+    channels = nominal.base().channels
     if unusable(effect, nominal.recording, channels.covariates) is not None:
         return False
     if not follows_the_run(fitted.effect):

@@ -12,6 +12,8 @@ State = TypeVar("State")
 
 _MOST_STEPS = 60
 _FIRST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e12
+"""Beside a diagonal of one: nearly a Gauss-Newton step, and one so short that no shorter one lowers χ² either."""
+
 _LEAST_DAMPING = 1e-14
 """Beside a diagonal of one: fifty times its rounding, so that unknowns that act alike make no singular matrix."""
 

@@ -116,10 +116,10 @@ class Projected:
 def _explained(information: FloatArray, score: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return what each of G normal equations, (G, P, P) and (G, P), explains, and the number of visible directions."""
     if score.shape[1] == 1:
-        alone, is_visible = information[:, 0, 0], information[:, 0, 0] > VISIBLE
-        return np.divide(score[:, 0] ** 2, alone, out=np.zeros(len(score)), where=is_visible), is_visible.astype(
-            np.intp
-        )
+        alone = information[:, 0, 0]
+        is_visible = alone > VISIBLE
+        gains = np.divide(score[:, 0] ** 2, alone, out=np.zeros(len(score)), where=is_visible)
+        return gains, is_visible.astype(np.intp)
     gains, ranks = np.empty(len(score)), np.full(len(score), score.shape[1])
     full = _are_visible(information)
     gains[full] = np.sum(score[full] * np.linalg.solve(information[full], score[full][:, :, None])[:, :, 0], axis=1)

@@ -87,20 +87,20 @@ def test_ten_times_the_recordings_intensity_may_be_right(own_T, is_told):
     assert (units._unit(own_T, 5e-3, Array.cross(0.5), True) is not None) == is_told
 
 
-@pytest.mark.parametrize(("spread", "size"), [(0.2, True), (0.3, False)])
-def test_a_field_is_steady(spread, size):
+@pytest.mark.parametrize(("spread", "is_field"), [(0.2, True), (0.3, False)])
+def test_a_field_is_steady(spread, is_field):
     """Lengths of a turning sensor's readings scatter by less than a quarter."""
     generator = np.random.default_rng(2)
     directions = generator.normal(size=(4000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    assert units._is_field(50e-6 * (1 + spread * generator.normal(size=(4000, 1))) * directions) == size
+    assert units._is_field(50e-6 * (1 + spread * generator.normal(size=(4000, 1))) * directions) == is_field
 
 
 @pytest.mark.parametrize(("turned", "is_field"), [(0.3, True), (0.2, False)])
 def test_a_field_turns(turned, is_field):
     """Readings about a constant, as of a bias, are no field."""
     generator = np.random.default_rng(3)
-    angle = np.sqrt(2) * turned * np.sign(generator.normal(size=4000)) / np.sqrt(2)
+    angle = turned * np.sign(generator.normal(size=4000))
     assert units._is_field(50e-6 * np.column_stack([np.sin(angle), np.cos(angle), np.zeros(4000)])) == is_field
 
 
