@@ -11,6 +11,8 @@ from tam_calibration.model.units import FloatArray
 State = TypeVar("State")
 
 _MOST_STEPS = 60
+"""Damped steps after which a problem that has not settled is left where it is."""
+
 _FIRST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e12
 """Beside a diagonal of one: nearly a Gauss-Newton step, and one so short that no shorter one lowers χ² either."""
 
