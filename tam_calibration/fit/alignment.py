@@ -6,6 +6,7 @@ Every function takes any number of leading axes and treats each of them apart.
 import numpy as np
 from numpy.linalg import inv
 
+from tam_calibration.fit.handedness import require_one_hand
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees
@@ -57,16 +58,11 @@ def procrustes(cross: FloatArray) -> FloatArray:
     Raises
     ------
     InputError
-        When a sensor is left-handed.
+        When sensors are mirror images of others; it has their numbers.
     """
     left, _, right = np.linalg.svd(cross)
     rotation: FloatArray = left @ right
-    mirrored = (np.linalg.det(rotation) < 0).reshape(-1, cross.shape[-3]).any(axis=0)
-    if mirrored.any():
-        raise InputError(
-            f"sensor {np.argmax(mirrored) + 1} is a mirror image of the reference: "
-            "check the order and signs of its axes"
-        )
+    require_one_hand(rotation)
     return rotation
 
 
@@ -85,7 +81,9 @@ def rotation_by_regression(regression: FloatArray) -> FloatArray:
     ------
     InputError
         When a sensor is turned by more than 80° about y or z: from 90° on the arc sine is wrong, and near it noise is.
+        When sensors are mirror images of others.
     """
+    require_one_hand(regression)
     beyond = (regression[..., 0, 0] < np.cos(_LARGEST_TURN)).reshape(-1, regression.shape[-3]).any(axis=0)
     if beyond.any():
         raise InputError(
@@ -109,7 +107,8 @@ def regression_on_first(products: FloatArray) -> FloatArray:
 
 
 def into_frame_of_first(matrix: FloatArray) -> FloatArray:
-    """Turn the common frame of matrices D Λ (S, K, 3, 3) into the orthogonal frame of sensor 1."""
+    """Turn the common frame of matrices D Λ (S, K, 3, 3), all of one hand, into the orthogonal frame of sensor 1."""
+    require_one_hand(matrix)
     first = SensorErrors.from_matrix(matrix[:, 0], np.zeros((len(matrix), 3))).rotation
     turned: FloatArray = matrix @ np.swapaxes(first, 1, 2)[:, None]
     return turned

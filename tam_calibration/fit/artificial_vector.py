@@ -43,7 +43,7 @@ def artificial_vector(recording: SampleSource, array: Array) -> Calibration:
     Raises
     ------
     InputError
-        When the readings determine no ellipsoid, or a sensor is left-handed.
+        When the readings determine no ellipsoid, or sensors are mirror images of others.
     """
     moments = gather(recording, "artificial vector", with_platform=True)
     sets, sensors = len(moments.joint), recording.sensor_count

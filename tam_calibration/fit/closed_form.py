@@ -12,6 +12,7 @@ from numpy.linalg import inv
 
 from tam_calibration.core.normal_equations import gram
 from tam_calibration.fit import ellipsoid
+from tam_calibration.fit.handedness import require_one_hand
 from tam_calibration.fit.scale import Normalized
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -115,6 +116,7 @@ def _ellipsoid(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _into_frame_of_first(matrix: FloatArray) -> FloatArray:
     """Turn the common frame so that the first matrix is upper triangular."""
+    require_one_hand(matrix)
     rotation = SensorErrors.from_matrix(matrix, np.zeros(matrix.shape[:2])).rotation[0]
     turned: FloatArray = matrix @ rotation.T
     turned[0][np.tril_indices(3, -1)] = 0

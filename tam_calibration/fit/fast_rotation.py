@@ -44,8 +44,8 @@ def fast_rotation(recording: SampleSource, array: Array) -> Calibration:
     Raises
     ------
     InputError
-        When the turns leave parameters open, as one turn about one axis does; it names them. When a sensor is
-        left-handed.
+        When the turns leave parameters open, as one turn about one axis does; it names them. When sensors
+        are mirror images of others.
     """
     _require_turns(recording.thinned(SKETCH), array)
     moments = gather(recording, "fast rotation", with_platform=True)

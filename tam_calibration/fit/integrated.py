@@ -50,7 +50,7 @@ def integrated(recording: SampleSource, array: Array) -> Calibration:
     Raises
     ------
     InputError
-        When the readings determine no ellipsoid, or a sensor is left-handed.
+        When the readings determine no ellipsoid, or sensors are mirror images of others.
     """
     recording = recording.whole()
     moments = gather(recording, "integrated")

@@ -82,7 +82,7 @@ def lossless(recording: SampleSource, array: Array, *, as_published: bool = Fals
     Raises
     ------
     InputError
-        When the readings determine no ellipsoid, or a sensor is left-handed.
+        When the readings determine no ellipsoid, or sensors are mirror images of others.
     """
     if as_published:
         moments = gather(recording, _NAME)
@@ -108,7 +108,7 @@ def estimate(recording: SampleSource) -> SensorErrors:
     Raises
     ------
     InputError
-        When the readings determine no ellipsoid, or a sensor is left-handed.
+        When the readings determine no ellipsoid, or sensors are mirror images of others.
     """
     return _errors(*_fit(recording))
 

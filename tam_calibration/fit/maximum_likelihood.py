@@ -108,7 +108,7 @@ def maximum_likelihood(
     Raises
     ------
     InputError
-        When the readings determine no ellipsoid, or a sensor is left-handed; when an ambient gradient is asked for and
+        When the readings determine no ellipsoid, or sensors are mirror images of others; when an ambient gradient is asked for and
         the attitude is missing or does not determine it.
     Refused
         When the iteration does not settle.
@@ -138,7 +138,7 @@ def estimate(recording: SampleSource, array: Array) -> SensorErrors:
     Raises
     ------
     InputError
-        When the readings determine no ellipsoid, or a sensor is left-handed.
+        When the readings determine no ellipsoid, or sensors are mirror images of others.
     Refused
         When the iteration does not settle.
     """

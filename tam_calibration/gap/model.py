@@ -165,7 +165,7 @@ class Model:
         Raises
         ------
         InputError
-            When a sensor is left-handed.
+            When a sensor is a mirror image of the others.
         Refused
             When no calibration within the bounds of sensors fits the readings, or a part of them.
         """

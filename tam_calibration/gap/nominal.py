@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tam_calibration.effects.bias_jump import BiasJump
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.grades import MOST, NEGLIGIBLE
+from tam_calibration.fit.handedness import mirror_images
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.scale import sphere_of_most
 from tam_calibration.gap.regressors import update
@@ -86,7 +87,7 @@ def starts(recording: Recording, array: Array) -> Iterator[NominalStart]:
     Raises
     ------
     InputError
-        When a sensor is left-handed.
+        When a sensor is a mirror image of the others; it has its number.
     """
     whole, *parts = _parts(recording.sample_count)
     yield from _calibrations(recording.take(whole), array)
@@ -109,18 +110,18 @@ def _calibrations(recording: Recording, array: Array) -> Iterator[NominalStart]:
 
 
 def _check_handedness(recording: Recording) -> None:
-    """Check that all sensors have the handedness of the first, where correlated in all directions."""
+    """Check that all sensors have one handedness, where correlated in all directions."""
     centered = recording.readings_T - recording.readings_T.mean(axis=0)
     scatter = np.einsum("nki,nj->kij", centered, centered[:, 0])
     determinant = np.linalg.det(scatter / norm(scatter, axis=(1, 2), keepdims=True))
     least = canonical_correlations(recording.readings_T)[:, -1]
     is_visible = least > significant_correlation(recording.sample_count)
-    for sensor, value in enumerate(determinant):
-        if value < 0 and is_visible[sensor]:
-            raise InputError(
-                f"sensor {sensor + 1} has left-handed or dependent axes, or a disturbance larger than the field: "
-                "check the axes' order and signs, and what is beside it"
-            )
+    hands = np.where(is_visible, np.sign(determinant), 0).astype(int)
+    if (hands < 0).any():
+        raise InputError(
+            f"{mirror_images(hands)}, or a disturbance is larger than the field: check the axes' order and signs, "
+            "and what is beside the sensors"
+        )
 
 
 def _mounted(recording: Recording, field: FieldBounds) -> Iterator[NominalStart]:

@@ -14,6 +14,7 @@ from itertools import permutations, product
 
 import numpy as np
 from numpy.linalg import inv, norm
+from numpy.typing import NDArray
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
@@ -82,8 +83,12 @@ class SensorErrors:
         if not (self.scale_factor > 0).all():
             raise InputError("scale factors must be positive: turn a reversed axis round before")
         orientation = np.asarray(self.orientation, dtype=float)
-        if not _are_orientations(orientation):
-            raise InputError("an orientation exchanges and reverses axes, and stays right-handed")
+        for sensor, is_one in enumerate(_are_orientations(orientation), start=1):
+            if not is_one:
+                raise InputError(
+                    f"the orientation of sensor {sensor} must exchange and reverse axes and stay right-handed: "
+                    "reverse one axis more or less, or exchange two"
+                )
         object.__setattr__(self, "orientation", np.broadcast_to(orientation, (self.sensor_count, 3, 3)))
 
     @classmethod
@@ -245,9 +250,10 @@ def orientation_from_axes(axes: Sequence[str]) -> FloatArray:
     return rows
 
 
-def _are_orientations(rotations: FloatArray) -> bool:
+def _are_orientations(rotations: FloatArray) -> NDArray[np.bool_]:
     nearest = ORIENTATIONS[None] == rotations.reshape(-1, 1, 3, 3)
-    return bool(nearest.all(axis=(2, 3)).any(axis=1).all())
+    are: NDArray[np.bool_] = nearest.all(axis=(2, 3)).any(axis=1)
+    return are
 
 
 def _orientations_of(rotation: FloatArray) -> FloatArray:

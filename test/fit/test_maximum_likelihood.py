@@ -121,7 +121,7 @@ def test_a_mirrored_sensor_is_named(noise_free, wu_scenario):
     """A sensor with one axis reversed is refused by number."""
     readings = noise_free.recording.readings_T.copy()
     readings[:, 1, 1] *= -1
-    with pytest.raises(InputError, match="sensor 2 has left-handed"):
+    with pytest.raises(InputError, match="sensor 2 is a mirror image of sensors 1, 3 and 4"):
         maximum_likelihood(replace(noise_free.recording, readings_T=readings), wu_scenario.array)
 
 

@@ -91,7 +91,7 @@ def test_a_mirrored_sensor_is_named(noise_free, wu_scenario, method):
     """A sensor with one axis reversed is refused by number."""
     readings = noise_free.recording.readings_T.copy()
     readings[:, 2, 0] *= -1
-    with pytest.raises(InputError, match="sensor 3"):
+    with pytest.raises(InputError, match="sensor 3 is a mirror image of sensors 1, 2 and 4"):
         method(replace(noise_free.recording, readings_T=readings), wu_scenario.array)
 
 

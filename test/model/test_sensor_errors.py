@@ -172,6 +172,10 @@ ONES, ZEROS = np.ones((2, 3)), np.zeros((2, 3))
             "sensor 2 has left-handed or dependent axes",
         ),
         (lambda: SensorErrors.from_matrix(np.zeros((1, 3, 3)), ZEROS[:1]), "sensor 1 has left-handed or dependent"),
+        (
+            lambda: SensorErrors(ONES, ZEROS, ZEROS, ZEROS, np.array([np.eye(3), np.diag([1, 1, -1.0])])),
+            "the orientation of sensor 2 must .* stay right-handed",
+        ),
     ],
 )
 def test_impossible_errors_are_refused(make, sentence):
