@@ -108,8 +108,8 @@ def maximum_likelihood(
     Raises
     ------
     InputError
-        When the readings determine no ellipsoid, or sensors are mirror images of others; when an ambient gradient is asked for and
-        the attitude is missing or does not determine it.
+        When the readings determine no ellipsoid, or sensors are mirror images of others; when an ambient gradient
+        is asked for and the attitude is missing or does not determine it.
     Refused
         When the iteration does not settle.
     """
