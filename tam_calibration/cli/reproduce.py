@@ -12,7 +12,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.validation.papers import PAPERS
 
 if TYPE_CHECKING:
-    from tam_calibration.validation.papers.row import PrintedNumber
+    from tam_calibration.validation.papers.row import PaperNumber
     from tam_calibration.validation.papers.sweep import Sweep
 
 RESULTS = Path("benchmarks/results")
@@ -26,20 +26,27 @@ _COIL = "coil"
 @click.argument("paper", type=click.Choice([*PAPERS, "all"]))
 @click.option("--experiment", type=click.Choice([_COIL]), help="This experiment of wu2025 only.")
 @click.option("--runs", type=click.IntRange(2, 10_000), default=50, show_default=True, help="Of each point of wu2025.")
-@click.option("--report", type=PATH, help="Write an HTML page with all numbers and the figures redrawn.")
+@click.option("--report", type=PATH, help="Write an HTML page with what is compared, and figures redrawn.")
 @click.option("--output-dir", type=PATH, help=f"Of the CSV files.  [default: {RESULTS} if there is one, else here]")
 def command(paper: str, experiment: str | None, runs: int, report: Path | None, output_dir: Path | None) -> None:
-    """Run the simulations of PAPER again and print each of its numbers beside ours.
+    """Run the simulations of PAPER again and print their numbers beside ours.
 
-    Each is marked as reproduced, not reproduced, or an error of the paper, with the reason. Exits 1 where a status is
-    another than the one on record. Writes reproduce_PAPER.csv, and for wu2025 the curves of its figures as
-    reproduce_wu2025_figures.csv, or for its experiment with the coil reproduce_wu2025_coil.csv and
-    reproduce_wu2025_coil_sweeps.csv.
+    Each is marked as reproduced, not reproduced, or an error of the paper, with its source and the reason. What of the
+    paper is compared with nothing is listed, with why. Exits 1 where a status is another than the one on record. Writes
+    reproduce_PAPER.csv, and for wu2025 the curves of its figures as reproduce_wu2025_figures.csv, or for its experiment
+    with the coil reproduce_wu2025_coil.csv and reproduce_wu2025_coil_sweeps.csv.
     """
     if experiment is not None:
         _reproduce_coil(paper, report, _folder(output_dir))
         return
-    from tam_calibration.validation.papers.tables import print_rows, rows_to_csv, summary, sweeps_to_csv
+    from tam_calibration.validation.papers.not_compared import not_compared
+    from tam_calibration.validation.papers.tables import (
+        print_not_compared,
+        print_rows,
+        rows_to_csv,
+        summary,
+        sweeps_to_csv,
+    )
 
     papers = list(PAPERS) if paper == "all" else [paper]
     folder = _folder(output_dir)
@@ -59,6 +66,7 @@ def command(paper: str, experiment: str | None, runs: int, report: Path | None, 
             write_reproduction_report(beside["report"], rows, sweeps)
     for name in papers:
         print_rows(stdout(), PAPERS[name], rows[name])
+        print_not_compared(stdout(), PAPERS[name], not_compared(name))
     for path in filter(None, outputs.values()):
         click.echo(f"written: {path}")
     for name in papers:
@@ -107,8 +115,8 @@ def _folder(output_dir: Path | None) -> Path:
     return output_dir or (RESULTS if RESULTS.is_dir() else Path())
 
 
-def _reproduce(papers: list[str], runs: int) -> tuple[dict[str, list["PrintedNumber"]], dict[str, "Sweep"]]:
-    rows: dict[str, list[PrintedNumber]] = {}
+def _reproduce(papers: list[str], runs: int) -> tuple[dict[str, list["PaperNumber"]], dict[str, "Sweep"]]:
+    rows: dict[str, list[PaperNumber]] = {}
     sweeps: dict[str, Sweep] = {}
     with showing_progress() as progress:
         for name in papers:
@@ -120,7 +128,7 @@ def _reproduce(papers: list[str], runs: int) -> tuple[dict[str, list["PrintedNum
     return rows, sweeps
 
 
-def _sweep(runs: int, progress: Progress) -> tuple[list["PrintedNumber"], dict[str, "Sweep"]]:
+def _sweep(runs: int, progress: Progress) -> tuple[list["PaperNumber"], dict[str, "Sweep"]]:
     from tam_calibration.files.scenario import read_scenario
     from tam_calibration.validation.papers import wu2025
 
@@ -136,7 +144,7 @@ def _command(paper: str, runs: int) -> str:
     return f"tam reproduce {paper} --runs {runs}" if paper == _SWEPT else f"tam reproduce {paper}"
 
 
-def _require_record(rows: list["PrintedNumber"]) -> None:
+def _require_record(rows: list["PaperNumber"]) -> None:
     other = [row.name for row in rows if not row.is_as_recorded]
     if other:
         numbers = "1 number" if len(other) == 1 else f"{len(other)} numbers"

@@ -1,4 +1,4 @@
-"""The report on reproduced papers: one HTML page with every number, and the figures redrawn."""
+"""The report on reproduced papers: one HTML page with what is compared and what is not, and the figures redrawn."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,8 +7,9 @@ from tam_calibration.model.units import to_nanotesla
 from tam_calibration.report.formatting import count, fixed, join
 from tam_calibration.report.page import Block, Gallery, Section, Table, Text, embed, write_page
 from tam_calibration.validation.papers import PAPERS
+from tam_calibration.validation.papers.not_compared import not_compared
 from tam_calibration.validation.papers.plots import coil_section, plot_relative_errors, plot_residuals
-from tam_calibration.validation.papers.row import PrintedNumber
+from tam_calibration.validation.papers.row import PaperNumber
 from tam_calibration.validation.papers.sweep import Sweep
 from tam_calibration.validation.papers.tables import HEADER, STATUSES, cells, notes, tally
 from tam_calibration.validation.papers.wu2025 import bias_rmse, excess
@@ -31,15 +32,20 @@ _INTRODUCTION = (
 )
 
 _TRENDS = (
-    "Of its simulations the paper prints what the curves do, and almost no values. That stands here as an exponent, 1 "
-    "for straight growth and 0 for none, or as the sign of a slope; ours is of the curves of the published method. "
-    "Ours is empty where the paper measured and publishes no recording."
+    "Of its simulations the paper says in words what the curves do, and prints almost no values. That stands here as "
+    "an exponent, 1 for straight growth and 0 for none, or as the sign of a slope; ours is of the curves of the published "
+    "method. Ours is empty where the paper measured and publishes no recording."
+)
+_SOURCES = (
+    "Where the number of the paper is not printed there, its source says what it is. A paper is in error where ours "
+    "agrees with the right number instead; where that is our own earlier result, the agreement tells only that nothing "
+    "has changed here since."
 )
 
 
 def write_reproduction_report(
     path: Path,
-    rows: Mapping[str, Sequence[PrintedNumber]],
+    rows: Mapping[str, Sequence[PaperNumber]],
     sweeps: Mapping[str, Sweep],
     coil_sweeps: Sequence[CoilSweep] = (),
 ) -> None:
@@ -50,7 +56,7 @@ def write_reproduction_report(
     path : Path
         File to write; nothing is left there when writing fails, and an older file stays as it was.
     rows : mapping
-        Every number of each paper, by the names of ``reproduce.PAPERS``.
+        The numbers of each paper that are compared, by the names of ``PAPERS``.
     sweeps : mapping
         Those of Wu 2025; empty where that paper is not among them.
     coil_sweeps : sequence of CoilSweep
@@ -71,12 +77,12 @@ def write_reproduction_report(
     write_page(path, "Papers reproduced", f"{join(list(rows))}: {count(total)} numbers", sections)
 
 
-def _verdict(rows: Mapping[str, Sequence[PrintedNumber]]) -> Section:
+def _verdict(rows: Mapping[str, Sequence[PaperNumber]]) -> Section:
     other = [row.name for own in rows.values() for row in own if not row.is_as_recorded]
     if other:
         verdict = Text(f"Other than on record: {'; '.join(other)}.", "doubt")
     else:
-        verdict = Text("Every number has the status that is on record for it.", "good")
+        verdict = Text("Every number that is compared has the status that is on record for it.", "good")
     table = [[PAPERS[paper], *(count(value) for value in (*tally(own), len(own)))] for paper, own in rows.items()]
     return Section("Verdict", [verdict, Table(["paper", *STATUSES, "numbers"], table)])
 
@@ -134,11 +140,13 @@ def _drift(sweep: Sweep) -> str:
     return f"RMS error of the biases with a drift of 8.26 nT that the scalar magnetometer reads (without): {figures}."
 
 
-def _numbers(paper: str, rows: Sequence[PrintedNumber]) -> Section:
+def _numbers(paper: str, rows: Sequence[PaperNumber]) -> Section:
     blocks: list[Block] = [Text(_TRENDS)] if any(row.unit == "exponent" for row in rows) else []
-    blocks += [Table(HEADER, cells(rows))]
+    blocks += [Text(_SOURCES), Table(HEADER, cells(rows))]
     remarks = notes(rows)
     if remarks:
         table = [[str(index), note] for index, note in enumerate(remarks, start=1)]
         blocks.append(Table(["note", "reason"], table, numeric=False))
+    absent = [[item.item, item.reason] for item in not_compared(paper)]
+    blocks.append(Table(["not compared", "reason"], absent, numeric=False))
     return Section(PAPERS[paper], blocks)

@@ -11,47 +11,50 @@ from rich.table import Table
 
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report.formatting import fixed, number
-from tam_calibration.validation.papers.row import PrintedNumber, Status
+from tam_calibration.validation.papers.not_compared import NotCompared
+from tam_calibration.validation.papers.row import PaperNumber, Status
 from tam_calibration.validation.papers.sweep import Sweep
 from tam_calibration.validation.papers.wu2025_coil_sweeps import CoilSweep
 from tam_calibration.validation.papers.wu2025_sweeps import GROUPS, HELD_OUT, IN_SAMPLE, RELATIVE_ERROR
 
-HEADER = ("number", "paper", "ours", "unit", "ratio", "status", "note")
+HEADER = ("number", "paper", "source", "ours", "unit", "ratio", "status", "right", "note")
 STATUSES: tuple[Status, ...] = get_args(Status)
 
 
-def notes(rows: Sequence[PrintedNumber]) -> list[str]:
+def notes(rows: Sequence[PaperNumber]) -> list[str]:
     """Return the different reasons, in the order of their numbers from 1."""
     return list(dict.fromkeys(row.reason for row in rows if row.reason))
 
 
-def tally(rows: Sequence[PrintedNumber]) -> list[int]:
+def tally(rows: Sequence[PaperNumber]) -> list[int]:
     """Return how many rows have each of ``STATUSES``."""
     return [sum(row.status == status for row in rows) for status in STATUSES]
 
 
-def cells(rows: Sequence[PrintedNumber]) -> list[list[str]]:
+def cells(rows: Sequence[PaperNumber]) -> list[list[str]]:
     """Return the cells of the rows under ``HEADER``."""
     numbers = {reason: str(index) for index, reason in enumerate(notes(rows), start=1)}
     return [
         [
             row.name,
-            _printed(row),
+            _paper(row),
+            row.source,
             _ours(row),
             "" if row.unit == "1" else row.unit,
             _ratio(row.ratio),
             row.status if row.is_as_recorded else f"{row.status}, recorded as {row.recorded}",
+            f"{_plain(row.right)}, {row.right_source}" if row.right_source else "",
             numbers.get(row.reason, ""),
         ]
         for row in rows
     ]
 
 
-def _printed(row: PrintedNumber) -> str:
+def _paper(row: PaperNumber) -> str:
     return _signed(row.paper) if row.unit == "sign" else _plain(row.paper)
 
 
-def _ours(row: PrintedNumber) -> str:
+def _ours(row: PaperNumber) -> str:
     if row.unit == "sign":
         return _signed(row.ours)
     # Adding zero takes the sign of a negative one.
@@ -75,8 +78,8 @@ def _ratio(ratio: float) -> str:
 _NUMERIC = {"paper", "ours", "ratio"}
 
 
-def print_rows(console: Console, title: str, rows: Sequence[PrintedNumber]) -> None:
-    """Print every number of a paper, and the notes under them.
+def print_rows(console: Console, title: str, rows: Sequence[PaperNumber]) -> None:
+    """Print the numbers of a paper that are compared, and the notes under them.
 
     Parameters
     ----------
@@ -84,7 +87,7 @@ def print_rows(console: Console, title: str, rows: Sequence[PrintedNumber]) -> N
         Where to print.
     title : str
         Of the table.
-    rows : sequence of PrintedNumber
+    rows : sequence of PaperNumber
         Numbers of the paper beside ours.
     """
     table = Table(title=title)
@@ -97,21 +100,41 @@ def print_rows(console: Console, title: str, rows: Sequence[PrintedNumber]) -> N
         console.print(f"{index:>3} {note}")
 
 
-def summary(paper: str, rows: Sequence[PrintedNumber]) -> str:
-    """Return one line on a paper: how many of its numbers have which status.
+def print_not_compared(console: Console, title: str, items: Sequence[NotCompared]) -> None:
+    """Print what of a paper is compared with nothing, and why.
+
+    Parameters
+    ----------
+    console : rich.console.Console
+        Where to print.
+    title : str
+        Of the table.
+    items : sequence of NotCompared
+        Tables and figures of the paper.
+    """
+    table = Table("not compared", "reason", title=title)
+    for item in items:
+        table.add_row(item.item, item.reason)
+    console.print(table)
+
+
+def summary(paper: str, rows: Sequence[PaperNumber]) -> str:
+    """Return one line on a paper: how many of the numbers that are compared have which status.
 
     Parameters
     ----------
     paper : str
         Name of the paper.
-    rows : sequence of PrintedNumber
+    rows : sequence of PaperNumber
         Its numbers beside ours.
     """
     counts = ", ".join(f"{count} {status}" for count, status in zip(tally(rows), STATUSES, strict=True))
     return f"{paper}: {len(rows)} numbers, {counts}"
 
 
-_ROW_HEADER = ("number", "unit", "paper", "ours", "ratio", "status", "recorded", "reason")
+_ROW_HEADER = (
+    "number", "unit", "paper", "paper_source", "ours", "ratio", "status", "recorded", "right", "right_source", "reason",
+)  # fmt: skip
 _DATA = (IN_SAMPLE, HELD_OUT)
 _SWEEP_HEADER = (
     "sweep", "setting", "unit", "value", "source",
@@ -122,18 +145,29 @@ _SWEEP_HEADER = (
 _COIL_HEADER = ("error", "unit", "size", "least_r_m", "median_r_m", "largest_r_m", "needed_size")
 
 
-def rows_to_csv(rows: Sequence[PrintedNumber], command: str) -> str:
-    """Return every number of a paper as CSV.
+def rows_to_csv(rows: Sequence[PaperNumber], command: str) -> str:
+    """Return the numbers of a paper that are compared as CSV.
 
     Parameters
     ----------
-    rows : sequence of PrintedNumber
+    rows : sequence of PaperNumber
         Numbers of the paper beside ours.
     command : str
         The command that makes the file, for its first line.
     """
     lines = [
-        (row.name, row.unit, f"{row.paper:.9g}", *_numbers(row.ours, row.ratio), row.status, row.recorded, row.reason)
+        (
+            row.name,
+            row.unit,
+            f"{row.paper:.9g}",
+            row.source,
+            *_numbers(row.ours, row.ratio),
+            row.status,
+            row.recorded,
+            f"{row.right:.9g}" if row.right_source else "",
+            row.right_source,
+            row.reason,
+        )
         for row in rows
     ]
     return _to_csv(command, _ROW_HEADER, lines)

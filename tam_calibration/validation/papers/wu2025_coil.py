@@ -20,7 +20,7 @@ from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
 from tam_calibration.simulation import Scenario, simulate
 from tam_calibration.sources.dipole import dipole_field
 from tam_calibration.sources.loop import area_of, loop_field
-from tam_calibration.validation.papers.row import PrintedNumber, Status, compare_together
+from tam_calibration.validation.papers.row import PaperNumber, Status, compare_together
 
 POSITION_M = np.array([2.40, -1.00, 0.46])
 RADIUS_M = (0.82 + 0.96) / 4
@@ -189,7 +189,7 @@ def _assumed(unknowns: FloatArray) -> tuple[FloatArray, Fault]:
     return axis, Fault(1 + float(unknowns[3]), heading=float(unknowns[4]))
 
 
-def rows(experiment: Experiment) -> list[PrintedNumber]:
+def rows(experiment: Experiment) -> list[PaperNumber]:
     """Return the eight figures of Fig. 12 beside ours: loop, ideal dipole, and with what explains them best."""
     axis, (other, fault) = _nearest_axis(experiment), _explain(experiment)
     faulty = (
@@ -221,7 +221,7 @@ def _reason(experiment: Experiment, stage: str) -> str:
 
 def _compare(
     stage: str, what: str, ours: FloatArray, reason: str, relative: float = 0.1, recorded: Status = "not reproduced"
-) -> list[PrintedNumber]:
+) -> list[PaperNumber]:
     names = [f"Section 4.2, RMSE of the coil's position, {axis}, {stage}{what}" for axis in AXES]
     table = compare_together(
         names, list(printed(stage)), ours, "m", relative=relative, reason=reason, recorded=recorded

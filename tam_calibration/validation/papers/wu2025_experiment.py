@@ -19,7 +19,7 @@ from tam_calibration.simulation import Scenario, Simulation, simulate
 from tam_calibration.simulation.attitude import RandomAttitudes
 from tam_calibration.validation.papers import wu2025_coil
 from tam_calibration.validation.papers.cross import SENSORS
-from tam_calibration.validation.papers.row import PrintedNumber, compare, compare_together
+from tam_calibration.validation.papers.row import PaperNumber, compare, compare_together
 
 _BEFORE_NT = (339.2, 277.2, 283.2, 320.5)
 _AFTER_NT = (91.9, 94.4, 98.5, 97.1)
@@ -47,14 +47,20 @@ _MOUNTINGS = 4000
 _ELLIPSOID = 9
 
 
-def rows(turntable: Scenario) -> list[PrintedNumber]:
+def rows(turntable: Scenario) -> list[PaperNumber]:
     """Return the numbers of section 4.2; ours are of the scenario, whose errors are those of Table 2."""
     run = simulate(turntable)
     directions = np.unique(np.round(run.attitude, 9), axis=0)
     determined, _ = count_determined(run.recording, turntable.array)
     return [
         *compare(["Section 4.2, different orientations"], [_ORIENTATIONS], [len(directions)], "1"),
-        *compare(["Table 2, parameters that these determine"], [_PARAMETERS], [determined], "1"),
+        *compare(
+            ["Table 2, parameters that these determine"],
+            [_PARAMETERS],
+            [determined],
+            "1",
+            source="derived from printed numbers",
+        ),
         *_before_rows(run),
         *_after_rows(run),
         *_parameter_rows(run),
@@ -80,7 +86,7 @@ def _before_in_any_mounting(run: Simulation) -> tuple[FloatArray, FloatArray]:
     return np.sqrt(np.mean(error**2, axis=1)), np.abs(error).mean(axis=1)
 
 
-def _before_rows(run: Simulation) -> list[PrintedNumber]:
+def _before_rows(run: Simulation) -> list[PaperNumber]:
     none = SensorErrors.none(len(SENSORS))
     ours = measure_residuals(none, run.scenario.array, run.recording, 0.0).sensor_intensity_T
     square, absolute = _before_in_any_mounting(run)
@@ -96,7 +102,7 @@ def _before_rows(run: Simulation) -> list[PrintedNumber]:
     )
 
 
-def _after_rows(run: Simulation) -> list[PrintedNumber]:
+def _after_rows(run: Simulation) -> list[PaperNumber]:
     average = replace(run.recording, scalar_T=np.full(run.recording.sample_count, norm(run.scenario.site_field_T)))
     published = partial(lossless, as_published=True)
     ours, tracked = (
@@ -112,7 +118,7 @@ def _after_rows(run: Simulation) -> list[PrintedNumber]:
     return compare_together(names, _AFTER_NT, ours, "nT", relative=0.1, reason=reason, recorded="not reproduced")
 
 
-def _parameter_rows(run: Simulation) -> list[PrintedNumber]:
+def _parameter_rows(run: Simulation) -> list[PaperNumber]:
     # Noise that leaves the printed residuals, after the nine parameters of an ellipsoid have taken their part.
     noise = np.array(_AFTER_NT) / to_nanotesla(1.0) / np.sqrt(1 - _ELLIPSOID / _ORIENTATIONS)
     array = run.scenario.array.with_noise(noise, run.scenario.array.scalar_noise_T or 0.0)
@@ -132,5 +138,5 @@ def _parameter_rows(run: Simulation) -> list[PrintedNumber]:
     return table
 
 
-def _without_ours(name: str, printed: float, unit: str, reason: str) -> PrintedNumber:
-    return PrintedNumber(name, printed, float("nan"), unit, "not reproduced", reason, recorded="not reproduced")
+def _without_ours(name: str, printed: float, unit: str, reason: str) -> PaperNumber:
+    return PaperNumber(name, printed, float("nan"), unit, "not reproduced", reason, recorded="not reproduced")

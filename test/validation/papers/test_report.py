@@ -8,17 +8,17 @@ import pytest
 
 from tam_calibration.validation.papers.plots import plot_relative_errors, plot_residuals
 from tam_calibration.validation.papers.report import write_reproduction_report
-from tam_calibration.validation.papers.row import PrintedNumber
+from tam_calibration.validation.papers.row import PaperNumber
 from tam_calibration.validation.papers.tables import cells, notes, tally
 from tam_calibration.validation.papers.wu2025 import simulated_rows
 
 ROWS = [
-    PrintedNumber("Table 1, TMI", 6685.23, 6685.1912, "nT", "reproduced"),
-    PrintedNumber("Table 1, <b>ψ</b>", 0.025, -0.025, "rad", "paper in error", "a sign", "paper in error"),
-    PrintedNumber("Fig. 4, bias", 1, 0.99961, "exponent", "reproduced", "the noise"),
-    PrintedNumber("Fig. 9, e_T", -1, -1, "sign", "reproduced", "a sign"),
-    PrintedNumber("Table 2, θ", 0.5, math.nan, "°", "not reproduced", "measured", "not reproduced"),
-    PrintedNumber("Fig. 5, e_B", 0, -0.0001, "exponent", "reproduced"),
+    PaperNumber("Table 1, TMI", 6685.23, 6685.1912, "nT", "reproduced"),
+    PaperNumber("Table 1, <b>ψ</b>", 0.025, -0.025, "rad", "paper in error", "a sign", "paper in error"),
+    PaperNumber("Fig. 4, bias", 1, 0.99961, "exponent", "reproduced", "the noise"),
+    PaperNumber("Fig. 9, e_T", -1, -1, "sign", "reproduced", "a sign"),
+    PaperNumber("Table 2, θ", 0.5, math.nan, "°", "not reproduced", "measured", "not reproduced"),
+    PaperNumber("Fig. 5, e_B", 0, -0.0001, "exponent", "reproduced"),
 ]
 
 

@@ -1,6 +1,6 @@
 import math
 
-from tam_calibration.validation.papers.row import PrintedNumber, compare, compare_together, correct_paper
+from tam_calibration.validation.papers.row import PaperNumber, compare, compare_together, correct_paper
 
 
 def test_a_number_within_its_tolerance_is_reproduced():
@@ -12,8 +12,8 @@ def test_a_number_within_its_tolerance_is_reproduced():
 
 def test_the_ratio_is_ours_by_the_papers():
     """A number that the paper has as zero has no finite ratio."""
-    assert PrintedNumber("a", 2.0, 3.0, "nT", "not reproduced").ratio == 1.5
-    assert math.isinf(PrintedNumber("a", 0.0, 1.0, "°", "paper in error").ratio)
+    assert PaperNumber("a", 2.0, 3.0, "nT", "not reproduced").ratio == 1.5
+    assert math.isinf(PaperNumber("a", 0.0, 1.0, "°", "paper in error").ratio)
 
 
 def test_the_paper_is_in_error_where_ours_is_right():
