@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -156,3 +157,24 @@ def wu2025_sweeps():
         patch.setattr(lossless, "gather", partial(lossless.gather, groups=2))
         results = [score(*task) for task in tasks_of(list(planned.values()), 2)]
     return dict(zip(planned, sweeps_of(list(planned.values()), results), strict=True))
+
+
+@pytest.fixture(scope="session")
+def kept_verdicts():
+    """Return a function that gives the verdicts on a paper in the CSV file that is kept: number, source and status."""
+    import csv
+
+    results = Path(__file__).parents[1] / "benchmarks" / "results"
+
+    def read(paper):
+        _, *lines = (results / f"reproduce_{paper}.csv").read_text(encoding="utf-8").splitlines()
+        keys = ("number", "paper_source", "status", "recorded", "right_source")
+        return [tuple(row[key] for key in keys) for row in csv.DictReader(lines)]
+
+    return read
+
+
+@pytest.fixture(scope="session")
+def verdicts():
+    """Return a function that gives the same of rows."""
+    return lambda rows: [(row.name, row.source, row.status, row.recorded, row.right_source) for row in rows]

@@ -33,8 +33,8 @@ _INTRODUCTION = (
 
 _TRENDS = (
     "Of its simulations the paper says in words what the curves do, and prints almost no values. That stands here as "
-    "an exponent, 1 for straight growth and 0 for none, or as the sign of a slope; ours is of the curves of the published "
-    "method. Ours is empty where the paper measured and publishes no recording."
+    "an exponent, 1 for straight growth and 0 for none, or as the sign of a slope; ours is of the curves of the "
+    "published method. Ours is empty where the paper measured and publishes no recording."
 )
 _SOURCES = (
     "Where the number of the paper is not printed there, its source says what it is. A paper is in error where ours "

@@ -44,8 +44,12 @@ _MEASURED = "measured, and the recording is published on request only"
 NOT_COMPARED = (
     NotCompared("Figs. 4, 6 and 8, sizes of the relative errors", _DRAWN),
     NotCompared(
-        "Figs. 5, 7 and 9, sizes of e_B and e_T as drawn",
-        f"{_DRAWN}; the rows of their sizes are compared with what Table 1, N and the noise imply",
+        "Figs. 5, 7 and 9, sizes of e_B and e_T before calibration",
+        f"{_DRAWN}; they hang on the spread of the Euler angles, which the text does not print",
+    ),
+    NotCompared(
+        "Figs. 5, 7 and 9, sizes of e_B and e_T after calibration as drawn",
+        f"{_DRAWN}; the rows of their sizes have what N, the noise and the baseline imply instead",
     ),
     NotCompared("Fig. 11, errors of the intensity pose by pose", f"{_MEASURED}; their averages are compared"),
     NotCompared("Fig. 12, positions of the coil heading by heading", f"{_MEASURED}; their RMS errors are compared"),

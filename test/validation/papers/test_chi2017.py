@@ -8,13 +8,18 @@ from tam_calibration.validation.papers import chi2017
 
 @pytest.fixture(scope="module")
 def rows():
-    """Return every number of the paper beside ours."""
+    """Return the numbers of the paper that are compared, by name."""
     return {row.name: row for row in chi2017.results()}
 
 
 def test_every_number_of_the_simulation_is_there(rows):
     """One sign, 24 + 12 + 27 numbers of Table 2, 4 intensities, 30 of Table 3, and three of the frame."""
     assert len(rows) == 1 + 24 + 12 + 27 + 4 + 30 + 3
+
+
+def test_kept_results_have_the_verdicts_of_the_code(rows, kept_verdicts, verdicts):
+    """After a change of the rows, run ``tam reproduce chi2017``."""
+    assert kept_verdicts("chi2017") == verdicts(rows.values())
 
 
 def test_table_2_is_reproduced(rows):
@@ -25,12 +30,18 @@ def test_table_2_is_reproduced(rows):
     assert max(abs(row.ours - row.paper) for row in table if row.unit == "nT") < 2
 
 
-def test_the_printed_sign_cannot_be_right(monkeypatch):
+def test_the_sign_is_found_from_table_2(rows):
+    """The ψ of sensor 1 that makes the printed C⁻¹ is the printed one reversed."""
+    row = rows["Table 1, ψ, sensor 1"]
+    assert row.ours == pytest.approx(-chi2017.PRINTED_PSI_1, abs=3e-4) and row.ours != row.right
+    assert (row.status, row.right_source) == ("paper in error", "derived from printed numbers")
+
+
+def test_the_printed_sign_cannot_be_right():
     """With ψ of sensor 1 as printed the combined bias is 69 nT off."""
     printed = chi2017.NON_ORTHOGONALITY.copy()
     printed[0, 2] = chi2017.PRINTED_PSI_1
-    monkeypatch.setattr(chi2017, "NON_ORTHOGONALITY", printed)
-    off = to_nanotesla(chi2017.true_errors().bias_T) - chi2017.COMBINED_BIAS_NT
+    off = to_nanotesla(chi2017.true_errors(printed).bias_T) - chi2017.COMBINED_BIAS_NT
     assert np.abs(off[0, 1]) == pytest.approx(69, abs=1)
 
 

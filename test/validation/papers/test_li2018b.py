@@ -6,13 +6,18 @@ from tam_calibration.validation.papers import li2018b
 
 @pytest.fixture(scope="module")
 def rows():
-    """Return every number of the paper beside ours."""
+    """Return the numbers of the paper that are compared, by name."""
     return {row.name: row for row in li2018b.results()}
 
 
 def test_every_number_of_the_simulation_is_there(rows):
     """Table 1 has 36, Table 2 has 16, Table 3 has 24, Table 4 has 18 numbers; one is the abstract's claim."""
     assert len(rows) == 36 + 16 + 24 + 18 + 1
+
+
+def test_kept_results_have_the_verdicts_of_the_code(rows, kept_verdicts, verdicts):
+    """After a change of the rows, run ``tam reproduce li2018b``."""
+    assert kept_verdicts("li2018b") == verdicts(rows.values())
 
 
 def test_before_and_first_order_agree_to_a_ten_thousandth(rows):
@@ -40,3 +45,4 @@ def test_one_turn_determines_less_than_claimed(rows):
     """The paper claims 45 parameters from one turn; 32 are determined."""
     row = rows["Abstract, parameters that one turn determines"]
     assert (row.paper, row.ours, row.status) == (45, 32, "paper in error")
+    assert (row.source, row.right_source) == ("said in words", "our own earlier result")

@@ -3,9 +3,11 @@
 import math
 import re
 from dataclasses import replace
+from html import escape
 
 import pytest
 
+from tam_calibration.validation.papers.not_compared import not_compared
 from tam_calibration.validation.papers.plots import plot_relative_errors, plot_residuals
 from tam_calibration.validation.papers.report import write_reproduction_report
 from tam_calibration.validation.papers.row import PaperNumber
@@ -14,8 +16,19 @@ from tam_calibration.validation.papers.wu2025 import simulated_rows
 
 ROWS = [
     PaperNumber("Table 1, TMI", 6685.23, 6685.1912, "nT", "reproduced"),
-    PaperNumber("Table 1, <b>ψ</b>", 0.025, -0.025, "rad", "paper in error", "a sign", "paper in error"),
-    PaperNumber("Fig. 4, bias", 1, 0.99961, "exponent", "reproduced", "the noise"),
+    PaperNumber(
+        "Table 1, <b>ψ</b>",
+        0.025,
+        -0.025,
+        "rad",
+        "paper in error",
+        "a sign",
+        "paper in error",
+        "printed",
+        -0.025,
+        "theory",
+    ),
+    PaperNumber("Fig. 4, bias", 1, 0.99961, "exponent", "reproduced", "the noise", source="said in words"),
     PaperNumber("Fig. 9, e_T", -1, -1, "sign", "reproduced", "a sign"),
     PaperNumber("Table 2, θ", 0.5, math.nan, "°", "not reproduced", "measured", "not reproduced"),
     PaperNumber("Fig. 5, e_B", 0, -0.0001, "exponent", "reproduced"),
@@ -26,12 +39,12 @@ def test_cells_are_for_people():
     """Numbers have the digits they are worth, and a reason that several share is one note."""
     assert notes(ROWS) == ["a sign", "the noise", "measured"]
     assert cells(ROWS) == [
-        ["Table 1, TMI", "6685.23", "6685.191", "nT", "1.0000", "reproduced", ""],
-        ["Table 1, <b>ψ</b>", "0.025", "−0.025", "rad", "−1.0000", "paper in error", "1"],
-        ["Fig. 4, bias", "1", "1.000", "exponent", "0.9996", "reproduced", "2"],
-        ["Fig. 9, e_T", "−1", "−1", "sign", "1.0000", "reproduced", "1"],
-        ["Table 2, θ", "0.5", "–", "°", "–", "not reproduced", "3"],
-        ["Fig. 5, e_B", "0", "0.000", "exponent", "–", "reproduced", ""],
+        ["Table 1, TMI", "6685.23", "printed", "6685.191", "nT", "1.0000", "reproduced", "", ""],
+        ["Table 1, <b>ψ</b>", "0.025", "printed", "−0.025", "rad", "−1.0000", "paper in error", "−0.025, theory", "1"],
+        ["Fig. 4, bias", "1", "said in words", "1.000", "exponent", "0.9996", "reproduced", "", "2"],
+        ["Fig. 9, e_T", "−1", "printed", "−1", "sign", "1.0000", "reproduced", "", "1"],
+        ["Table 2, θ", "0.5", "printed", "–", "°", "–", "not reproduced", "", "3"],
+        ["Fig. 5, e_B", "0", "printed", "0.000", "exponent", "–", "reproduced", "", ""],
     ]
     assert tally(ROWS) == [4, 1, 1]
 
@@ -56,7 +69,9 @@ def test_without_sweeps_there_are_numbers_only(write):
     """The verdict comes first, then each paper, every text escaped."""
     html = write({"li2018a": ROWS, "chi2017": ROWS[:1]}, {})
     assert re.findall("<h2>(.*?)[,<]", html) == ["Verdict", "Li et al. 2018", "Chi et al. 2017"]
-    assert "Every number has the status that is on record for it." in html
+    assert "Every number that is compared has the status that is on record for it." in html
+    for paper in ("li2018a", "chi2017"):
+        assert all(escape(item.item) in html and escape(item.reason) in html for item in not_compared(paper))
     assert "<b>" not in html
     assert "<img" not in html
 

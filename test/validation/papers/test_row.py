@@ -18,10 +18,13 @@ def test_the_ratio_is_ours_by_the_papers():
 
 def test_the_paper_is_in_error_where_ours_is_right():
     """A number of ours that is not the right one shows as another status than is on record."""
-    right, wrong = correct_paper(["a", "b"], [0.0, 0.0], [1.001, 1.1], "°", "why", right=[1, 1], absolute=0.01)
+    right, wrong = correct_paper(
+        ["a", "b"], [0.0, 0.0], [1.001, 1.1], "°", "why", right=[1, 1], right_source="theory", absolute=0.01
+    )
     assert (right.status, wrong.status) == ("paper in error", "not reproduced")
     assert right.is_as_recorded
     assert not wrong.is_as_recorded
+    assert (right.right, right.right_source, right.source) == (1.0, "theory", "printed")
 
 
 def test_one_number_that_disagrees_takes_the_others_with_it():

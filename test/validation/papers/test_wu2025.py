@@ -28,7 +28,12 @@ def test_trends_of_the_simulations_come_out_as_recorded(wu2025_sweeps):
     """Two runs a point show every trend: each number has the status that is on record."""
     rows = wu2025.simulated_rows(wu2025_sweeps)
     assert [row for row in rows if not row.is_as_recorded] == []
-    assert len({row.name for row in rows}) == len(rows) == 37
+    assert len({row.name for row in rows}) == len(rows) == 43
+
+
+def test_kept_results_have_the_verdicts_of_the_code(wu2025_sweeps, measured, kept_verdicts, verdicts):
+    """After a change of the rows, run ``tam reproduce wu2025``."""
+    assert kept_verdicts("wu2025") == verdicts([*wu2025.simulated_rows(wu2025_sweeps), *measured.values()])
 
 
 def test_before_calibration_the_residuals_are_those_of_table_1(wu2025_sweeps):

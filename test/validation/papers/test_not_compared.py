@@ -1,0 +1,27 @@
+"""What of the papers is compared with nothing, and what the docs say of it."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+from tam_calibration.validation.papers import PAPERS
+from tam_calibration.validation.papers.not_compared import not_compared
+
+DOCS = Path(__file__).parents[3] / "docs"
+
+
+@pytest.mark.parametrize("paper", PAPERS)
+def test_each_item_has_one_place_and_a_reason(paper):
+    """No item stands there twice, and none without a reason."""
+    items = not_compared(paper)
+    assert len({item.item for item in items}) == len(items) > 0
+    assert all(item.item.startswith(("Table", "Fig", "Section")) and item.reason for item in items)
+
+
+def test_the_page_is_that_of_code_and_results():
+    """After a change of the papers, run ``tam reproduce all`` and ``python docs/list_papers.py``."""
+    page = (DOCS / "papers.md").read_text(encoding="utf-8")
+    names = runpy.run_path(str(DOCS / "list_papers.py"))
+    assert names["with_tables"](page) == page
+    assert all(page.count(f"\n| `{paper}` |") == 1 for paper in PAPERS)
