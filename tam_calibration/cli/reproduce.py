@@ -61,9 +61,10 @@ def command(paper: str, experiment: str | None, runs: int, report: Path | None, 
         if "figures" in beside:
             beside["figures"].write_text(sweeps_to_csv(sweeps, _command(_SWEPT, runs)), encoding="utf-8")
         if "report" in beside:
+            from tam_calibration.validation.papers.cross_figures import redraw
             from tam_calibration.validation.papers.report import write_reproduction_report
 
-            write_reproduction_report(beside["report"], rows, sweeps)
+            write_reproduction_report(beside["report"], rows, sweeps, figures={name: redraw(name) for name in papers})
     for name in papers:
         print_rows(stdout(), PAPERS[name], rows[name])
         print_not_compared(stdout(), PAPERS[name], not_compared(name))

@@ -103,6 +103,7 @@ def test_a_page_on_demand(run):
     assert "written: page.html" in result.stdout
     page = Path("page.html").read_text(encoding="utf-8")
     assert "Every number that is compared has the status that is on record for it." in page
+    assert "<figcaption>Fig. 4: intensities of the sensors, simulated anew<" in page
 
 
 def test_all_papers_with_the_curves_of_figures(run, monkeypatch, wu2025_sweeps):

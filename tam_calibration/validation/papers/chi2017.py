@@ -15,7 +15,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_nanotesla, to_degrees, to_nanotesla
 from tam_calibration.validation.papers.cross import SENSORS, SetUp, site_field
-from tam_calibration.validation.papers.not_compared import NotCompared
+from tam_calibration.validation.papers.not_compared import DRAWN_AGAIN, NotCompared
 from tam_calibration.validation.papers.row import PaperNumber, compare, correct_paper
 
 _BASELINE_M = 0.5
@@ -79,6 +79,8 @@ _TURNED_FRAME_DEG = (-8.2, -14.5, -22.0)
 
 _MEASURED = "measured, and neither the recording nor the errors of the sensors are published"
 NOT_COMPARED = (
+    NotCompared("Fig. 4, intensities in each attitude", f"{DRAWN_AGAIN}; section 4.1 has their RMS, which is compared"),
+    NotCompared("Fig. 5, tensor in each attitude", f"{DRAWN_AGAIN}; Table 3 has its RMS, which is compared"),
     NotCompared("Table 4, RMS of the tensor components before and after calibration in the experiment", _MEASURED),
     NotCompared("Fig. 7, intensities in the experiment", _MEASURED),
     NotCompared("Fig. 8, tensor components in the experiment", _MEASURED),
@@ -141,6 +143,14 @@ def results() -> list[PaperNumber]:
         *_tensor_rows(cases, fitted),
         *_frame_rows(cases[0]),
     ]
+
+
+def stages(case: SetUp) -> dict[str, FloatArray]:
+    """Return the fields (N, 4, 3) before calibration, after that of each sensor, and after the alignment."""
+    errors = integrated(replace(case.recording, attitude=None), case.array).errors
+    own = SensorErrors(errors.scale_factor, errors.non_orthogonality, errors.bias_T, np.zeros((4, 3)))
+    readings = case.recording.readings_T
+    return {"before": readings, "calibrated": own.restore(readings), "aligned": errors.restore(readings)}
 
 
 def _matrix_rows(errors: SensorErrors) -> list[PaperNumber]:

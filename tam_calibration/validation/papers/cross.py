@@ -50,13 +50,18 @@ class SetUp:
         rms: FloatArray = np.sqrt(np.mean(error**2, axis=0))
         return rms
 
-    def tensor_rms_T_per_m(self, fields_T: FloatArray) -> FloatArray:
-        """Return the (6,) root mean square components ``COMPONENTS`` of fields (N, 4, 3) in a uniform field, T/m."""
+    def tensor_T_per_m(self, fields_T: FloatArray) -> FloatArray:
+        """Return the (N, 6) components ``COMPONENTS`` of fields (N, 4, 3), T/m."""
         along_x, along_y = fields_T[:, 0] - fields_T[:, 2], fields_T[:, 1] - fields_T[:, 3]
-        tensor = np.stack(
+        difference = np.stack(
             [along_x[:, 0], along_y[:, 0], along_x[:, 2], along_x[:, 1], along_y[:, 1], along_y[:, 2]], axis=1
         )
-        rms: FloatArray = np.sqrt(np.mean(tensor**2, axis=0)) / self.baseline_m
+        tensor: FloatArray = difference / self.baseline_m
+        return tensor
+
+    def tensor_rms_T_per_m(self, fields_T: FloatArray) -> FloatArray:
+        """Return the (6,) root mean square components ``COMPONENTS`` of fields (N, 4, 3) in a uniform field, T/m."""
+        rms: FloatArray = np.sqrt(np.mean(self.tensor_T_per_m(fields_T) ** 2, axis=0))
         return rms
 
 

@@ -2,6 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
+
+from matplotlib.figure import Figure
 
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.report.formatting import count, fixed, join
@@ -48,6 +51,7 @@ def write_reproduction_report(
     rows: Mapping[str, Sequence[PaperNumber]],
     sweeps: Mapping[str, Sweep],
     coil_sweeps: Sequence[CoilSweep] = (),
+    figures: Mapping[str, Mapping[str, Figure]] = MappingProxyType({}),
 ) -> None:
     """Write a self-contained HTML page about reproduced papers.
 
@@ -61,6 +65,8 @@ def write_reproduction_report(
         Those of Wu 2025; empty where that paper is not among them.
     coil_sweeps : sequence of CoilSweep
         Those of its localisation of a coil, where that was asked for.
+    figures : mapping
+        Of each paper the simulated figures drawn again, by their captions.
 
     Raises
     ------
@@ -72,7 +78,7 @@ def write_reproduction_report(
         sections.append(_figures(sweeps))
     if coil_sweeps:
         sections.append(coil_section(coil_sweeps))
-    sections += [_numbers(paper, own) for paper, own in rows.items()]
+    sections += [_numbers(paper, own, figures.get(paper, {})) for paper, own in rows.items()]
     total = sum(len(own) for own in rows.values())
     write_page(path, "Papers reproduced", f"{join(list(rows))}: {count(total)} numbers", sections)
 
@@ -140,13 +146,14 @@ def _drift(sweep: Sweep) -> str:
     return f"RMS error of the biases with a drift of 8.26 nT that the scalar magnetometer reads (without): {figures}."
 
 
-def _numbers(paper: str, rows: Sequence[PaperNumber]) -> Section:
+def _numbers(paper: str, rows: Sequence[PaperNumber], figures: Mapping[str, Figure]) -> Section:
     blocks: list[Block] = [Text(_TRENDS)] if any(row.unit == "exponent" for row in rows) else []
     blocks += [Text(_SOURCES), Table(HEADER, cells(rows))]
     remarks = notes(rows)
     if remarks:
         table = [[str(index), note] for index, note in enumerate(remarks, start=1)]
         blocks.append(Table(["note", "reason"], table, numeric=False))
+    blocks += [embed(figure, caption, f"{caption}, simulated anew") for caption, figure in figures.items()]
     absent = [[item.item, item.reason] for item in not_compared(paper)]
     blocks.append(Table(["not compared", "reason"], absent, numeric=False))
     return Section(PAPERS[paper], blocks)
