@@ -52,6 +52,12 @@ def test_reasons_stand_under_the_table(run):
     assert "the artificial vector lies along the orthogonal frame of the mean reading" in out
 
 
+def test_what_is_compared_with_nothing_is_listed(run):
+    """The measured tables stand under the rows, with why."""
+    out = run("chi2017").stdout
+    assert "not compared" in out and "Fig. 8, tensor components in the experiment" in " ".join(out.split())
+
+
 def test_results_go_where_the_repository_keeps_them(run):
     """benchmarks/results is the default where it is, another folder on demand."""
     Path("benchmarks/results").mkdir(parents=True)

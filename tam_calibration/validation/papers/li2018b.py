@@ -14,6 +14,19 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_degrees, to_nanotesla
 from tam_calibration.validation.papers.cross import COMPONENTS, SENSORS, SetUp, grid_of_turns, record, site_field
+from tam_calibration.validation.papers.li2018b_printed import (
+    ESTIMATED,
+    MISALIGNMENT_DEG,
+    PRESET,
+    TABLE_2_BEFORE,
+    TABLE_2_REFERENCE_9,
+    TABLE_2_REFERENCE_10,
+    TABLE_2_THEIRS,
+    TABLE_3,
+    TABLE_4_ALIGNED,
+    TABLE_4_BEFORE,
+    TABLE_4_UNALIGNED,
+)
 from tam_calibration.validation.papers.not_compared import DRAWN_AGAIN, NotCompared
 from tam_calibration.validation.papers.row import PaperNumber, compare, correct_paper
 
@@ -21,52 +34,19 @@ _TURNS = 12
 _BASELINE_M = 0.4
 _NOISE_T = from_nanotesla(1.0)
 
-# Rows φ, θ, ψ [°], c_x, c_y, c_z, i_x, i_y, i_z [nT] of Table 1, columns the four sensors.
-_PRESET = np.array(
-    [
-        [3.56, -2.74, 1.86, -3.28], [-1.85, 3.11, -2.95, 2.44], [2.27, 1.66, 3.02, -1.88],
-        [1.253, 0.951, 1.110, 0.853], [1.175, 1.202, 0.799, 1.235], [0.859, 1.105, 1.308, 1.186],
-        [357, -253, 169, 256], [160, 183, -364, 169], [-213, 97, 245, -166],
-    ]
-)  # fmt: skip
-_ESTIMATED = np.array(
-    [
-        [3.5601, -2.7398, 1.8599, -3.2800], [-1.8501, 3.1100, -2.9499, 2.4399], [2.2699, 1.6599, 3.0199, -1.8801],
-        [1.2530, 0.9510, 1.1100, 0.8530], [1.1750, 1.2020, 0.7990, 1.2350], [0.8590, 1.1050, 1.3080, 1.1860],
-        [357.07, -252.96, 168.97, 256.03], [160.00, 183.07, -363.97, 168.99], [-212.95, 97.037, 245.07, -165.98],
-    ]
-)  # fmt: skip
 _PARAMETERS = ("φ", "θ", "ψ", "c_x", "c_y", "c_z", "i_x", "i_y", "i_z")
 _UNITS = ("°",) * 3 + ("1",) * 3 + ("nT",) * 3
 _TOLERANCES = (5e-4,) * 3 + (1e-5,) * 3 + (0.3,) * 3
 """Absolute; four times the sampling error, or more."""
 
-_MISALIGNMENT_DEG = np.array(
-    [[-21.97, 12.88, 13.64], [12.51, -3.96, 21.42], [-11.77, 7.46, -13.03], [12.17, 13.39, 9.64]]
-)
-_TABLE_3 = {
-    3: (
-        (-0.383450, 0.224800, 0.238060), (0.218349, -0.069113, 0.373839),
-        (-0.205428, 0.130201, -0.227415), (0.212410, 0.233697, 0.168247),
-    ),
-    12: (
-        (-0.383449, 0.224798, 0.238066), (0.218345, -0.069114, 0.373851),
-        (-0.205425, 0.130201, -0.227412), (0.212407, 0.233701, 0.168247),
-    ),
-}  # fmt: skip
-"""α, β, γ of the four sensors [rad], by the number of samples of the first turn."""
-
 BEFORE, FIRST_ORDER, CALIBRATED, ALIGNED = "before", "method of [9]", "calibrated", "aligned by 3 samples"
-_TABLE_2_BEFORE = (8994.31, 6714.99, 9041.56, 8723.06)
-_TABLE_2_REFERENCE_9 = (1119.60, 593.20, 1521.64, 1087.99)
-_TABLE_2_REFERENCE_10 = (374.50, 312.74, 361.48, 322.18)
-_TABLE_2_THEIRS = (0.9803, 0.9941, 1.0192, 0.9835)
-_TABLE_4_BEFORE = (52171, 28115, 42346, 53898, 21816, 30940)
-_TABLE_4_UNALIGNED = (34764, 24375, 13835, 36119, 15338, 21053)
-_TABLE_4_ALIGNED = (3.7537, 3.4655, 3.8518, 3.9604, 3.5570, 3.5281)
 
-_LEFT_OPEN = 13
-"""Parameters that one turn about one axis does not determine: our own earlier result."""
+_BY_ONE_TURN = 3 * 9 + 5
+"""Parameters that one turn about one axis determines.
+
+The field runs along a circle. There three of the four columns (b, 1) are independent, so 9 of the 12 parameters of each
+other sensor, and five of the nine monomials of an ellipsoid.
+"""
 _ONE_TURN = (
     "the ten samples of one turn that the paper names determine 5 of the 9 parameters of a sensor; ours is from all "
     "1728 poses"
@@ -105,11 +85,11 @@ def set_up(seed: int = 0) -> SetUp:
 
 def _true_errors() -> SensorErrors:
     """Return the preset errors; the paper's θ is our φ, its φ our θ, and its rotation is from the sensor."""
-    angles = from_degrees(_PRESET[:3].T)
+    angles = from_degrees(PRESET[:3].T)
     zero = np.zeros((4, 3))
-    from_sensor = SensorErrors(zero + 1, zero, zero, from_degrees(_MISALIGNMENT_DEG)).rotation
-    measurement = SensorErrors(_PRESET[3:6].T, angles, zero, zero).measurement
-    return SensorErrors.from_matrix(measurement @ np.swapaxes(from_sensor, 1, 2), from_nanotesla(_PRESET[6:].T))
+    from_sensor = SensorErrors(zero + 1, zero, zero, from_degrees(MISALIGNMENT_DEG)).rotation
+    measurement = SensorErrors(PRESET[3:6].T, angles, zero, zero).measurement
+    return SensorErrors.from_matrix(measurement @ np.swapaxes(from_sensor, 1, 2), from_nanotesla(PRESET[6:].T))
 
 
 def turns_about(axes: str, seed: int = 0) -> SetUp:
@@ -170,7 +150,7 @@ def _parameter_rows(errors: SensorErrors) -> list[PaperNumber]:
     rows = []
     ours_by_name = np.concatenate(columns, axis=1).T
     for name, unit, tolerance, printed, ours, preset in zip(
-        _PARAMETERS, _UNITS, _TOLERANCES, _ESTIMATED.tolist(), ours_by_name, _PRESET, strict=True
+        _PARAMETERS, _UNITS, _TOLERANCES, ESTIMATED.tolist(), ours_by_name, PRESET, strict=True
     ):
         names = [f"Table 1, {name}, {sensor}" for sensor in SENSORS]
         rows += correct_paper(
@@ -189,11 +169,11 @@ def _intensity_rows(case: SetUp, fields: dict[str, FloatArray]) -> list[PaperNum
     noise = [to_nanotesla(_NOISE_T)] * len(SENSORS)
     mislabelled = "the first-order model of reference [10] gives the row labelled [9]; what gave this row is not said"
     return [
-        *compare(names(BEFORE), _TABLE_2_BEFORE, before, "nT", relative=1e-4),
-        *compare(names(FIRST_ORDER), _TABLE_2_REFERENCE_9, simplified, "nT", relative=1e-4),
+        *compare(names(BEFORE), TABLE_2_BEFORE, before, "nT", relative=1e-4),
+        *compare(names(FIRST_ORDER), TABLE_2_REFERENCE_9, simplified, "nT", relative=1e-4),
         *compare(
             names("method of [10]"),
-            _TABLE_2_REFERENCE_10,
+            TABLE_2_REFERENCE_10,
             simplified,
             "nT",
             relative=1e-4,
@@ -202,7 +182,7 @@ def _intensity_rows(case: SetUp, fields: dict[str, FloatArray]) -> list[PaperNum
         ),
         *correct_paper(
             names("theirs"),
-            _TABLE_2_THEIRS,
+            TABLE_2_THEIRS,
             calibrated,
             "nT",
             _ONE_TURN,
@@ -215,7 +195,7 @@ def _intensity_rows(case: SetUp, fields: dict[str, FloatArray]) -> list[PaperNum
 
 def _misalignment_rows(case: SetUp, own: FloatArray) -> list[PaperNumber]:
     rows = []
-    for samples, table in _TABLE_3.items():
+    for samples, table in TABLE_3.items():
         from_sensor = np.swapaxes(_rotations(case, own, samples), 1, 2)
         angles = SensorErrors.from_matrix(from_sensor, np.zeros((4, 3))).misalignment
         for sensor, printed, ours in zip(SENSORS, table, angles, strict=True):
@@ -232,13 +212,13 @@ def _tensor_rows(case: SetUp, fields: dict[str, FloatArray]) -> list[PaperNumber
     stages = (fields[stage] for stage in (BEFORE, CALIBRATED, ALIGNED))
     before, unaligned, after = (to_nanotesla(case.tensor_rms_T_per_m(stage)) for stage in stages)
     baseline = "the printed row is 0.8 of ours: it was divided by a baseline of 0.5 m, not by the 0.4 m that are stated"
-    mended = np.array(_TABLE_4_UNALIGNED) * 0.5 / _BASELINE_M
+    mended = np.array(TABLE_4_UNALIGNED) * 0.5 / _BASELINE_M
     noise = "the noise of the three samples that align the sensors is another than the paper's"
     return [
-        *compare(names(BEFORE), _TABLE_4_BEFORE, before, "nT/m", relative=1e-4),
+        *compare(names(BEFORE), TABLE_4_BEFORE, before, "nT/m", relative=1e-4),
         *correct_paper(
             names(CALIBRATED),
-            _TABLE_4_UNALIGNED,
+            TABLE_4_UNALIGNED,
             unaligned,
             "nT/m",
             baseline,
@@ -246,14 +226,14 @@ def _tensor_rows(case: SetUp, fields: dict[str, FloatArray]) -> list[PaperNumber
             right_source="derived from printed numbers",
             relative=1e-4,
         ),
-        *compare(names(ALIGNED), _TABLE_4_ALIGNED, after, "nT/m", relative=0.3, reason=noise),
+        *compare(names(ALIGNED), TABLE_4_ALIGNED, after, "nT/m", relative=0.3, reason=noise),
     ]
 
 
 def _rank_rows() -> list[PaperNumber]:
     case = turns_about("z")
     determined, every = count_determined(case.recording, case.array)
-    reason = f"one turn about any axis leaves {_LEFT_OPEN} of the parameters open"
+    reason = f"one turn about any axis leaves {every - _BY_ONE_TURN} of the parameters open"
     names = ["Abstract, parameters that one turn determines"]
     return correct_paper(
         names,
@@ -261,7 +241,7 @@ def _rank_rows() -> list[PaperNumber]:
         [determined],
         "1",
         reason,
-        right=[every - _LEFT_OPEN],
-        right_source="our own earlier result",
+        right=[_BY_ONE_TURN],
+        right_source="theory",
         source="said in words",
     )

@@ -45,4 +45,4 @@ def test_one_turn_determines_less_than_claimed(rows):
     """The paper claims 45 parameters from one turn; 32 are determined."""
     row = rows["Abstract, parameters that one turn determines"]
     assert (row.paper, row.ours, row.status) == (45, 32, "paper in error")
-    assert (row.source, row.right_source) == ("said in words", "our own earlier result")
+    assert (row.source, row.right_source) == ("said in words", "theory")
