@@ -15,7 +15,7 @@ from tam_calibration.localization.alternating import locate_alternating
 from tam_calibration.localization.steady import locate_steady
 from tam_calibration.localization.survey import Survey
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.geomagnetic_field import field_at
+from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_degrees
 from tam_calibration.report.survey_rows import HEADER, overall_rows, sample_rows, statements
@@ -24,10 +24,12 @@ from tam_calibration.report.survey_rows import HEADER, overall_rows, sample_rows
 def _print_survey(console: Console, survey: Survey) -> None:
     """Print the source of all samples, of each, and what holds for them."""
     if survey.overall is not None:
-        table = Table("", *_right("x", "y", "z", "size"), title="The source ± standard errors")
-        for row in overall_rows(survey.overall):
-            table.add_row(*row)
-        console.print(table)
+        for number, one in enumerate((survey.overall, *survey.further), 1):
+            title = f"Source {number} ± standard errors" if survey.further else "The source ± standard errors"
+            table = Table("", *_right("x", "y", "z", "size"), title=title)
+            for row in overall_rows(one):
+                table.add_row(*row)
+            console.print(table)
     if rows := sample_rows(survey):
         table = Table(*_right(*HEADER), title="Poses" if survey.line else "Samples by themselves")
         for row in rows:
@@ -50,6 +52,7 @@ def _right(*names: str) -> list[Column]:
 @click.option("--frequency", type=float, help="Of an alternating source [Hz].")
 @click.option("--find-frequency", is_flag=True, help="Find the frequency of an alternating source.")
 @click.option("--velocity", help="X,Y,Z of a platform that goes straight [m/s], in the world of the attitude.")
+@click.option("--velocity-error", type=float, help="Its standard error along each axis [m/s]; else a tenth of it.")
 @click.option("--place", help="LAT,LON,DATE: the regional field is that of IGRF there, instead of a fitted one.")
 @click.option("--attitude-noise-deg", default=0.0, show_default=True, help="Standard deviation about each axis.")
 @tolerance_option
@@ -62,6 +65,7 @@ def command(
     frequency: float | None,
     find_frequency: bool,
     velocity: str | None,
+    velocity_error: float | None,
     place: str | None,
     attitude_noise_deg: float,
     tolerance_s: float,
@@ -70,13 +74,15 @@ def command(
 ) -> None:
     """Locate the source in RECORDING, a CSV file or a bag.
 
-    A steady source is located in each sample, less the regional field; with --velocity from all samples of a straight
-    track together. An alternating source is located in each pose in which the array stood still.
+    A steady source is located in each sample, less the regional field; with --velocity the dipoles of a straight track
+    from all samples together. An alternating source is located in each pose in which the array stood still.
     """
     is_alternating = frequency is not None or find_frequency
     _check(frequency, find_frequency, is_alternating and bool(velocity or place or attitude_noise_deg))
     if not 0 <= attitude_noise_deg <= 180:
         raise InputError(f"--attitude-noise-deg must not be negative, nor above 180, not {attitude_noise_deg:g}")
+    if velocity_error is not None and (velocity is None or not 0 <= velocity_error < np.inf):
+        raise InputError("--velocity-error is that of --velocity: a finite number of m/s, not negative")
     regional = None if place is None else field_at(place)
     speed = None if velocity is None else _vector(velocity)
     noise = float(from_degrees(attitude_noise_deg))
@@ -91,8 +97,10 @@ def command(
                 calibration,
                 index=index,
                 regional_T=regional,
+                regional_covariance_T2=LOCAL_VARIANCE_T2,
                 attitude_noise=noise,
                 velocity_m_per_s=speed,
+                velocity_error_m_per_s=velocity_error,
             )
         if "report" in beside:
             from tam_calibration.report.survey_report import write_survey_report

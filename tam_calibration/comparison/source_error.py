@@ -70,7 +70,7 @@ def source_error(recording: Recording, side: Side, source: Dipole) -> SourceErro
     known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))
     chosen = recording.take(known[np.linspace(0, len(known) - 1, min(_MOST, len(known))).astype(int)])
     assert chosen.attitude is not None
-    regional = regional_of(calibration.correct(chosen).outputs, chosen.attitude)
+    regional = regional_of(calibration.correct(chosen).outputs, chosen.attitude).field_T
     turns = Rotation.from_quat(chosen.attitude).as_matrix()
     world = source.field_T(np.einsum("nij,kj->nki", turns, calibration.array.positions_m))
     in_array = np.einsum("nji,nkj->nki", turns, world)

@@ -7,97 +7,15 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Solution
-from tam_calibration.localization.euler import locate
-from tam_calibration.localization.source_problem import Kernel, Problem, solve
+from tam_calibration.localization.passage import OF_SOURCE, UNIFORM, Known, Passage
+from tam_calibration.localization.source_problem import Kernel
+from tam_calibration.localization.track_fit import fit_sources
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import Dipole, dipole_field
 from tam_calibration.sources.loop import Loop, area_of, loop_field
 from tam_calibration.sources.poses import ONE_POSE, Poses
-
-
-@dataclass(frozen=True, eq=False)
-class Readings:
-    """Fields at the sensors of an array in N poses, and the kind of source that makes them.
-
-    Parameters
-    ----------
-    kernel : Kernel
-        The source's field.
-    array : Array
-        Positions and noise of the sensors; a noise that is not stated is taken as one tesla.
-    poses : Poses
-        Of the array.
-    world_T : (N, K, 3) array
-        Fields at the sensors, turned into the world, tesla.
-    uniform_field_T : (3,) array
-        What is known of the field beside the source's, in the world, tesla.
-    fit_uniform_field : bool
-        Whether a uniform field is unknown.
-    """
-
-    kernel: Kernel
-    array: Array
-    poses: Poses
-    world_T: FloatArray
-    uniform_field_T: FloatArray
-    fit_uniform_field: bool
-
-    @property
-    def points_m(self) -> FloatArray:
-        """(N, K, 3) places of the sensors in the world, metres."""
-        points: FloatArray = self.poses.position_m[:, None] + np.einsum(
-            "nij,kj->nki", self.poses.matrix, self.array.positions_m
-        )
-        return points
-
-    def whitened(self, solution: Solution | None = None) -> tuple[Problem, FloatArray]:
-        """Return the problem, and its data (1, 3 K N).
-
-        The noise of the attitude has the direction of the field across itself. Without a solution this is the field
-        as measured; with one it is half way from there to the field that is expected, as an error that turns the field
-        from the one to the other is then at right angles to it, to the second order too.
-        """
-        measured = self.world_T.mean(axis=1)
-        field = measured if solution is None else (measured + self._expected(solution)) / 2
-        whitening = self._whitening(field)
-        count = 3 * self.array.sensor_count
-        everywhere = (
-            np.tile(np.eye(3), (self.array.sensor_count, 1)) if self.fit_uniform_field else np.zeros((count, 0))
-        )
-        problem = Problem(self.kernel, self.points_m, whitening, whitening @ everywhere)
-        return problem, (whitening @ self.of_source_T.reshape(len(measured), count, 1)).reshape(1, -1)
-
-    @property
-    def of_source_T(self) -> FloatArray:
-        """(N, K, 3) fields in the world less what is known beside the source's."""
-        return self.world_T - self.uniform_field_T
-
-    def _expected(self, solution: Solution) -> FloatArray:
-        """Return the (N, 3) field at the array's centre, attitude apart."""
-        position, moment, uniform = np.split(solution.unknowns[0], (3, 6))
-        field = self.kernel(self.poses.position_m - position, moment)[0] + self.uniform_field_T
-        return field + uniform if len(uniform) else field
-
-    def _whitening(self, field_T: FloatArray) -> FloatArray:
-        """Return the (N, 3 K, 3 K) square roots of the inverse noise.
-
-        An error ω of the attitude turns the whole field, ω × B in every sensor; the sensors' own has no direction.
-        """
-        sensors = self.array.sensor_count
-        noise = np.ones(sensors) if self.array.vector_noise_T is None else self.array.vector_noise_T
-        own = np.diag(1 / np.repeat(noise, 3))
-        if self.poses.attitude_noise == 0:
-            return np.broadcast_to(own, (len(field_T), *own.shape))
-        turn = self.poses.attitude_noise * np.swapaxes(np.cross(field_T[:, None], np.eye(3)), 1, 2)
-        common = own @ np.tile(turn, (1, sensors, 1))
-        values, vectors = np.linalg.eigh(np.eye(3 * sensors) + common @ np.swapaxes(common, 1, 2))
-        whitening: FloatArray = np.swapaxes(vectors, 1, 2) / np.sqrt(values)[..., None] @ own
-        return whitening
-
-
-_STARTS, _REWEIGHTINGS = 24, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,22 +155,60 @@ def _fit(
     uniform_field_T: FloatArray | None,
     fit_uniform_field: bool,
 ) -> SourceFit:
-    world = poses.into_world(_check(fields_T, array, poses))
-    known = np.zeros(3) if uniform_field_T is None else _check_uniform(uniform_field_T, fit_uniform_field)
-    readings = Readings(kernel, array, poses, world, known, fit_uniform_field)
-    problem, data = readings.whitened()
-    freedom = data.size - 6 - problem.linear.shape[2]
-    if freedom < 0:
-        raise Refused(f"{data.size} values do not determine {data.size - freedom} unknowns: use more sensors or poses")
-    solution = solve(problem, data, _start(readings))
-    for _ in range(_REWEIGHTINGS if poses.attitude_noise else 0):
-        problem, data = readings.whitened(solution)
-        solution = solve(problem, data, solution.unknowns)
-    if not solution.is_found[0]:
-        raise Refused(
-            "the readings do not determine the source: it is too far, too weak, or always seen from the same side"
-        )
-    return _result(solution, radius_m, array, freedom, fit_uniform_field)
+    expected, standard_error = np.zeros((2, 11))
+    if uniform_field_T is not None:
+        expected[UNIFORM] = _check_uniform(uniform_field_T, fit_uniform_field)
+    standard_error[UNIFORM] = np.inf if fit_uniform_field else 0.0
+    passage = passage_of(kernel, fields_T, array, poses, Known(expected, standard_error))
+    freedom = passage.degrees_of_freedom - OF_SOURCE
+    return _result(fit_sources(passage, 1), radius_m, array, freedom, fit_uniform_field)
+
+
+def passage_of(
+    kernel: Kernel,
+    fields_T: FloatArray,
+    array: Array,
+    poses: Poses,
+    known: Known,
+    time_s: FloatArray | None = None,
+) -> Passage:
+    """Return what readings are as a problem of least squares.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        The field of a source.
+    fields_T : (N, K, 3) array
+        Calibrated readings of each pose, array frame, tesla.
+    array : Array
+        Positions and noise of the sensors; a noise that is not stated is taken as one tesla.
+    poses : Poses
+        Of the array.
+    known : Known
+        What is known of the field beside the sources', and of the velocity.
+    time_s : (N,) array, optional
+        Since the poses were reckoned by a velocity, seconds.
+
+    Raises
+    ------
+    InputError
+        When a shape is wrong, values are not finite, or the axes of the array are known to sit in different places.
+    Refused
+        When there are fewer values than unknowns of one source, or the array has no gradient to start from.
+    """
+    readings, stated = _check(fields_T, array, poses), array.vector_noise_T
+    noise = np.ones(array.sensor_count) if stated is None else stated
+    times = np.zeros(len(readings)) if time_s is None else time_s
+    passage = Passage(
+        kernel, readings, array, noise, poses.matrix, poses.position_m, times, poses.attitude_noise, known
+    )
+    lacking = OF_SOURCE - passage.degrees_of_freedom
+    if lacking > 0:
+        values = readings.size
+        raise Refused(f"{values} values do not determine {values + lacking} unknowns: use more sensors or poses")
+    if not array.has_gradient:
+        raise Refused("the array's geometry determines no gradient, so that the fit has nowhere to start")
+    return passage
 
 
 def _check(fields_T: FloatArray, array: Array, poses: Poses) -> FloatArray:
@@ -274,27 +230,6 @@ def _check_uniform(uniform_field_T: FloatArray, is_fitted: bool) -> FloatArray:
     if is_fitted:
         raise InputError("the uniform field is either known or fitted, not both")
     return uniform
-
-
-def _start(readings: Readings) -> FloatArray:
-    """Return the best of the Euler solutions of the poses with the strongest gradients."""
-    array, poses, world = readings.array, readings.poses, readings.of_source_T
-    if not array.has_gradient:
-        raise Refused("the array's geometry determines no gradient, so that the fit has nowhere to start")
-    if readings.fit_uniform_field:
-        world = world - np.median(world.mean(axis=1), axis=0)
-    outputs = np.einsum("nji,nkj->nki", poses.matrix, world).reshape(len(world), -1) @ array.operator.T
-    solutions = locate(outputs)
-    strongest = np.argsort(-norm(outputs[:, 3:], axis=1), kind="stable")
-    chosen = strongest[solutions.is_located[strongest]][:_STARTS]
-    if not len(chosen):
-        raise Refused("the field or its gradient is zero in every pose: there is no source to be seen")
-    places = poses.place_in_world(solutions.position_m)[chosen]
-    problem, data = readings.whitened()
-    shared = np.broadcast_to(data, (len(places), data.shape[1]))
-    starts = problem.start(shared, places)
-    residuals = [np.sum((data - problem.predict(start[None])[0]) ** 2) for start in starts]
-    return starts[[int(np.argmin(residuals))]]
 
 
 def _result(

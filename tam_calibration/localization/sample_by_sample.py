@@ -10,6 +10,16 @@ from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
+from tam_calibration.sources.dipole import dipole_field
+
+_TENTHS = 10
+"""Parts of a run whose medians tell how certain the regional field is."""
+
+_TO_DEVIATION = 1.4826
+"""Standard deviation of normal numbers over their median absolute deviation."""
+
+_ROUNDS = 2
+"""Times that a dipole is located anew with the direction that it gives to errors of the attitude."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,14 +32,20 @@ class Regional:
         In the world, tesla.
     attitude_noise : float
         Standard deviation of the attitude about each axis, radians.
+    covariance_T2 : (3, 3) array, optional
+        Of the field, T²; without it the field is exact.
     """
 
     field_T: FloatArray
     attitude_noise: float = 0.0
+    covariance_T2: FloatArray | None = None
 
 
-def regional_of(outputs: FloatArray, attitude: FloatArray) -> FloatArray:
-    """Return the field (3,) that most samples have in the world, tesla: the median of each of its components.
+def regional_of(outputs: FloatArray, attitude: FloatArray, attitude_noise: float = 0.0) -> Regional:
+    """Return the field that most samples have in the world: the median of each of its components.
+
+    Its standard error is by how much the medians of tenths of the samples differ, median absolute deviation times
+    1.48: less by what noise has, and more by the tail of the source and a gradient, which no longer run makes smaller.
 
     Parameters
     ----------
@@ -37,6 +53,8 @@ def regional_of(outputs: FloatArray, attitude: FloatArray) -> FloatArray:
         Field and gradient, most of them far from the source.
     attitude : (N, 4) array
         Quaternions x, y, z, w from the array frame to the world.
+    attitude_noise : float
+        Standard deviation of the attitude about each axis, radians.
 
     Raises
     ------
@@ -48,8 +66,12 @@ def regional_of(outputs: FloatArray, attitude: FloatArray) -> FloatArray:
     known = np.isfinite(outputs[:, :3]).all(axis=1) & np.isfinite(attitude).all(axis=1)
     if not known.any():
         raise InputError("no sample has a field and an attitude: the regional field cannot be fitted")
-    median: FloatArray = np.median(Rotation.from_quat(attitude[known]).apply(outputs[known, :3]), axis=0)
-    return median
+    world = Rotation.from_quat(attitude[known]).apply(outputs[known, :3])
+    # Errors of the attitude shorten the mean of what they turn.
+    field = np.median(world, axis=0) / (1 - attitude_noise**2)
+    tenths = np.array([np.median(part, axis=0) for part in np.array_split(world, _TENTHS) if len(part)])
+    spread = _TO_DEVIATION * np.median(np.abs(tenths - np.median(tenths, axis=0)), axis=0)
+    return Regional(field, attitude_noise, np.diag(spread**2))
 
 
 def locate_samples(
@@ -95,10 +117,28 @@ def locate_samples(
         return _locate(outputs, array, covariance, index)
     if attitude is None:
         raise InputError("without an attitude the regional field cannot be taken off")
-    field_T = np.einsum("nji,j->ni", _matrices(attitude), regional.field_T)
+    matrices = _matrices(attitude)
+    field_T = np.einsum("nji,j->ni", matrices, regional.field_T)
     source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
-    widened = _widened(covariance, field_T, regional.attitude_noise)
-    return _unless_unknown(_locate(source, array, widened, index), attitude)
+    spread = np.zeros((3, 3)) if regional.covariance_T2 is None else regional.covariance_T2
+    own = np.swapaxes(matrices, 1, 2) @ spread @ matrices
+    direction = outputs[:, :3]
+    solutions = _locate(source, array, _widened(covariance, own, direction, regional.attitude_noise), index)
+    if index == DIPOLE_INDEX and regional.attitude_noise:
+        for _ in range(_ROUNDS):
+            direction = np.where(solutions.is_located[:, None], _half_way(outputs, field_T, solutions), direction)
+            solutions = _locate(source, array, _widened(covariance, own, direction, regional.attitude_noise), index)
+    return _unless_unknown(solutions, attitude)
+
+
+def _half_way(outputs: FloatArray, field_T: FloatArray, solutions: EulerSolutions) -> FloatArray:
+    """Return the fields (N, 3) half way from the measured ones to those that are expected of regional field and dipole.
+
+    An error that turns the field from the one to the other is at right angles to it, however large it is.
+    """
+    position, moment = (np.nan_to_num(each, nan=1.0) for each in (solutions.position_m, solutions.moment_Am2))
+    half: FloatArray = (outputs[:, :3] + field_T + dipole_field(-position, moment)[0]) / 2
+    return half
 
 
 def turned(solutions: EulerSolutions, attitude: FloatArray) -> EulerSolutions:
@@ -134,14 +174,15 @@ def _unless_unknown(solutions: EulerSolutions, attitude: FloatArray) -> EulerSol
     return replace(solutions, status=status)
 
 
-def _widened(covariance: FloatArray, field_T: FloatArray, attitude_noise: float) -> FloatArray:
-    """Add to a covariance (9, 9) what an error of the attitude leaves of a field (N, 3): it goes across the field."""
-    if attitude_noise == 0:
-        return covariance
-    along = field_T[:, :, None] * field_T[:, None, :]
-    size = np.einsum("ni,ni->n", field_T, field_T)[:, None, None]
-    widened = np.repeat(covariance[None], len(field_T), axis=0)
-    widened[:, :3, :3] += attitude_noise**2 * (size * np.eye(3) - along)
+def _widened(covariance: FloatArray, own: FloatArray, direction: FloatArray, attitude_noise: float) -> FloatArray:
+    """Add to a covariance (9, 9) those (N, 3, 3) of regional fields, and what errors of the attitude make of a field.
+
+    They go across the field's direction (N, 3).
+    """
+    along = direction[:, :, None] * direction[:, None, :]
+    size = np.einsum("ni,ni->n", direction, direction)[:, None, None]
+    widened = np.repeat(covariance[None], len(direction), axis=0)
+    widened[:, :3, :3] += own + attitude_noise**2 * (size * np.eye(3) - along)
     return widened
 
 

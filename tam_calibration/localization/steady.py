@@ -6,39 +6,68 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.localization.direct_fit import SourceFit, fit_dipole
+from tam_calibration.localization.direct_fit import passage_of
 from tam_calibration.localization.euler import DIPOLE_INDEX
-from tam_calibration.localization.finite_baseline import locate_dipole
+from tam_calibration.localization.passage import GRADIENT, OF_SOURCE, UNIFORM, VELOCITY, Known, Passage
 from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
-from tam_calibration.localization.solutions import EulerSolutions
-from tam_calibration.localization.survey import TRACK_FRAME, WORLD_FRAME, Overall, Survey
-from tam_calibration.model.array import Array
+from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.localization.survey import TRACK_FRAME, WORLD_FRAME, Overall, Survey, Track, standard_errors
+from tam_calibration.localization.track_fit import TrackFit, fit_track
+from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
+from tam_calibration.sources.dipole import Dipole, dipole_field
 from tam_calibration.sources.poses import Poses
+
+DEFAULT_VELOCITY_ERROR = 0.1
+"""Standard error of a velocity that none is stated of, as a part of the speed: dead reckoning in a current."""
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
-    """A dipole that was passed.
+class TrackedSources:
+    """Dipoles that were passed.
 
     Parameters
     ----------
-    fit : SourceFit
-        The dipole in the world, from all samples.
-    regional_T : (3,) array
-        The uniform field of the world that was taken off, given or fitted, tesla.
+    fit : TrackFit
+        Of the sources, the strongest signal first, the regional field and the velocity.
+    passage : Passage
+        What was fitted.
     samples : EulerSolutions
-        Of each sample by itself, in the array frame.
-    sample_position_m : (N, 3) array
-        The same in the world, metres; NaN where it was not located.
+        The first source from each sample by itself, in the array frame.
     """
 
-    fit: SourceFit
-    regional_T: FloatArray
+    fit: TrackFit
+    passage: Passage
     samples: EulerSolutions
-    sample_position_m: FloatArray
+
+    @property
+    def unknowns(self) -> FloatArray:
+        """(P,) what was found."""
+        found: FloatArray = self.fit.solution.unknowns[0]
+        return found
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(P, P) of it, widened by what the residuals are more than noise."""
+        covariance: FloatArray = self.fit.solution.covariance[0] * self.fit.misfit.variance_factor
+        return covariance
+
+    @property
+    def sources(self) -> list[tuple[Dipole, FloatArray]]:
+        """The dipoles in the world, each with the covariance (6, 6) of place [m] and moment [A m²]."""
+        rows = self.passage.sources(self.unknowns)
+        parts = (slice(OF_SOURCE * number, OF_SOURCE * (number + 1)) for number in range(len(rows)))
+        return [(Dipole(row[:3], row[3:]), self.covariance[part, part]) for row, part in zip(rows, parts, strict=True)]
+
+    @property
+    def further_covariance(self) -> FloatArray:
+        """(11, 11) covariance of u, G and δv: zero of what is exact."""
+        free = self.passage.known.is_free
+        full, count = np.zeros((len(free), len(free))), int(free.sum())
+        full[np.ix_(free, free)] = self.covariance[-count:, -count:] if count else 0.0
+        return full
 
 
 def straight_track(time_s: FloatArray, start_m: FloatArray, velocity_m_per_s: FloatArray) -> FloatArray:
@@ -64,31 +93,18 @@ def straight_track(time_s: FloatArray, start_m: FloatArray, velocity_m_per_s: Fl
     return start + np.outer(time_s - np.asarray(time_s)[0], velocity)
 
 
-def without_regional(fields_T: FloatArray, attitude: FloatArray, regional_T: FloatArray) -> FloatArray:
-    """Return fields (N, K, 3) in the array frame less a field that is uniform in the world, tesla.
-
-    Parameters
-    ----------
-    fields_T : (N, K, 3) array
-        Calibrated readings, array frame, tesla.
-    attitude : (N, 4) array
-        Quaternions x, y, z, w from the array frame to the world.
-    regional_T : (3,) array
-        The uniform field, in the world, tesla.
-    """
-    from scipy.spatial.transform import Rotation
-
-    regional: FloatArray = Rotation.from_quat(attitude).inv().apply(regional_T)
-    return fields_T - regional[:, None]
-
-
 def track_dipole(
     fields_T: FloatArray,
     array: Array,
     poses: Poses,
-    regional_T: FloatArray | None = None,
-) -> Track:
-    """Find a dipole at rest from the samples of a platform that passes it.
+    regional: Regional | None = None,
+    *,
+    time_s: FloatArray | None = None,
+    velocity_error_m_per_s: float = 0.0,
+) -> TrackedSources:
+    """Find the dipoles at rest from the samples of a platform that passes them.
+
+    Beside them is a regional field with a constant gradient.
 
     Parameters
     ----------
@@ -99,38 +115,58 @@ def track_dipole(
     poses : Poses
         Attitude and position of the array at each sample, and the noise of the attitude: 0.1° in 50 µT are 87 nT in
         all sensors alike, which is then no signal.
-    regional_T : (3,) array, optional
-        The uniform field of the world, tesla; it is fitted where it is not given.
+    regional : Regional, optional
+        What is known of the field of the world at the origin; nothing where it is not given.
+    time_s : (N,) array, optional
+        Times of the samples, seconds, where the velocity has an error.
+    velocity_error_m_per_s : float
+        Standard error of each component of the velocity by which positions were reckoned from the first on.
 
     Returns
     -------
-    Track
-        The dipole of all samples, and that of each.
+    TrackedSources
+        The dipoles of all samples, and the first of each.
 
     Raises
     ------
     InputError
         When a shape is wrong or values are not finite.
     Refused
-        When the readings do not determine the dipole.
+        When the readings do not determine the dipoles, or are not those of dipoles.
     """
-    fit = fit_dipole(fields_T, array, poses, uniform_field_T=regional_T, fit_uniform_field=regional_T is None)
-    regional = np.asarray(fit.uniform_field_T if regional_T is None else regional_T, dtype=float)
-    own = without_regional(fields_T, poses.attitude, regional)
-    samples = locate_dipole(own.reshape(len(own), -1) @ array.operator.T, array, _covariance(array, regional, poses))
-    return Track(fit, regional, samples, poses.place_in_world(samples.position_m))
-
-
-def _covariance(array: Array, regional_T: FloatArray, poses: Poses) -> FloatArray | None:
-    """Return the covariance (9, 9) of field and gradient.
-
-    It is of the sensors' noise and of what an error of the attitude leaves of the regional field, the mean of its axes.
-    """
+    expected, standard_error = np.zeros(11), np.full(11, np.inf)
+    if regional is not None:
+        expected[UNIFORM] = regional.field_T
+        standard_error[UNIFORM] = 0.0
+        if regional.covariance_T2 is not None:
+            standard_error[UNIFORM] = standard_errors(regional.covariance_T2)
+    standard_error[VELOCITY] = velocity_error_m_per_s
+    passage = passage_of(dipole_field, fields_T, array, poses, Known(expected, standard_error), time_s)
+    fit = fit_track(passage)
     if array.vector_noise_T is None:
-        return None
-    covariance: FloatArray = array.operator * np.repeat(array.vector_noise_T**2, 3) @ array.operator.T
-    covariance[:3, :3] += np.eye(3) * (2 / 3) * (poses.attitude_noise * norm(regional_T)) ** 2
-    return covariance
+        fit = replace(fit, misfit=replace(fit.misfit, noise_variance=1.0))
+    tracked = TrackedSources(fit, passage, EulerSolutions.refused(len(passage.matrix), Status.NO_REGIONAL))
+    return replace(tracked, samples=_by_themselves(tracked, array, poses))
+
+
+def _by_themselves(tracked: TrackedSources, array: Array, poses: Poses) -> EulerSolutions:
+    """Return the first source from each sample, less all that was found beside it."""
+    passage, unknowns = tracked.passage, tracked.unknowns.copy()
+    field = passage.further(unknowns)[UNIFORM]
+    spread = tracked.further_covariance
+    unknowns[3:OF_SOURCE] = 0.0
+    rest = passage.left_T(unknowns) + (np.swapaxes(passage.matrix, 1, 2) @ field)[:, None]
+    by_field = np.hstack([np.eye(3), np.einsum("qij,j->iq", UNIT_TENSORS, tracked.sources[0][0].position_m)])
+    covariance = by_field @ spread[:8, :8] @ by_field.T
+    outputs = rest.reshape(len(rest), -1) @ array.operator.T
+    noise = array.operator * np.repeat(passage.noise_T**2, 3) @ array.operator.T
+    return locate_samples(
+        outputs,
+        array,
+        noise,
+        regional=Regional(field, poses.attitude_noise, covariance),
+        attitude=poses.attitude,
+    )
 
 
 def locate_steady(
@@ -139,8 +175,10 @@ def locate_steady(
     *,
     index: float = DIPOLE_INDEX,
     regional_T: FloatArray | None = None,
+    regional_covariance_T2: FloatArray | None = None,
     attitude_noise: float = 0.0,
     velocity_m_per_s: FloatArray | None = None,
+    velocity_error_m_per_s: float | None = None,
 ) -> Survey:
     """Locate a source at rest.
 
@@ -154,18 +192,22 @@ def locate_steady(
         Structural index.
     regional_T : (3,) array, optional
         Field beside the source's in the world, tesla; fitted where it is not given.
+    regional_covariance_T2 : (3, 3) array, optional
+        Of that, T²; without it the field is exact.
     attitude_noise : float
         Standard deviation of the attitude about each axis, radians.
     velocity_m_per_s : (3,) array, optional
-        Of a platform that goes straight, in the world; the dipole is then found from all samples together, in the
-        world, and of each. Otherwise every sample stands by itself, and its position counts from the array.
+        Of a platform that goes straight, in the world; dipoles are then found from all samples together, in the
+        world, and the first of each. Otherwise every sample stands by itself, and its position counts from the array.
+    velocity_error_m_per_s : float, optional
+        Standard error of each of its components; a tenth of the speed where it is not given.
 
     Raises
     ------
     InputError
         When there is no attitude, the calibration is of another array, or a track is asked for what is no dipole.
     Refused
-        When no sample can be located, or the readings do not determine the dipole of the track.
+        When no sample can be located, or the readings do not determine the dipoles of the track or are none's.
     """
     if recording.attitude is None:
         raise InputError(
@@ -174,60 +216,90 @@ def locate_steady(
         )
     if not calibration.array.has_gradient:
         raise InputError("the array's geometry determines no gradient, from which sources are located")
+    regional = None if regional_T is None else Regional(regional_T, attitude_noise, regional_covariance_T2)
     if velocity_m_per_s is None:
-        return _sample_by_sample(recording, calibration, index, regional_T, attitude_noise)
+        return _sample_by_sample(recording, calibration, index, regional, attitude_noise)
     if index != DIPOLE_INDEX:
         raise InputError(f"along a track a dipole is located: its structural index is 3, not {index:g}")
-    return _along_track(recording, calibration, regional_T, attitude_noise, velocity_m_per_s)
+    speed = float(norm(velocity_m_per_s))
+    error = DEFAULT_VELOCITY_ERROR * speed if velocity_error_m_per_s is None else velocity_error_m_per_s
+    return _along_track(recording, calibration, regional, attitude_noise, velocity_m_per_s, error)
 
 
 def _sample_by_sample(
     recording: Recording,
     calibration: Calibration,
     index: float,
-    regional_T: FloatArray | None,
+    regional: Regional | None,
     attitude_noise: float,
 ) -> Survey:
     assert recording.attitude is not None
     outputs = calibration.correct(recording).outputs
-    regional = regional_of(outputs, recording.attitude) if regional_T is None else regional_T
+    known = regional_of(outputs, recording.attitude, attitude_noise) if regional is None else regional
     solutions = locate_samples(
         outputs,
         calibration.array,
         calibration.output_covariance,
         index=index,
-        regional=Regional(regional, attitude_noise),
+        regional=known,
         attitude=recording.attitude,
     )
     center = np.zeros((recording.sample_count, 3))
     world = turned(solutions, recording.attitude)
-    return Survey(WORLD_FRAME, recording.time_s, world, center, regional_T=regional)
+    return Survey(WORLD_FRAME, recording.time_s, world, center, regional_T=known.field_T)
 
 
 def _along_track(
     recording: Recording,
     calibration: Calibration,
-    regional_T: FloatArray | None,
+    regional: Regional | None,
     attitude_noise: float,
     velocity_m_per_s: FloatArray,
+    velocity_error_m_per_s: float,
 ) -> Survey:
     recording = calibration.without_effects(recording)
-    center = straight_track(recording.time_s, np.zeros(3), velocity_m_per_s)
+    path = straight_track(recording.time_s, np.zeros(3), velocity_m_per_s)
     assert recording.attitude is not None
     known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))
-    recording, center = recording.take(known), center[known]
+    recording, path = recording.take(known), path[known]
     assert recording.attitude is not None
     fields = calibration.errors.restore(recording.readings_T)
-    poses = Poses(recording.attitude, center, attitude_noise)
-    track = track_dipole(fields, calibration.array, poses, regional_T)
-    fit = track.fit
-    overall = Overall(
-        fit.source.position_m,
-        fit.covariance[:3, :3],
-        fit.source.moment_Am2,
-        fit.covariance[3:6, 3:6],
-        fit.chi_square,
-        fit.degrees_of_freedom,
+    poses, since = Poses(recording.attitude, path, attitude_noise), recording.time_s - recording.time_s[0]
+    tracked = track_dipole(
+        fields,
+        calibration.array,
+        poses,
+        regional,
+        time_s=since,
+        velocity_error_m_per_s=velocity_error_m_per_s,
     )
-    world = replace(turned(track.samples, recording.attitude), position_m=track.sample_position_m)
-    return Survey(TRACK_FRAME, recording.time_s, world, center, overall, track.regional_T)
+    first, *others = [_overall(tracked, source, covariance) for source, covariance in tracked.sources]
+    center = tracked.passage.center_m(tracked.unknowns)
+    world = turned(tracked.samples, recording.attitude)
+    world = replace(world, position_m=world.position_m + center)
+    further = tracked.passage.further(tracked.unknowns)
+    track = _track(tracked, further, velocity_m_per_s)
+    return Survey(
+        TRACK_FRAME, recording.time_s, world, center, first, further[UNIFORM], further=tuple(others), track=track
+    )
+
+
+def _overall(tracked: TrackedSources, source: Dipole, covariance: FloatArray) -> Overall:
+    solution, passage = tracked.fit.solution, tracked.passage
+    freedom = passage.degrees_of_freedom - passage.sources(tracked.unknowns).size
+    chi_square = float(solution.chi_square[0])
+    return Overall(source.position_m, covariance[:3, :3], source.moment_Am2, covariance[3:, 3:], chi_square, freedom)
+
+
+def _track(tracked: TrackedSources, further: FloatArray, velocity_m_per_s: FloatArray) -> Track:
+    spread = tracked.further_covariance
+    variance = np.einsum("pij,pq,qij->ij", UNIT_TENSORS, spread[GRADIENT, GRADIENT], UNIT_TENSORS)
+    return Track(
+        standard_errors(spread[UNIFORM, UNIFORM]),
+        np.tensordot(further[GRADIENT], UNIT_TENSORS, 1),
+        np.sqrt(variance),
+        np.asarray(velocity_m_per_s) + further[VELOCITY],
+        standard_errors(spread[VELOCITY, VELOCITY]),
+        tracked.fit.misfit.noise_variance,
+        tracked.fit.misfit.colour,
+    )

@@ -40,6 +40,34 @@ class Overall:
 
 
 @dataclass(frozen=True, eq=False)
+class Track:
+    """What was found beside the sources as a platform passed them.
+
+    Parameters
+    ----------
+    regional_standard_errors_T : (3,) array
+        Of the regional field at the start of the track, tesla.
+    gradient_T_per_m, gradient_standard_errors_T_per_m : (3, 3) array
+        Gradient of the regional field in the world, symmetric and without trace, T/m.
+    velocity_m_per_s, velocity_standard_errors_m_per_s : (3,) array
+        Of the platform in the world, m/s.
+    noise_variance : float
+        Of the residuals over that of the stated noise, where they change fast; 1 where noise alone may have it.
+    colour : float
+        The variance of the residuals where they are slow over that where they are fast; 1 where they are white. Both
+        are in the standard errors, and never make them smaller.
+    """
+
+    regional_standard_errors_T: FloatArray
+    gradient_T_per_m: FloatArray
+    gradient_standard_errors_T_per_m: FloatArray
+    velocity_m_per_s: FloatArray
+    velocity_standard_errors_m_per_s: FloatArray
+    noise_variance: float
+    colour: float
+
+
+@dataclass(frozen=True, eq=False)
 class Line:
     """The frequency of an alternating source.
 
@@ -75,7 +103,11 @@ class Survey:
     overall : Overall, optional
         The source of all together, where the places of the array are known.
     regional_T : (3,) array, optional
-        Field that was taken off, in the world, tesla.
+        Field that was taken off, in the world, tesla; along a track at its start.
+    further : tuple of Overall
+        Along a track, the other sources that it passes.
+    track : Track, optional
+        What was found along a track beside its sources.
     line : Line, optional
         Of an alternating source.
     note : str
@@ -105,6 +137,8 @@ class Survey:
     center_m: FloatArray
     overall: Overall | None = None
     regional_T: FloatArray | None = None
+    further: tuple[Overall, ...] = ()
+    track: Track | None = None
     line: Line | None = None
     note: str = ""
 

@@ -24,7 +24,7 @@ from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS
 from tam_calibration.messages.run import Run
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.geomagnetic_field import field_at
+from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.attitude_join import AttitudeJoin, Joined
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
@@ -96,7 +96,11 @@ class Localizer(TamNode):
         self._partial: PartialCorrection | None = None
         import_module("scipy.spatial.transform")  # else it would be loaded while the first samples wait
         self._given: str = self.value("regional")
-        known = () if self._given in (_FITTED, _NONE) else (Regional(field_at(self._given), self._attitude_noise),)
+        known = (
+            ()
+            if self._given in (_FITTED, _NONE)
+            else (Regional(field_at(self._given), self._attitude_noise, LOCAL_VARIANCE_T2),)
+        )
         self._regional: Regional | None = next(iter(known), None)
         self._join, self._first = AttitudeJoin(), list[Joined]()
         self._problem_of_calibration = self._problem_of_samples = ""
@@ -238,7 +242,7 @@ class Localizer(TamNode):
         if len(self._first) == self.value("regional_samples"):
             outputs = np.array([one.outputs[:9] for one in self._first])
             attitude = np.array([one.attitude for one in self._first])
-            self._regional = Regional(regional_of(outputs, attitude), self._attitude_noise)
+            self._regional = regional_of(outputs, attitude, self._attitude_noise)
             self._first = []
         return Status.NO_REGIONAL
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tam_calibration.localization.solutions import Status
-from tam_calibration.localization.survey import Overall, Survey, standard_errors
+from tam_calibration.localization.survey import Overall, Survey, Track, standard_errors
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report.formatting import count, number, with_error
 
@@ -52,13 +52,35 @@ def statements(survey: Survey) -> list[str]:
     if survey.regional_T is not None:
         field = ", ".join(number(float(value), 6) for value in to_nanotesla(survey.regional_T))
         words.append(f"Regional field taken off, in the world: {field} nT.")
+    if survey.track is not None:
+        words += _of_track(survey.track)
     if survey.overall is not None and np.isfinite(survey.overall.chi_square):
         reduced = survey.overall.chi_square / survey.overall.degrees_of_freedom
-        words.append(f"Reduced χ² of all together: {number(reduced)}; near 1 where one dipole explains the readings.")
+        words.append(f"Reduced χ² of all together: {number(reduced)}; near 1 where {_explaining(survey)} the readings.")
     words += [survey.note] * bool(survey.note)
     located, total = int(survey.solutions.is_located.sum()), len(survey.time_s)
     words.append(f"{count(located)} of {count(total)} located.")
     words += [_refusal(status, times) for status, times in survey.refusals.most_common()]
+    return words
+
+
+def _explaining(survey: Survey) -> str:
+    count = 1 + len(survey.further)
+    return "one dipole explains" if count == 1 else f"{count} dipoles explain"
+
+
+def _of_track(track: Track) -> list[str]:
+    """Return what was found along a track beside its sources."""
+    velocity = ", ".join(_values(track.velocity_m_per_s, track.velocity_standard_errors_m_per_s))
+    largest = float(np.abs(np.linalg.eigvalsh(track.gradient_T_per_m)).max())
+    error = float(track.gradient_standard_errors_T_per_m.max())
+    gradient = with_error(to_nanotesla(largest), to_nanotesla(error), 3)
+    words = [f"Velocity: {velocity} m/s.", f"Gradient of the regional field, its largest eigenvalue: {gradient} nT/m."]
+    factor = np.sqrt(max(track.noise_variance, 1.0) * track.colour)
+    if factor > 1:
+        words.append(
+            f"The residuals are larger than the stated noise, or slow: standard errors are widened by {factor:.2f}."
+        )
     return words
 
 
