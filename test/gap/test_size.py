@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy import stats
 
 from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
 from tam_calibration.effects.temperature_drift import TemperatureDrift
 from tam_calibration.gap.evidence import rivals
 from tam_calibration.gap.hypothesis import given_form
-from tam_calibration.gap.size import FOLDS, folds_of, held_out_energy, is_interleaved, measure, noise_variance
+from tam_calibration.gap.size import FOLDS, _closed, folds_of, held_out_energy, is_interleaved, measure, noise_variance
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
@@ -84,6 +85,20 @@ def test_the_interval_of_what_closes_covers(run, dense):
         held += low <= 1 - other / both <= high
     # Of intervals that hold in 95 % of runs fewer than nine of twelve would do so in one case of five thousand.
     assert held >= 9
+
+
+def test_the_interval_of_what_closes_is_students():
+    """Where all folds have the same gap, the part that closes is a mean of five, with the interval of Student's t."""
+    left = np.array([0.2, 0.26, 0.31, 0.22, 0.24])
+    interval = stats.ttest_1samp(1 - left, 0).confidence_interval(0.95)
+    closed, found = _closed(np.ones(5), left)
+    assert closed == pytest.approx(1 - left.mean()) and found == pytest.approx(tuple(interval))
+
+
+@pytest.mark.parametrize(("before", "left", "interval"), [(1.0, -0.1, (1, 1)), (1.0, 3.0, (0, 0)), (-1.0, 0.5, (0, 0))])
+def test_what_closes_is_a_part(before, left, interval):
+    """Of a gap that noise has overdone, that a cause has widened, or that is none: all of it, or nothing."""
+    assert _closed(np.full(5, before), np.full(5, left)) == (interval[0], interval)
 
 
 def model_leaves(made, dense, slopes, model):
