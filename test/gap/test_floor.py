@@ -76,7 +76,14 @@ def test_coloured_noise_is_told_with_its_colour(run):
 
 @pytest.mark.parametrize(
     ("factor", "said", "common"),
-    [(0.1, "stated 0.1 nT, found ", 10.0), (10.0, "stated 10 nT, found ", 0.1), (0.6, None, 1), (1.7, None, 1)],
+    [
+        (0.1, "stated 0.1 nT, found ", 10.0),
+        (0.43, "stated 0.43 nT, found ", 2.33),
+        (0.57, None, 1),
+        (1.75, None, 1),
+        (2.3, "stated 2.3 nT, found ", 0.43),
+        (10.0, "stated 10 nT, found ", 0.1),
+    ],
 )
 def test_a_sheet_that_is_far_off_is_contradicted(run, factor, said, common):
     """Up to twice or half of the noise it may be right."""

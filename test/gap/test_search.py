@@ -84,6 +84,34 @@ def test_where_a_cause_does_not_hold_the_search_goes_on_without_it(monkeypatch, 
     assert [one.accepted.effect for one in held] == kept and passed_over[0] == {"step"}
 
 
+@pytest.mark.parametrize(
+    ("energy", "left", "has_causes", "is_clean"),
+    [
+        (1.95, 0.05, True, True),
+        (2.05, 0.05, True, False),
+        (1.5, 0.09, True, True),
+        (1.5, 0.11, True, False),
+        (1.5, 0.05, False, False),
+    ],
+)
+def test_a_search_is_clean_where_its_causes_leave_nothing(monkeypatch, energy, left, has_causes, is_clean):
+    """No more than a noise floor beside the noise, and a tenth of what can be seen; and where a cause of it holds."""
+    step = SimpleNamespace(accepted="a cause")
+    monkeypatch.setattr(CauseSearch, "_forward", lambda *asked: [step])
+    monkeypatch.setattr(CauseSearch, "_beside_held", lambda self, steps: [step] * has_causes)
+    monkeypatch.setattr(CauseSearch, "_swapped", lambda self, steps: steps)
+    monkeypatch.setattr(CauseSearch, "_holding", lambda self, steps: steps)
+    base = SimpleNamespace(energy=500 * energy, channels=SimpleNamespace(count=500), rank=12)
+    monkeypatch.setattr(CauseSearch, "_beside", lambda self, steps: (SimpleNamespace(findings=()), base))
+    monkeypatch.setattr("tam_calibration.gap.search.rivals", lambda base: ())
+    monkeypatch.setattr("tam_calibration.gap.search.open_part", lambda first, last, unknown: left)
+    started = object.__new__(CauseSearch)
+    started.first_base = SimpleNamespace(rank=10)
+    found = started.found(None)
+    assert found.is_clean == is_clean
+    assert found.evidence == pytest.approx(-500 * np.log(energy) - 2 * np.log(500))
+
+
 SAMPLES = 600
 
 

@@ -1,6 +1,7 @@
 """The size of a gap is that of the effect that was planted, as far as the channels can see it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -128,6 +129,19 @@ def test_what_a_rival_explains_is_not_noise(run):
     model = made.with_row(4, 8e-9 * np.cos(np.pi * np.linspace(0, 1, 900) * 3)).model()
     with_drift, floor = noise_variance(model, (), 12.0), noise_variance(model, tuple(rivals(model.base())), 12.0)
     assert with_drift == pytest.approx(1.44) and floor == pytest.approx(1, abs=0.08)
+
+
+@pytest.mark.parametrize(
+    ("evidence", "is_determined", "least"), [(11.9, True, 1.0), (12.1, True, 0.8), (12.1, False, 0.2)]
+)
+def test_no_rival_explains_noise_away(run, monkeypatch, evidence, is_determined, least):
+    """Four fifths of what differences tell are noise, or of half the stated deviation, where differences tell none."""
+    made = run(900)
+    model, rival = made.model(), SimpleNamespace(gain=1e6, delta_bic=evidence)
+    level = np.append(made.array.vector_noise_T.repeat(3), np.nan)
+    floor = SimpleNamespace(is_determined=is_determined, level_T=level, stated_T=level)
+    monkeypatch.setattr("tam_calibration.gap.size.floor_of", lambda channels, stated: floor)
+    assert noise_variance(model, (rival,), 12.0) == pytest.approx(least, rel=0.06 if evidence < 12 else 1e-9)
 
 
 def test_free_functions_of_time_are_tested_on_interleaved_samples(run):
