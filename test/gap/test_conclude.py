@@ -1,5 +1,6 @@
 """From which sizes on a gap is one, and is explained."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from tam_calibration.effects.effect import Finding
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.conclude import (
+    _causes,
     _considered,
     _indistinguishable,
     _noisier_rows,
@@ -15,6 +17,8 @@ from tam_calibration.gap.conclude import (
     smallest_gap,
     verdict_on,
 )
+from tam_calibration.gap.evidence import Evidence
+from tam_calibration.gap.support import Step
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 
@@ -119,9 +123,23 @@ def test_a_sensor_has_an_effect_from_a_tenth_of_the_largest_on(run, part, sensor
 @pytest.mark.parametrize(("evidence", "why"), [(11.9, "noise alone"), (12.1, "what it could explain")])
 def test_why_an_effect_is_no_cause_is_told(evidence, why):
     """Odds of 400 to one in white noise, or less."""
-    weighed = (SimpleNamespace(effect="flexure", delta_bic=evidence),)
-    (one,) = _considered(SimpleNamespace(considered=(), weighed=weighed), ())
+    weighed = tuple(SimpleNamespace(effect=name, delta_bic=evidence) for name in ("bias_jump", "flexure"))
+    cause = SimpleNamespace(fitted=FittedEffect("bias_jump", {}, ()), delta_bic=90.0, r2_cv=0.8)
+    named, one = _considered(SimpleNamespace(considered=(), weighed=weighed), (cause,))
+    assert (named.status, named.delta_bic, named.r2_cv) == ("supported", 90.0, 0.8)
     assert (one.status, one.delta_bic) == ("not_supported", evidence) and one.why.startswith(why)
+
+
+def test_what_is_found_twice_is_one_cause_with_the_evidence_of_the_first(run):
+    """Spikes that another step has taken up beside: their energies add up, and the share is of what closes."""
+    fitted = FittedEffect("outliers", {}, (Contribution(1, 0, "offset", {"count": 5.0}),))
+    findings = [Finding(fitted, gain, 1, flagged=np.arange(60) == at) for at, gain in ((3, 300.0), (9, 100.0))]
+    steps = tuple(Step(Evidence("outliers", one, one.gain - 10, one.gain), ()) for one in findings)
+    model = replace(run(60).model(), findings=tuple(findings))
+    found = SimpleNamespace(steps=steps, nominal=model, considered=())
+    (cause,) = _causes(found, model, SimpleNamespace(closed=0.8), {"outliers": 0.9}, 1.0)
+    assert (cause.delta_bic, cause.probability, cause.sensors) == (290.0, 0.9, (2,))
+    assert (cause.share, cause.r2_cv) == (pytest.approx(1.0), pytest.approx(0.8))
 
 
 @pytest.mark.parametrize(("row", "found"), [(5, "explained"), (8, "partly_explained")])
