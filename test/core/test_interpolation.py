@@ -90,14 +90,14 @@ def test_a_scalar_that_is_stamped_late_moves_to_the_samples_it_was_read_at():
 
 
 def test_a_scalar_joins_a_sample_within_half_a_step_only():
-    """In a hole of the recording a reading has no sample; where it has none, nothing moves."""
+    """A reading of 12 ms after its stamp, where the next sample comes a second later, has none."""
     time_s = np.concatenate([0.01 * np.arange(10), 1 + 0.01 * np.arange(10)])
     scalar_T = np.full(20, np.nan)
-    scalar_T[[4, 10, 14]] = 50e-6, 51e-6, 52e-6
-    late = Recording(time_s, np.full((20, 1, 3), 3e-5), scalar_T)
-    mended = without_delays(late, np.array([0, 0.024])).scalar_T
-    assert np.flatnonzero(np.isfinite(mended)).tolist() == [2, 12]
-    assert mended[[2, 12]].tolist() == [50e-6, 52e-6]
+    scalar_T[[4, 9, 14]] = 50e-6, 51e-6, 52e-6
+    early = Recording(time_s, np.full((20, 1, 3), 3e-5), scalar_T)
+    mended = without_delays(early, np.array([0, -0.012])).scalar_T
+    assert np.flatnonzero(np.isfinite(mended)).tolist() == [5, 15]
+    assert mended[[5, 15]].tolist() == [50e-6, 52e-6]
 
 
 def test_values_between_are_told_where_enough_readings_are_around():

@@ -1,13 +1,14 @@
 """The floor of each row is that of its noise, whatever is slow, a tone, a spike or a step in the residual."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
-from tam_calibration.gap.floor import floor_of
+from tam_calibration.gap.floor import _median_turn, floor_of
 from tam_calibration.model.array import Array
 
 
@@ -158,3 +159,12 @@ def test_a_dozen_samples_tell_no_floor(run, samples, is_determined):
     made = run(3000)
     found = floor(replace(made, recording=made.recording.take(slice(samples))))
     assert found.is_determined == is_determined == np.isfinite(found.level_T[-1])
+
+
+def test_an_array_at_rest_does_not_turn():
+    """Also where rounding makes the length of its direction more than one, whose angle no cosine has."""
+    directions = np.random.default_rng(3).normal(size=(200, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    assert (np.sum(directions**2, axis=1) > 1).any()
+    turns = [_median_turn(SimpleNamespace(direction=np.tile(one, (5, 1)))) for one in directions]
+    assert np.max(turns) < 1e-7
