@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.signal import lfilter
+from scipy.signal import freqz, lfilter
 
-from tam_calibration.gap.floor import _median_turn, floor_of
+from tam_calibration.gap.floor import Floor, _median_turn, floor_of
 from tam_calibration.model.array import Array
 
 
@@ -168,3 +168,18 @@ def test_an_array_at_rest_does_not_turn():
     assert (np.sum(directions**2, axis=1) > 1).any()
     turns = [_median_turn(SimpleNamespace(direction=np.tile(one, (5, 1)))) for one in directions]
     assert np.max(turns) < 1e-7
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.3, 0.84, 0.99])
+def test_the_total_has_the_floor_at_three_quarters_of_the_band(colour):
+    """As scipy tells the power of an AR(1) process there, over that of white noise of its variance."""
+    response = freqz([np.sqrt(1 - colour**2)], [1, -colour], worN=[0.75 * np.pi])[1][0]
+    found = Floor(np.full(4, 2e-9), np.full(4, colour), np.full(4, np.nan))
+    assert_allclose(found.total_T, 2e-9 / np.abs(response), rtol=1e-9)
+
+
+def test_a_floor_is_determined_where_that_of_each_axis_is():
+    """Whatever the scalar magnetometer has."""
+    for row, is_determined in ((0, False), (11, False), (12, True)):
+        level = np.where(np.arange(13) == row, np.nan, 1e-9)
+        assert Floor(level, np.zeros(13), np.zeros(13)).is_determined == is_determined
