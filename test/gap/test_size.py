@@ -102,7 +102,7 @@ def test_what_closes_is_a_part(before, left, interval):
     assert _closed(np.full(5, before), np.full(5, left)) == (interval[0], interval)
 
 
-@pytest.mark.parametrize(("left", "end", "at"), [(0.02, 1, 1.0), (0.98, 0, 0.0)])
+@pytest.mark.parametrize(("left", "end", "at"), [(0.01, 1, 1.0), (0.99, 0, 0.0)])
 def test_the_interval_of_what_closes_ends_at_nothing_and_all(left, end, at):
     """However the folds scatter."""
     closed, interval = _closed(np.ones(5), left + np.array([-0.02, 0.02, 0.0, 0.01, -0.01]))
