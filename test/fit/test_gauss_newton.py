@@ -1,4 +1,4 @@
-"""Steps over the free parameters lead to the least χ², and end where rounding or, with new weights, a factor says so."""
+"""Steps lead to the least χ² over what is free, and end where rounding or, with new weights, a factor says so."""
 
 import numpy as np
 import pytest
