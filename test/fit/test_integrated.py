@@ -70,7 +70,7 @@ def test_the_frame_is_stated(noise_free, wu_scenario):
 
 @pytest.mark.parametrize("ratio", [100.0, 4.0])
 def test_no_other_quadric_within_the_constraint_is_nearer(ratio):
-    """The sum of squared algebraic distances over ratio J - I², I the trace of A and J the sum of its principal minors."""
+    """Squared algebraic distances over ratio J - I², with I the trace of A and J the sum of its principal minors."""
     generator = np.random.default_rng(8)
     direction = generator.normal(size=(300, 3))
     points = direction / np.linalg.norm(direction, axis=1, keepdims=True) * [1, 1.5, 0.7] + [0.2, -0.1, 0.3]
