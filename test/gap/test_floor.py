@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.signal import freqz, lfilter
 
-from tam_calibration.gap.floor import Floor, _median_turn, floor_of
+from tam_calibration.gap.floor import Floor, _median_turn, _middle, floor_of
 from tam_calibration.model.array import Array
 
 
@@ -183,3 +183,8 @@ def test_a_floor_is_determined_where_that_of_each_axis_is():
     for row, is_determined in ((0, False), (11, False), (12, True)):
         level = np.where(np.arange(13) == row, np.nan, 1e-9)
         assert Floor(level, np.zeros(13), np.zeros(13)).is_determined == is_determined
+
+
+def test_what_most_rows_have_is_the_lower_median():
+    """Of an odd number the one in the middle, of an even number the smaller of the two."""
+    assert (_middle(np.array([9.0, 1.0, 2.0])), _middle(np.array([4.0, 1.0, 3.0, 2.0]))) == (2.0, 2.0)
