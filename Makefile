@@ -4,6 +4,8 @@
 # make docs     the site of docs/ and the docstrings; writes build/docs/index.html
 # make battery  every bad input and kill, and a flood of the nodes for a minute; a seed: make battery SEED=7
 # make soak     twenty minutes of faults beside a run
+# make mutants  whether a test fails when fit/, localization/, core/ or gap/ is changed in one place: hours; a room or
+#               module: make mutants OF=fit/scale; what has changed since a commit, in 100 s: make mutants SINCE=HEAD~10
 # make bench    every figure of speed beside what it is compared with: a quarter of an hour; writes benchmarks/results/
 # make colcon   build and test as a ROS 2 machine does, in build/ and install/
 # make clean    remove what these wrote, except the environment .venv
@@ -14,7 +16,7 @@ BIN := .venv/bin
 READY := .venv/ready
 MAKEFLAGS += --no-print-directory
 
-.PHONY: demo test check docs battery soak bench colcon clean
+.PHONY: demo test check docs battery soak mutants bench colcon clean
 
 demo: $(READY)
 	@$(BIN)/tam demo
@@ -41,6 +43,12 @@ battery: $(READY)
 
 soak: $(READY)
 	@SOAK_S=1200 $(BIN)/pytest --quiet --capture no test/battery/test_soak.py
+
+mutants: export OPENBLAS_NUM_THREADS := 1
+mutants: $(READY)
+	@if $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[mutants]'; \
+	then nice $(BIN)/python benchmarks/mutants.py $(if $(SINCE),--since $(SINCE),$(OF)); \
+	else echo "Mutants are left out: cosmic-ray cannot be installed"; fi
 
 bench: $(READY)
 	@$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench]' \

@@ -39,6 +39,7 @@ setup(
         "compare": COMPARE,
         "docs": DOCS,
         "fleet": FLEET,
+        "mutants": ["cosmic-ray>=8.7"],
         "notebook": NOTEBOOK,
         "report": REPORT,
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],

@@ -1,5 +1,7 @@
 """The field of a sample is eliminated as by least squares, and what is left is white and free of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -82,3 +84,22 @@ def test_with_a_known_field_each_row_is_a_channel():
     found = Elimination.of_known_field(np.array([1.0, 2.0, 4.0]))
     assert_allclose(found.directions, np.diag([1.0, 2.0, 4.0]))
     assert not found.unmixing.any() and not found.covariance.any()
+
+
+def test_sensors_count_by_their_response_and_their_noise():
+    """Each axis of a sensor responds by its row of D Λ, and has the noise of its sensor."""
+    errors, noise_T = SensorErrors.none(4), np.array([1e-9, 2e-9, 5e-9, 4e-9])
+    errors = replace(errors, scale_factor=errors.scale_factor * np.arange(1, 13).reshape(4, 3))
+    found = Elimination.of_sensors(errors, noise_T)
+    weight = np.repeat(noise_T, 3) ** -2.0
+    expected = [1 / np.sum(weight[axis::3] * np.arange(1, 13)[axis::3] ** 2) for axis in range(3)]
+    assert_allclose(found.covariance, np.diag(expected), rtol=1e-9, atol=1e-9 * max(expected))
+    assert_allclose(found.variance_along(np.eye(3)), expected, rtol=1e-9)
+
+
+def test_in_a_known_field_each_row_is_a_channel():
+    """Weighed by its noise; no field is estimated, and none of its variance is counted."""
+    found = Elimination.of_known_field(np.array([1.0, 2.0, 5.0, 3.0]))
+    assert_allclose(found.directions, np.diag([1.0, 2.0, 5.0, 3.0]))
+    assert found.unmixing.shape == (3, 4) and not found.unmixing.any()
+    assert found.covariance.shape == (3, 3) and not found.covariance.any()

@@ -9,6 +9,7 @@ from tam_calibration.core.interpolation import (
     BEFORE,
     LARGEST_ERROR,
     MOST_UNEVEN,
+    interpolated,
     is_even,
     weights,
     without_delays,
@@ -86,3 +87,38 @@ def test_a_scalar_that_is_stamped_late_moves_to_the_samples_it_was_read_at():
     mended = without_delays(late, np.array([0, 0.032])).scalar_T
     assert np.flatnonzero(np.isfinite(mended)).tolist() == [7, 17]
     assert_allclose(mended[[7, 17]], scalar_T[[10, 20]], rtol=0)
+
+
+def test_a_scalar_joins_a_sample_within_half_a_step_only():
+    """A reading of 12 ms after its stamp, where the next sample comes a second later, has none."""
+    time_s = np.concatenate([0.01 * np.arange(10), 1 + 0.01 * np.arange(10)])
+    scalar_T = np.full(20, np.nan)
+    scalar_T[[4, 9, 14]] = 50e-6, 51e-6, 52e-6
+    early = Recording(time_s, np.full((20, 1, 3), 3e-5), scalar_T)
+    mended = without_delays(early, np.array([0, -0.012])).scalar_T
+    assert np.flatnonzero(np.isfinite(mended)).tolist() == [5, 15]
+    assert mended[[5, 15]].tolist() == [50e-6, 52e-6]
+
+
+def test_values_between_are_told_where_enough_readings_are_around():
+    """Four before and one after: a cubic is met to rounding; elsewhere nothing is told."""
+    times = np.arange(0, 200, 10)
+    course = np.array([[1.0, -2.0], [0.03, 0.01], [2e-4, -5e-4], [1e-6, 3e-6]])
+    values = np.vander(times, 4, increasing=True) @ course
+    asked = np.array([-5, 0, 25, 31, 47, 50, 189, 190, 195])
+    told, after = interpolated(times, values, asked)
+    assert after.tolist() == [20, 20, 20, 4, 5, 6, 19, 20, 20]
+    inside = after < 20
+    assert_allclose(told[inside], np.vander(asked[inside], 4, increasing=True) @ course, rtol=1e-9)
+    assert np.isnan(told[~inside]).all()
+
+
+def test_a_sensor_that_is_stamped_late_moves_to_the_samples_it_was_read_at():
+    """A sine that a sensor has read 4 ms before its stamps is that of the others, wherever time begins."""
+    time_s = 1.7e9 + 0.01 * np.arange(60)
+    phase = 2 * np.pi * 0.5 * (time_s - time_s[0])
+    early = 2 * np.pi * 0.5 * (time_s - time_s[0] - 0.004)
+    readings_T = 5e-5 * np.stack([np.stack([np.sin(each), np.cos(each), 0 * each], 1) for each in (phase, early)], 1)
+    mended = without_delays(Recording(time_s, readings_T), np.array([0, 0.004]))
+    assert len(mended.time_s) >= 54
+    assert_allclose(mended.readings_T[:, 1], mended.readings_T[:, 0], atol=1e-10)

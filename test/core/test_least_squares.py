@@ -105,3 +105,45 @@ def test_unknowns_that_act_alike_are_not_found_and_break_no_neighbour():
     )
     assert_allclose(solution.unknowns[1], [1, 2], atol=1e-9)
     assert np.isnan(solution.covariance[0]).all() and not solution.is_found[0]
+
+
+def test_there_may_be_more_problems_than_data():
+    """Each is solved to its own truth."""
+    truth = np.random.default_rng(5).uniform([1, 0.2], [5, 2], (40, 2))
+    found = solve_damped(decay, decay(truth, None)[0], 1.2 * truth, is_small)
+    assert found.is_found.all()
+    assert_allclose(found.unknowns, truth, rtol=1e-9)
+
+
+@pytest.mark.parametrize("unit", [1e-15, 1.0, 1e15])
+def test_a_step_that_leads_astray_is_taken_back_in_any_unit(unit):
+    """Steps of Gauss and Newton to the zero of an arc tangent diverge from 2."""
+
+    def bent(unknowns, _):
+        return unit * (1 + np.arctan(unknowns)), unit / (1 + unknowns[..., None] ** 2)
+
+    found = solve_damped(bent, np.full((1, 1), unit), np.full((1, 1), 2.0), lambda _, step: np.abs(step[:, 0]) < 1e-12)
+    assert found.is_found[0] and found.unknowns[0, 0] == pytest.approx(0, abs=1e-9)
+
+
+def visited(refused):
+    """Return the places tried on the way from 1 to 0 along a line, where attempts at some numbers are refused."""
+    places = []
+
+    def line(unknowns, _):
+        places.append(float(unknowns[0, 0]))
+        return np.where(len(places) in refused, np.nan, unknowns), np.ones((1, 1, 1))
+
+    solve_damped(line, np.zeros((1, 1)), np.ones((1, 1)), lambda _, step: np.abs(step[:, 0]) < 1e-12)
+    return np.array(places)
+
+
+def test_steps_are_damped_less_after_each_that_leads_down():
+    """Of the way to go a thousandth is left at first, then 0.03 times as much each time."""
+    places = visited(())
+    assert_allclose(places[1:4] / places[:3], [1e-3, 3e-5, 9e-7], rtol=2e-3)
+
+
+def test_steps_are_damped_ten_times_more_after_each_that_does_not():
+    """Until one leads down from where the first began."""
+    assert_allclose(visited((2, 3))[1:4], [1e-3, 1e-2, 1e-1], rtol=0.1)

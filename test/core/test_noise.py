@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.core.noise import complete_noise
+from tam_calibration.core.noise import complete_noise, noise_energy
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import Array
@@ -62,3 +62,13 @@ def test_a_channel_without_any_change_has_the_smallest_noise():
     still = Recording(np.arange(10.0), np.full((10, 1, 3), 3e-5))
     array, _ = complete_noise(UNKNOWN, still)
     assert array.vector_noise_T[0] > 0
+
+
+@pytest.mark.parametrize("freedom", [1, 3, 9])
+def test_the_variance_of_noise_is_told_by_the_median_of_its_sums_of_squares(freedom):
+    """Of 40 000 sums, a tenth of which are outliers: within the few per cent by which these move a median."""
+    generator = np.random.default_rng(6)
+    energy = np.sum((3 * generator.normal(size=(40_000, freedom))) ** 2, axis=1)
+    assert noise_energy(energy, freedom) == pytest.approx(9, rel=0.03)
+    energy[:4000] = 1e9
+    assert 9 < noise_energy(energy, freedom) < 13

@@ -115,3 +115,11 @@ def test_directions_in_words():
     """Axes are named as the array frame has them: x forward, y left, z up."""
     assert describe(np.array([1.0, 0, 0])) == "forward"
     assert describe(np.array([0, -0.8, -0.6])) == "right and down"
+
+
+@pytest.mark.parametrize("height", [-0.99, 0.0, 0.99])
+def test_the_last_sector_ends_where_the_first_begins(height):
+    """A direction along -x, whose azimuth is π, is in the sector of those a little before."""
+    level = np.sqrt(1 - height**2)
+    at, before = (np.array([[-level * np.cos(turn), level * np.sin(turn), height]]) for turn in (0.0, 1e-6))
+    assert cell_of(at) == cell_of(before)

@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.fit import calibrate
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.fit.estimate import measure_chi_square, measure_quality
 from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
 from tam_calibration.fit.maximum_likelihood import estimate
 from tam_calibration.fit.scale import normalize
+from tam_calibration.model.array import Array
 from tam_calibration.model.residuals import residual_series
+from tam_calibration.simulation import simulate
+from tam_calibration.simulation.instruments import AttitudeChannel
 
 
 @pytest.fixture(params=[1, 3], ids=["every scalar", "every third scalar"])
@@ -54,3 +58,24 @@ def test_normal_equations_are_those_of_all_samples(recording, wu_scenario):
     assert_allclose(one.gradient, other.gradient, rtol=1e-6)
     assert one.reference_count == other.reference_count
     assert one.common_mode == pytest.approx(other.common_mode)
+
+
+@pytest.mark.parametrize("method", ["maximum_likelihood", "lossless"])
+def test_standard_errors_do_not_ask_whether_the_noise_was_stated(wu_run, wu_scenario, method):
+    """Where it is estimated from attitudes that jump, 500 times too large at first, they are those of the noise found.
+
+    Also those of a method that takes them from the scatter of the data, which no noise scales.
+    """
+    unstated = calibrate(wu_run.recording, Array(wu_scenario.array.positions_m), method)
+    stated = calibrate(wu_run.recording, unstated.array, method)
+    assert unstated.noise_is_estimated and not stated.noise_is_estimated
+    assert_allclose(unstated.standard_errors, stated.standard_errors, rtol=0.02)
+
+
+def test_standard_errors_of_the_ambient_gradient_are_of_the_noise_found(wu_scenario):
+    """As those of the errors beside it."""
+    made = simulate(replace(wu_scenario, attitude=AttitudeChannel()))
+    unstated = calibrate(made.recording, Array(wu_scenario.array.positions_m), ambient_gradient=True)
+    stated = calibrate(made.recording, unstated.array, ambient_gradient=True)
+    errors = [one.ambient_gradient.standard_errors_T_per_m for one in (unstated, stated)]
+    assert_allclose(*errors, rtol=0.02)

@@ -32,3 +32,12 @@ def test_three_turns_calibrate():
     case = li2018b.turns_about("zxy")
     calibration = fast_rotation(case.recording, case.array)
     assert calibration.in_sample.tensor_rmse_T_per_m < 1.1 * calibration.floor.tensor_rmse_T_per_m
+
+
+def test_directions_are_those_of_sensor_1():
+    """Whatever another sensor reads: far off and at rest it hides none of the turns."""
+    case = li2018b.turns_about("zxy")
+    readings = case.recording.readings_T.copy()
+    readings[:, 1:] = 1e-3
+    found = count_determined(replace(case.recording, readings_T=readings), case.array)
+    assert found == count_determined(case.recording, case.array)

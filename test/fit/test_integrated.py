@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit import ellipsoid
-from tam_calibration.fit.integrated import constrained_ellipsoid, integrated
+from tam_calibration.fit.integrated import _nearest, constrained_ellipsoid, integrated
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.validation.papers import chi2017
 
@@ -66,3 +66,26 @@ def test_the_frame_is_stated(noise_free, wu_scenario):
     error = (seeing.errors.to_vector() - case.errors.to_vector()) / seeing.standard_errors
     assert np.sqrt(np.mean(error**2)) < 2
     assert np.abs(seeing.errors.misalignment[0] - case.errors.misalignment[0]).max() < 1e-4
+
+
+@pytest.mark.parametrize("ratio", [100.0, 4.0])
+def test_no_other_quadric_within_the_constraint_is_nearer(ratio):
+    """Squared algebraic distances over ratio J - I², with I the trace of A and J the sum of its principal minors."""
+    generator = np.random.default_rng(8)
+    direction = generator.normal(size=(300, 3))
+    points = direction / np.linalg.norm(direction, axis=1, keepdims=True) * [1, 1.5, 0.7] + [0.2, -0.1, 0.3]
+    points += 0.05 * generator.normal(size=points.shape)
+    rows = ellipsoid.monomial_columns(points.T, np.ones(len(points))).T
+    shape, linear, constant = _nearest(rows.T @ rows, ratio)
+
+    def distance(shape, linear, constant):
+        algebraic = np.einsum("ni,ij,nj->n", points, shape, points) + points @ linear + constant
+        trace = np.trace(shape)
+        minors = (trace**2 - np.trace(shape @ shape)) / 2
+        return np.sum(algebraic**2) / (ratio * minors - trace**2)
+
+    least = distance(shape, linear, constant)
+    for _ in range(50):
+        step = 1e-3 * generator.normal(size=(3, 3)) * np.abs(shape).max()
+        moved = 1e-3 * generator.normal(size=4) * np.abs(linear).max()
+        assert distance(shape + step + step.T, linear + moved[:3], constant + moved[3]) > least > 0

@@ -200,3 +200,13 @@ def test_a_magnet_that_comes_and_goes_is_kept_with_the_calibration(lone):
         found.standard_errors > 0, found.standard_errors, np.inf
     )
     assert np.abs(pulls).max() < 4
+
+
+def test_standard_errors_by_attitude_do_not_ask_for_the_stated_noise(lone):
+    """They are scaled by the residual: a sheet that states 1.6 times the noise makes them no larger."""
+    made = lone(3000, noise_T=3e-8)
+    recording = made.recording.take(made.field_T[:, 2] > 0.85 * made.world.intensity_T)
+    sheets = [replace(made.array, vector_noise_T=factor * made.array.vector_noise_T) for factor in (1.0, 1.6)]
+    found = [calibrate_with_effects(recording, sheet, ["auto"]) for sheet in sheets]
+    assert [one.method for one in found] == [IN_WORLD, IN_WORLD]
+    assert_allclose(found[0].standard_errors, found[1].standard_errors, rtol=0.02)

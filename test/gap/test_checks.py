@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tam_calibration.gap.checks import LAGS, checks_of
+from tam_calibration.gap.checks import LAGS, _kurtosis, checks_of
 
 SAMPLES = 400
 FLOOR_T = np.array([1e-9, 2e-9, 1e-9, 3e-10])
@@ -96,6 +96,17 @@ def test_ranges_are_those_of_the_laws():
     assert checks.part_of_direction.high[0] == pytest.approx(most)
 
 
+@pytest.mark.parametrize(("count", "power"), [(48, 1.3), (300, 1.3), (48, 0.5)])
+def test_the_range_of_the_kurtosis_is_that_of_scipys_test(count, power):
+    """At the chance that scipy gives a sample with long or short tails, its kurtosis is the end of the range."""
+    noise = np.random.default_rng(3).normal(size=count)
+    values = np.sign(noise) * np.abs(noise) ** power
+    departure = stats.kurtosistest(values).statistic
+    found, low, high = _kurtosis(values, 2 * stats.norm.sf(abs(departure)))
+    assert (departure > 0) == (power > 1)
+    assert found == pytest.approx(high if departure > 0 else low, rel=1e-9)
+
+
 def test_the_autocorrelation_is_that_of_an_autoregressive_process():
     """0.8 to the power of the lag."""
     generator, values = np.random.default_rng(1), np.zeros(20_000)
@@ -105,6 +116,13 @@ def test_the_autocorrelation_is_that_of_an_autoregressive_process():
     checks = checks_of(np.arange(20_000.0), directions(generator, 20_000), rows, np.ones(2))
     assert checks.autocorrelation.shape == (2, 20) and LAGS == 20
     assert np.allclose(checks.autocorrelation[0], 0.8 ** np.arange(1, 21), atol=0.05)
+
+
+def test_the_range_of_the_lag_1_correlation_is_told_about_its_mean():
+    """Of n samples -1/n, not zero."""
+    checks = checked(lambda noise, *_: noise * (-1.0) ** np.arange(60) + np.where(np.arange(60) % 2, 4.0, -4.0), 60)
+    half = stats.norm.isf((1 - 0.95 ** (1 / 20)) / 2) / np.sqrt(60)
+    assert any(f"where noise has −{1 / 60:.2f} ± {half:.2f}." in sentence for sentence in checks.sentences)
 
 
 def test_what_nothing_tells_does_not_depart():

@@ -1,36 +1,145 @@
 """From which sizes on a gap is one, and is explained."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from tam_calibration.effects.effect import Finding
 from tam_calibration.gap import diagnose
-from tam_calibration.gap.conclude import verdict_on
+from tam_calibration.gap.conclude import (
+    _causes,
+    _considered,
+    _indistinguishable,
+    _noisier_rows,
+    _places,
+    smallest_gap,
+    verdict_on,
+)
+from tam_calibration.gap.evidence import Evidence
+from tam_calibration.gap.support import Step
+from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 
-def verdict(monkeypatch, steps, **size):
-    """Return the verdict on a search that left nothing visible."""
-    monkeypatch.setattr("tam_calibration.gap.conclude.open_part", lambda *models: 0.0)
+def verdict(monkeypatch, has_cause, *, left=0.0, variance=1.0, evidence=0.0, is_noisier=False, **size):
+    """Return the verdict on a search that leaves a part of the gap visible, and so much evidence in its residual."""
+    monkeypatch.setattr("tam_calibration.gap.conclude.open_part", lambda *models: left)
     monkeypatch.setattr("tam_calibration.gap.conclude._is_open_elsewhere", lambda found: False)
     model = SimpleNamespace(base=lambda: None)
-    found = SimpleNamespace(steps=steps, nominal=model, model=model, remaining=())
-    return verdict_on(found, SimpleNamespace(after=0.05, **size), 1.0, is_noisier=True)
-
-
-@pytest.mark.parametrize(("before", "found"), [(0.07, "no_gap"), (0.14, "unexplained")])
-def test_a_tenth_of_the_noise_floor_is_a_gap(monkeypatch, before, found):
-    """Less is none, however certain."""
-    assert verdict(monkeypatch, (), before=before, closed=0.0) == found
+    unknown = (SimpleNamespace(delta_bic=evidence),)
+    found = SimpleNamespace(steps=("a step",) * has_cause, nominal=model, model=model, remaining=unknown)
+    sizes = SimpleNamespace(**{"before": 2.0, "after": 0.05, "closed": 0.9, **size})
+    return verdict_on(found, sizes, variance, is_noisier)
 
 
 @pytest.mark.parametrize(
-    ("closed", "found"),
-    [(0.18, "unexplained"), (0.35, "partly_explained"), (0.45, "partly_explained"), (0.8, "explained")],
+    ("told", "found"),
+    [
+        ({"before": 0.09, "is_noisier": True}, "no_gap"),
+        ({"before": 0.11, "is_noisier": True}, "unexplained"),
+        ({"variance": 1.19**2}, "no_gap"),
+        ({"variance": 1.21**2}, "unexplained"),
+        ({"evidence": 11.9}, "no_gap"),
+        ({"evidence": 12.0}, "unexplained"),
+    ],
 )
-def test_causes_close_a_quarter_of_a_gap_or_more_than_half(monkeypatch, closed, found):
-    """Less than a quarter explains nothing, and from six tenths on nothing is open."""
-    assert verdict(monkeypatch, ("a step",), before=1.0, closed=closed) == found
+def test_what_no_cause_explains_is_a_gap(monkeypatch, told, found):
+    """From a tenth of the noise floor on; with noisier rows, noise a fifth above the sheet, or odds of 400 to one."""
+    assert verdict(monkeypatch, False, **told) == found
+
+
+@pytest.mark.parametrize(
+    ("told", "found"),
+    [
+        ({"before": 0.09}, "no_gap"),
+        ({"before": 0.11}, "explained"),
+        ({"closed": 0.24}, "unexplained"),
+        ({"closed": 0.26}, "partly_explained"),
+        ({"closed": 0.49}, "partly_explained"),
+        ({"closed": 0.51}, "explained"),
+        ({"after": 0.95}, "explained"),
+        ({"after": 1.05}, "partly_explained"),
+        ({"left": 0.09}, "explained"),
+        ({"left": 0.11}, "partly_explained"),
+    ],
+)
+def test_causes_explain_what_they_close(monkeypatch, told, found):
+    """A quarter at least; all of it where half closes, a tenth is visible and no more than a noise floor is left."""
+    assert verdict(monkeypatch, True, **told) == found
+
+
+@pytest.mark.parametrize(("count", "smallest"), [(100, 0.4075), (1000, 0.1375), (1900, 0.1014), (1e6, 0.1)])
+def test_the_smallest_gap_has_the_least_evidence_with_one_coefficient(count, smallest):
+    """As g² n is ln n + 12, and a tenth of the noise floor at least."""
+    assert smallest_gap(count) == pytest.approx(smallest, abs=1e-4)
+
+
+@pytest.mark.parametrize(("gain", "is_told"), [(12 + 3 * np.log(500) - 0.1, False), (12 + 3 * np.log(500) + 0.1, True)])
+def test_noisier_rows_need_the_least_evidence(monkeypatch, gain, is_told):
+    """For three parameters in 500 channels."""
+    excess = SimpleNamespace(gain=gain, parameter_count=3)
+    monkeypatch.setattr("tam_calibration.gap.conclude.best_excess", lambda moments, covariates: excess)
+    monkeypatch.setattr("tam_calibration.gap.conclude.ChannelMoments.of", lambda residuals: None)
+    channels = SimpleNamespace(count=500, residuals=None, covariates=None)
+    model = SimpleNamespace(parts=(), channels=lambda signal: channels)
+    assert (_noisier_rows(model) is excess) == is_told
+
+
+@pytest.mark.parametrize(
+    ("rival", "is_named"),
+    [((88.5, 90.0), True), ((87.5, 90.0), False), ((0.0, 97.5), True), ((0.0, 96.5), False)],
+)
+def test_a_rival_that_explains_as_much_is_named_beside_a_cause(rival, is_named):
+    """With evidence less by twelve at most, or 97 % of the energy."""
+    cause = SimpleNamespace(delta_bic=100.0, gain=100.0, form=None)
+    other = SimpleNamespace(effect="flexure", delta_bic=rival[0], gain=rival[1])
+    step = SimpleNamespace(accepted=cause, weighed=(other,))
+    found = _indistinguishable(step, SimpleNamespace(effect="hysteresis"), SimpleNamespace(considered=()))
+    assert found == (("flexure",) if is_named else ())
+
+
+@pytest.mark.parametrize(("count", "others"), [(3, ("saturation",)), (4, ())])
+def test_a_few_outliers_may_be_another_extreme(count, others):
+    """Three samples tell no spikes from a saturation."""
+    fitted = FittedEffect("outliers", {}, ())
+    finding = Finding(fitted, 100.0, 1, flagged=np.arange(50) < count)
+    step = SimpleNamespace(accepted=SimpleNamespace(delta_bic=100.0, gain=100.0, form=finding), weighed=())
+    assert _indistinguishable(step, fitted, SimpleNamespace(considered=())) == others
+
+
+@pytest.mark.parametrize(("part", "sensors"), [(0.09, {1}), (0.11, {1, 2})])
+def test_a_sensor_has_an_effect_from_a_tenth_of_the_largest_on(run, part, sensors):
+    """Less is what the common field carries over from the other."""
+    parts = tuple(
+        Contribution(sensor, axis, "offset", {"offset": size})
+        for sensor, size in ((1, 1e-9), (2, part * 1e-9))
+        for axis in range(3)
+    )
+    fitted = FittedEffect("temperature_drift", {"time_constant_s": 0.0, "reference_C": 20.0}, parts)
+    assert {sensor for sensor, _ in _places(fitted, run(60).channels().covariates)} == sensors
+
+
+@pytest.mark.parametrize(("evidence", "why"), [(11.9, "noise alone"), (12.1, "what it could explain")])
+def test_why_an_effect_is_no_cause_is_told(evidence, why):
+    """Odds of 400 to one in white noise, or less."""
+    weighed = tuple(SimpleNamespace(effect=name, delta_bic=evidence) for name in ("bias_jump", "flexure"))
+    cause = SimpleNamespace(fitted=FittedEffect("bias_jump", {}, ()), delta_bic=90.0, r2_cv=0.8)
+    named, one = _considered(SimpleNamespace(considered=(), weighed=weighed), (cause,))
+    assert (named.status, named.delta_bic, named.r2_cv) == ("supported", 90.0, 0.8)
+    assert (one.status, one.delta_bic) == ("not_supported", evidence) and one.why.startswith(why)
+
+
+def test_what_is_found_twice_is_one_cause_with_the_evidence_of_the_first(run):
+    """Spikes that another step has taken up beside: their energies add up, and the share is of what closes."""
+    fitted = FittedEffect("outliers", {}, (Contribution(1, 0, "offset", {"count": 5.0}),))
+    findings = [Finding(fitted, gain, 1, flagged=np.arange(60) == at) for at, gain in ((3, 300.0), (9, 100.0))]
+    steps = tuple(Step(Evidence("outliers", one, one.gain - 10, one.gain), ()) for one in findings)
+    model = replace(run(60).model(), findings=tuple(findings))
+    found = SimpleNamespace(steps=steps, nominal=model, considered=())
+    (cause,) = _causes(found, model, SimpleNamespace(closed=0.8), {"outliers": 0.9}, 1.0)
+    assert (cause.delta_bic, cause.probability, cause.sensors) == (290.0, 0.9, (2,))
+    assert (cause.share, cause.r2_cv) == (pytest.approx(1.0), pytest.approx(0.8))
 
 
 @pytest.mark.parametrize(("row", "found"), [(5, "explained"), (8, "partly_explained")])

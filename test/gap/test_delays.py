@@ -84,3 +84,11 @@ def test_delays_that_do_not_settle_are_refused(steps, before, is_refused):
         return
     with pytest.raises(Refused, match="do not settle"):
         estimate_delays(recording, array)
+
+
+def test_standard_errors_do_not_ask_for_the_stated_noise():
+    """They are scaled by the residual: a sheet that states 1.6 times the noise makes them no larger."""
+    recording, array = delayed((0, 20, -13, 7), 1)
+    sheets = (array, replace(array, vector_noise_T=1.6 * array.vector_noise_T))
+    errors = [estimate_delays(recording, sheet).standard_error_s for sheet in sheets]
+    assert_allclose(*errors, rtol=0.02)

@@ -1,13 +1,14 @@
 """The floor of each row is that of its noise, whatever is slow, a tone, a spike or a step in the residual."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.signal import lfilter
+from scipy.signal import freqz, lfilter
 
-from tam_calibration.gap.floor import floor_of
+from tam_calibration.gap.floor import Floor, _median_turn, _middle, floor_of
 from tam_calibration.model.array import Array
 
 
@@ -76,7 +77,14 @@ def test_coloured_noise_is_told_with_its_colour(run):
 
 @pytest.mark.parametrize(
     ("factor", "said", "common"),
-    [(0.1, "stated 0.1 nT, found ", 10.0), (10.0, "stated 10 nT, found ", 0.1), (0.6, None, 1), (1.7, None, 1)],
+    [
+        (0.1, "stated 0.1 nT, found ", 10.0),
+        (0.43, "stated 0.43 nT, found ", 2.33),
+        (0.57, None, 1),
+        (1.75, None, 1),
+        (2.3, "stated 2.3 nT, found ", 0.43),
+        (10.0, "stated 10 nT, found ", 0.1),
+    ],
 )
 def test_a_sheet_that_is_far_off_is_contradicted(run, factor, said, common):
     """Up to twice or half of the noise it may be right."""
@@ -151,3 +159,32 @@ def test_a_dozen_samples_tell_no_floor(run, samples, is_determined):
     made = run(3000)
     found = floor(replace(made, recording=made.recording.take(slice(samples))))
     assert found.is_determined == is_determined == np.isfinite(found.level_T[-1])
+
+
+def test_an_array_at_rest_does_not_turn():
+    """Also where rounding makes the length of its direction more than one, whose angle no cosine has."""
+    directions = np.random.default_rng(3).normal(size=(200, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    assert (np.sum(directions**2, axis=1) > 1).any()
+    turns = [_median_turn(SimpleNamespace(direction=np.tile(one, (5, 1)))) for one in directions]
+    assert np.max(turns) < 1e-7
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.3, 0.84, 0.99])
+def test_the_total_has_the_floor_at_three_quarters_of_the_band(colour):
+    """As scipy tells the power of an AR(1) process there, over that of white noise of its variance."""
+    response = freqz([np.sqrt(1 - colour**2)], [1, -colour], worN=[0.75 * np.pi])[1][0]
+    found = Floor(np.full(4, 2e-9), np.full(4, colour), np.full(4, np.nan))
+    assert_allclose(found.total_T, 2e-9 / np.abs(response), rtol=1e-9)
+
+
+def test_a_floor_is_determined_where_that_of_each_axis_is():
+    """Whatever the scalar magnetometer has."""
+    for row, is_determined in ((0, False), (11, False), (12, True)):
+        level = np.where(np.arange(13) == row, np.nan, 1e-9)
+        assert Floor(level, np.zeros(13), np.zeros(13)).is_determined == is_determined
+
+
+def test_what_most_rows_have_is_the_lower_median():
+    """Of an odd number the one in the middle, of an even number the smaller of the two."""
+    assert (_middle(np.array([9.0, 1.0, 2.0])), _middle(np.array([4.0, 1.0, 3.0, 2.0]))) == (2.0, 2.0)

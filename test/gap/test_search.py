@@ -84,6 +84,82 @@ def test_where_a_cause_does_not_hold_the_search_goes_on_without_it(monkeypatch, 
     assert [one.accepted.effect for one in held] == kept and passed_over[0] == {"step"}
 
 
+@pytest.mark.parametrize(
+    ("energy", "left", "has_causes", "is_clean"),
+    [
+        (1.95, 0.05, True, True),
+        (2.05, 0.05, True, False),
+        (1.5, 0.09, True, True),
+        (1.5, 0.11, True, False),
+        (1.5, 0.05, False, False),
+    ],
+)
+def test_a_search_is_clean_where_its_causes_leave_nothing(monkeypatch, energy, left, has_causes, is_clean):
+    """No more than a noise floor beside the noise, and a tenth of what can be seen; and where a cause of it holds."""
+    step = SimpleNamespace(accepted="a cause")
+    monkeypatch.setattr(CauseSearch, "_forward", lambda *asked: [step])
+    monkeypatch.setattr(CauseSearch, "_beside_held", lambda self, steps: [step] * has_causes)
+    monkeypatch.setattr(CauseSearch, "_swapped", lambda self, steps: steps)
+    monkeypatch.setattr(CauseSearch, "_holding", lambda self, steps: steps)
+    base = SimpleNamespace(energy=500 * energy, channels=SimpleNamespace(count=500), rank=12)
+    monkeypatch.setattr(CauseSearch, "_beside", lambda self, steps: (SimpleNamespace(findings=()), base))
+    monkeypatch.setattr("tam_calibration.gap.search.rivals", lambda base: ())
+    monkeypatch.setattr("tam_calibration.gap.search.open_part", lambda first, last, unknown: left)
+    started = object.__new__(CauseSearch)
+    started.first_base = SimpleNamespace(rank=10)
+    found = started.found(None)
+    assert found.is_clean == is_clean
+    assert found.evidence == pytest.approx(-500 * np.log(energy) - 2 * np.log(500))
+
+
+@pytest.mark.parametrize(
+    ("visible", "energy", "asked"),
+    [
+        (1e4, 1e3, [500, 100]),
+        (1e6, 1e4, [50_000, 2500]),
+        (1e3, 1e3, [50, 50]),
+        (1e4, 99, [500]),
+        (1e6, 2400, [50_000]),
+    ],
+)
+def test_the_energy_that_a_further_cause_must_explain(monkeypatch, visible, energy, asked):
+    """A twentieth of the gap; beside others no more than a floor's of 100 channels, or the error of their models."""
+    told = []
+
+    def supported(base, weighed, steps, least):
+        told.append(least)
+        return (SimpleNamespace(effect="a cause", form=None), None) if len(told) == 1 else None
+
+    base = SimpleNamespace(energy=energy, channels=SimpleNamespace(count=100))
+    monkeypatch.setattr(CauseSearch, "_visible", lambda self: visible)
+    monkeypatch.setattr(CauseSearch, "_beside", lambda self, steps: (None, base))
+    monkeypatch.setattr(CauseSearch, "_weigh", lambda self, base, depth: ())
+    monkeypatch.setattr("tam_calibration.gap.search.supported", supported)
+    started = object.__new__(CauseSearch)
+    started.weighed = ()
+    assert len(started._forward([], None, ())) == 1
+    assert told == pytest.approx(asked)
+
+
+@pytest.mark.parametrize("is_clean", [True, False])
+def test_a_search_starts_again_from_effects_with_a_quarter_of_the_evidence(monkeypatch, is_clean):
+    """From two of them at most, where a gap remains."""
+    weighed = [SimpleNamespace(delta_bic=bic, is_certain=False) for bic in (100.0, 24.0, 26.0, 40.0, 60.0)]
+    monkeypatch.setattr(CauseSearch, "_alone", lambda self, one: None)
+    monkeypatch.setattr("tam_calibration.gap.search.is_new", lambda one, steps, base: True)
+    monkeypatch.setattr("tam_calibration.gap.search.support_of", lambda base, one: (True, None))
+    started = object.__new__(CauseSearch)
+    started.nominal, started.first_base, started.weighed = SimpleNamespace(gross=None), None, weighed
+
+    def starts():
+        found = started.other_starts(SimpleNamespace(first=weighed[0], is_clean=is_clean))
+        return [one.delta_bic for one in found]
+
+    assert starts() == ([] if is_clean else [60, 40])
+    started.weighed = weighed[:3]
+    assert starts() == ([] if is_clean else [26])
+
+
 SAMPLES = 600
 
 

@@ -1,16 +1,18 @@
 """The size of a gap is that of the effect that was planted, as far as the channels can see it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy import stats
 
 from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
 from tam_calibration.effects.temperature_drift import TemperatureDrift
 from tam_calibration.gap.evidence import rivals
 from tam_calibration.gap.hypothesis import given_form
-from tam_calibration.gap.size import FOLDS, folds_of, held_out_energy, is_interleaved, measure, noise_variance
+from tam_calibration.gap.size import FOLDS, _closed, folds_of, held_out_energy, is_interleaved, measure, noise_variance
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
@@ -86,6 +88,27 @@ def test_the_interval_of_what_closes_covers(run, dense):
     assert held >= 9
 
 
+def test_the_interval_of_what_closes_is_students():
+    """Where all folds have the same gap, the part that closes is a mean of five, with the interval of Student's t."""
+    left = np.array([0.2, 0.26, 0.31, 0.22, 0.24])
+    interval = stats.ttest_1samp(1 - left, 0).confidence_interval(0.95)
+    closed, found = _closed(np.ones(5), left)
+    assert closed == pytest.approx(1 - left.mean()) and found == pytest.approx(tuple(interval))
+
+
+@pytest.mark.parametrize(("before", "left", "interval"), [(1.0, -0.1, (1, 1)), (1.0, 3.0, (0, 0)), (-1.0, 0.5, (0, 0))])
+def test_what_closes_is_a_part(before, left, interval):
+    """Of a gap that noise has overdone, that a cause has widened, or that is none: all of it, or nothing."""
+    assert _closed(np.full(5, before), np.full(5, left)) == (interval[0], interval)
+
+
+@pytest.mark.parametrize(("left", "end", "at"), [(0.01, 1, 1.0), (0.99, 0, 0.0)])
+def test_the_interval_of_what_closes_ends_at_nothing_and_all(left, end, at):
+    """However the folds scatter."""
+    closed, interval = _closed(np.ones(5), left + np.array([-0.02, 0.02, 0.0, 0.01, -0.01]))
+    assert closed == pytest.approx(1 - left) and interval[end] == at and interval[1 - end] != pytest.approx(closed)
+
+
 def model_leaves(made, dense, slopes, model):
     """Return the part of the signal's energy that neither the calibration nor the model's effect takes up."""
     channels, clean = made.channels(), dense(made)
@@ -113,6 +136,19 @@ def test_what_a_rival_explains_is_not_noise(run):
     model = made.with_row(4, 8e-9 * np.cos(np.pi * np.linspace(0, 1, 900) * 3)).model()
     with_drift, floor = noise_variance(model, (), 12.0), noise_variance(model, tuple(rivals(model.base())), 12.0)
     assert with_drift == pytest.approx(1.44) and floor == pytest.approx(1, abs=0.08)
+
+
+@pytest.mark.parametrize(
+    ("evidence", "is_determined", "least"), [(11.9, True, 1.0), (12.1, True, 0.8), (12.1, False, 0.2)]
+)
+def test_no_rival_explains_noise_away(run, monkeypatch, evidence, is_determined, least):
+    """Four fifths of what differences tell are noise, or of half the stated deviation, where differences tell none."""
+    made = run(900)
+    model, rival = made.model(), SimpleNamespace(gain=1e6, delta_bic=evidence)
+    level = np.append(made.array.vector_noise_T.repeat(3), np.nan)
+    floor = SimpleNamespace(is_determined=is_determined, level_T=level, stated_T=level)
+    monkeypatch.setattr("tam_calibration.gap.size.floor_of", lambda channels, stated: floor)
+    assert noise_variance(model, (rival,), 12.0) == pytest.approx(least, rel=0.06 if evidence < 12 else 1e-9)
 
 
 def test_free_functions_of_time_are_tested_on_interleaved_samples(run):

@@ -157,3 +157,10 @@ def test_a_recorded_channel_with_more_evidence_comes_before_a_change(base, monke
     )
     found = supported(base, [jump, current], (), 0.0)
     assert found is not None and found[0].effect == first
+
+
+@pytest.mark.parametrize(("evidence", "is_open"), [(11.9, False), (12.1, True)])
+def test_what_is_open_has_the_least_evidence(base, evidence, is_open):
+    """A function without physics with less may be noise."""
+    unknown = [replace(one, delta_bic=evidence) for one in rivals(base)]
+    assert (open_part(base, base, unknown) > 0) == is_open

@@ -1,6 +1,7 @@
 """A gap is found in the sensor, axis, time and band in which it was planted, whatever its cause."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -142,3 +143,14 @@ def test_an_axis_makes_nearly_all_of_what_is_told_for_it(run, other, place):
     base = made.with_row(4, drift).with_row(9, other * drift).model().base()
     found = main_places(base, examine(base, FunctionOfTime()))
     assert found == [place] if place else {sensor for sensor, _ in found} == {1, 3}
+
+
+@pytest.mark.parametrize(("part", "is_told"), [(0.54, True), (0.57, False)])
+def test_a_span_holds_nine_tenths_of_the_excess_in_less_than_half_of_the_run(part, is_told):
+    """Of an excess that is even over the first part of a run a twentieth is left out at either end."""
+    time_s = np.linspace(0, 100, 10_001)
+    channels = SimpleNamespace(covariates=SimpleNamespace(time_s=time_s))
+    span = span_of(channels, np.where(time_s <= 100 * part, 1.0, 0.0))
+    assert (span is not None) == is_told
+    if is_told:
+        assert span == pytest.approx((5 * part, 95 * part), abs=0.02)

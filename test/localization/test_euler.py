@@ -62,6 +62,20 @@ def test_covariance_is_that_of_repeated_measurements(constrained):
     assert noisy.distance_m.std() == pytest.approx(one.distance_standard_errors_m[0], rel=0.05)
 
 
+def test_which_eigenvector_is_left_out_by_chance_is_in_the_covariance():
+    """Where noise hides which of two eigenvalues is the smaller, the other choice lies within one standard error."""
+    outputs = outputs_of(Dipole(np.array([3.0, 0.0, 0.0]), 400 * np.array([np.cos(0.01), np.sin(0.01), 0.0])))
+    noise = 1e-18 * np.eye(8)
+    found, unaware = (locate_one(outputs, noise, constrained=constrained) for constrained in (True, False))
+    gxx, gxy, gxz, gyy, gyz = outputs[3:]
+    values, vectors = np.linalg.eigh([[gxx, gxy, gxz], [gxy, gyy, gyz], [gxz, gyz, -gxx - gyy]])
+    parts = 3 * vectors * (vectors.T @ outputs[:3] / values)
+    one, other, _ = np.argsort(np.abs(values))
+    change = parts[:, one] - parts[:, other]
+    assert change @ np.linalg.solve(unaware.position_covariance_m2[0], change) > 10
+    assert change @ np.linalg.solve(found.position_covariance_m2[0], change) < 1
+
+
 def test_structural_index_scales_the_distance():
     """A line of dipoles falls with the square, a line of current with the distance: r is n times the same vector."""
     x, y = 2.0, -1.0
