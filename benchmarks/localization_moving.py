@@ -103,9 +103,9 @@ def passing(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
         for _ in track(range(runs), description=f"passing, {noise_deg}°"):
             reported = (sway * Rotation.from_rotvec(noise * generator.standard_normal((len(time), 3)))).as_quat()
             noisy = fields + SENSOR_NOISE_T * generator.standard_normal(fields.shape)
-            fit = track_dipole(noisy, array, Poses(reported, position, noise)).fit
-            error = fit.source.position_m - source.position_m
-            squares.append(error @ inv(fit.covariance[:3, :3]) @ error / 3)
+            found, covariance = track_dipole(noisy, array, Poses(reported, position, noise)).sources[0]
+            error = found.position_m - source.position_m
+            squares.append(error @ inv(covariance[:3, :3]) @ error / 3)
             errors.append(norm(error))
         case = f"passing a steady dipole, attitude to {noise_deg}°"
         yield ratio(case, "track_dipole", "error of position over its standard error", squares, ANYTHING)

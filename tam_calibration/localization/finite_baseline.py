@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from tam_calibration.core.least_squares import Solution
 from tam_calibration.localization.euler import locate
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
 from tam_calibration.localization.source_problem import Problem, solve
@@ -50,16 +51,12 @@ def _locate_dipole(array: Array, outputs: FloatArray, covariance: FloatArray | N
     at = np.flatnonzero(euler.is_located)
     if not len(at):
         return euler
-    operator, (points, by_points) = array.operator[:8], _elements(array)
+    operator = array.operator[:8]
     noise = operator @ operator.T if covariance is None else np.asarray(covariance, dtype=float)[..., :8, :8]
     if noise.ndim == 3:
         noise = noise[at]
-    whitening = _whitening(noise)
-    weights = (whitening @ by_points)[..., None, :, :]
-    data = (whitening @ outputs[at, :8, None])[..., 0]
-    problem = Problem(dipole_field, points[None], weights, np.zeros((1, 8, 0)))
     start = np.concatenate([euler.position_m[at], euler.moment_Am2[at]], axis=1)
-    solution = solve(problem, data, start)
+    solution = fit_dipoles(outputs[at, :8], array, noise, start)
     found = at[solution.is_found]
     status = euler.status.copy()
     status[at[~solution.is_found]] = Status.UNCERTAIN
@@ -68,6 +65,32 @@ def _locate_dipole(array: Array, outputs: FloatArray, covariance: FloatArray | N
     if covariance is not None:
         spread[found] = solution.covariance[solution.is_found]
     return EulerSolutions(unknowns[:, :3], spread[:, :3, :3], unknowns[:, 3:], spread[:, 3:, 3:], status)
+
+
+def fit_dipoles(outputs: FloatArray, array: Array, noise: FloatArray, start: FloatArray) -> Solution:
+    """Return the dipoles that fit the outputs of an array with its true baselines, each sample a problem of its own.
+
+    Parameters
+    ----------
+    outputs : (N, 8) array
+        Field and gradient of the dipole alone, array frame, tesla and T/m.
+    array : Array
+        Whose outputs they are.
+    noise : (8, 8) or (N, 8, 8) array
+        Covariance of the outputs, for all samples or each.
+    start : (N, 6) array
+        Places and moments to begin with, metres and A m².
+
+    Raises
+    ------
+    InputError
+        When a covariance has no inverse.
+    """
+    points, by_points = _elements(array)
+    whitening = _whitening(noise)
+    weights = (whitening @ by_points)[..., None, :, :]
+    data = (whitening @ outputs[..., None])[..., 0]
+    return solve(Problem(dipole_field, points[None], weights, np.zeros((1, 8, 0))), data, start)
 
 
 def _elements(array: Array) -> tuple[FloatArray, FloatArray]:

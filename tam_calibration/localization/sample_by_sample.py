@@ -7,19 +7,16 @@ import numpy as np
 from tam_calibration.localization.euler import DIPOLE_INDEX, locate
 from tam_calibration.localization.finite_baseline import locate_dipole
 from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.localization.turned_samples import across_field, locate_turned
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
-from tam_calibration.sources.dipole import dipole_field
 
 _TENTHS = 10
 """Parts of a run whose medians tell how certain the regional field is."""
 
 _TO_DEVIATION = 1.4826
 """Standard deviation of normal numbers over their median absolute deviation."""
-
-_ROUNDS = 2
-"""Times that a dipole is located anew with the direction that it gives to errors of the attitude."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,30 +116,21 @@ def locate_samples(
         raise InputError("without an attitude the regional field cannot be taken off")
     matrices = _matrices(attitude)
     field_T = np.einsum("nji,j->ni", matrices, regional.field_T)
-    source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
     spread = np.zeros((3, 3)) if regional.covariance_T2 is None else regional.covariance_T2
     own = np.swapaxes(matrices, 1, 2) @ spread @ matrices
-    direction = outputs[:, :3]
-    solutions = _locate(source, array, _widened(covariance, own, direction, regional.attitude_noise), index)
-    if index == DIPOLE_INDEX and regional.attitude_noise:
-        for _ in range(_ROUNDS):
-            direction = np.where(solutions.is_located[:, None], _half_way(outputs, field_T, solutions), direction)
-            solutions = _locate(source, array, _widened(covariance, own, direction, regional.attitude_noise), index)
+    if index == DIPOLE_INDEX and regional.attitude_noise and array.has_gradient:
+        solutions = locate_turned(outputs, field_T, array, covariance, own, regional.attitude_noise)
+    else:
+        source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
+        widened = across_field(covariance, own, outputs[:, :3], regional.attitude_noise)
+        solutions = _locate(source, array, widened, index)
     return _unless_unknown(solutions, attitude)
 
 
-def _half_way(outputs: FloatArray, field_T: FloatArray, solutions: EulerSolutions) -> FloatArray:
-    """Return the fields (N, 3) half way from the measured ones to those that are expected of regional field and dipole.
-
-    An error that turns the field from the one to the other is at right angles to it, however large it is.
-    """
-    position, moment = (np.nan_to_num(each, nan=1.0) for each in (solutions.position_m, solutions.moment_Am2))
-    half: FloatArray = (outputs[:, :3] + field_T + dipole_field(-position, moment)[0]) / 2
-    return half
-
-
-def turned(solutions: EulerSolutions, attitude: FloatArray) -> EulerSolutions:
+def turned(solutions: EulerSolutions, attitude: FloatArray, attitude_noise: float = 0.0) -> EulerSolutions:
     """Return solutions of the array frame along the axes of the world, the array's centre still the origin.
+
+    An error of the attitude turns place and moment too.
 
     Parameters
     ----------
@@ -150,16 +138,27 @@ def turned(solutions: EulerSolutions, attitude: FloatArray) -> EulerSolutions:
         In the array frame.
     attitude : (N, 4) array
         Quaternions x, y, z, w from the array frame to the world; where one is unknown so is the result.
+    attitude_noise : float
+        Standard deviation of the attitude about each axis, radians.
     """
-    matrix = _matrices(attitude)
+    matrix, variance = _matrices(attitude), attitude_noise**2
+    back = np.swapaxes(matrix, 1, 2)
     world = EulerSolutions(
         (matrix @ solutions.position_m[..., None])[..., 0],
-        matrix @ solutions.position_covariance_m2 @ np.swapaxes(matrix, 1, 2),
+        matrix @ _turning(solutions.position_covariance_m2, solutions.position_m, variance) @ back,
         (matrix @ solutions.moment_Am2[..., None])[..., 0],
-        matrix @ solutions.moment_covariance_A2m4 @ np.swapaxes(matrix, 1, 2),
+        matrix @ _turning(solutions.moment_covariance_A2m4, solutions.moment_Am2, variance) @ back,
         solutions.status,
     )
     return _unless_unknown(world, attitude)
+
+
+def _turning(covariance: FloatArray, vectors: FloatArray, variance: float) -> FloatArray:
+    """Add to the covariances (N, 3, 3) of vectors (N, 3) what turns of a variance about each axis make of them."""
+    along = vectors[:, :, None] * vectors[:, None, :]
+    size = np.einsum("ni,ni->n", vectors, vectors)[:, None, None]
+    widened: FloatArray = covariance + variance * (size * np.eye(3) - along)
+    return widened
 
 
 def _locate(outputs: FloatArray, array: Array, covariance: FloatArray, index: float) -> EulerSolutions:
@@ -172,18 +171,6 @@ def _unless_unknown(solutions: EulerSolutions, attitude: FloatArray) -> EulerSol
     """Name the attitude as the reason where it is unknown."""
     status = np.where(np.isfinite(attitude).all(axis=1), solutions.status, Status.NO_ATTITUDE)
     return replace(solutions, status=status)
-
-
-def _widened(covariance: FloatArray, own: FloatArray, direction: FloatArray, attitude_noise: float) -> FloatArray:
-    """Add to a covariance (9, 9) those (N, 3, 3) of regional fields, and what errors of the attitude make of a field.
-
-    They go across the field's direction (N, 3).
-    """
-    along = direction[:, :, None] * direction[:, None, :]
-    size = np.einsum("ni,ni->n", direction, direction)[:, None, None]
-    widened = np.repeat(covariance[None], len(direction), axis=0)
-    widened[:, :3, :3] += own + attitude_noise**2 * (size * np.eye(3) - along)
-    return widened
 
 
 def _matrices(attitude: FloatArray) -> FloatArray:

@@ -39,7 +39,8 @@ _REASONS = {
     "moment is at right angles to the line of sight: use the constrained solution",
     Status.AMBIGUOUS: "the two smallest eigenvalues of the tensor are equal within their noise, and which of their "
     "directions is left out changes the position: it is no single dipole, or the noise is too large",
-    Status.UNCERTAIN: "the position is uncertain by more than the distance: go nearer, or average longer",
+    Status.UNCERTAIN: "the position is too uncertain for its distance: go nearer, average longer, or measure the "
+    "attitude better",
     Status.NO_ATTITUDE: "the attitude is unknown, without which the regional field cannot be taken off, nor a position "
     "be turned into the world",
     Status.NO_REGIONAL: "the regional field is not known yet: it is fitted to the first samples",

@@ -245,7 +245,7 @@ def _sample_by_sample(
         attitude=recording.attitude,
     )
     center = np.zeros((recording.sample_count, 3))
-    world = turned(solutions, recording.attitude)
+    world = turned(solutions, recording.attitude, attitude_noise)
     return Survey(WORLD_FRAME, recording.time_s, world, center, regional_T=known.field_T)
 
 
@@ -275,7 +275,7 @@ def _along_track(
     )
     first, *others = [_overall(tracked, source, covariance) for source, covariance in tracked.sources]
     center = tracked.passage.center_m(tracked.unknowns)
-    world = turned(tracked.samples, recording.attitude)
+    world = turned(tracked.samples, recording.attitude, attitude_noise)
     world = replace(world, position_m=world.position_m + center)
     further = tracked.passage.further(tracked.unknowns)
     track = _track(tracked, further, velocity_m_per_s)

@@ -272,7 +272,9 @@ class Localizer(TamNode):
         except InputError as problem:
             self._problem_of_samples = str(problem)
             return EulerSolutions.refused(len(joined), Status.NOT_FINITE)
-        return turned(solutions, attitude) if self.value("fixed_frame") else solutions
+        if not self.value("fixed_frame"):
+            return solutions
+        return turned(solutions, attitude, 0.0 if self._regional is None else self._regional.attitude_noise)
 
     def _covariance(self, standard_errors: FloatArray) -> FloatArray:
         """Return the (9, 9) covariance of outputs: the calibration's, and what effects left in add to its diagonal.

@@ -1,0 +1,171 @@
+"""Whether the intervals of located sources hold what they say, beside all that a pass may bring.
+
+Run ``python benchmarks/localization_grid.py [--runs 500]``: a platform of 1 m/s that sways by 6° passes dipoles of 30 to
+500 A m² at 2.5 to 5 m with a cross of 0.5 m, 300 samples at 5 Hz. From a middle cell each condition is changed by itself,
+then all at once; in each cell the dipoles are located by ``track_dipole``, with the velocity's standard error that
+`tam locate --velocity` takes where none is stated, and by each sample. What is refused counts as refused, and is told.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+import numpy as np
+from asked import Figure, show
+from rich.progress import track
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.files.text_files import write_whole
+from tam_calibration.localization.sample_by_sample import locate_samples, regional_of, turned
+from tam_calibration.localization.steady import DEFAULT_VELOCITY_ERROR, straight_track, track_dipole
+from tam_calibration.model.array import UNIT_TENSORS, Array
+from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.sources.dipole import Dipole
+from tam_calibration.sources.poses import Poses
+
+RESULTS = Path(__file__).parent / "results" / "localization_grid.csv"
+_REGIONAL_T = np.array([1e-6, 20e-6, -45e-6])
+_TIME_S = np.arange(300) / 5
+_NINETY_FIVE, _FAR_OFF = 1.96, 5.0
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The conditions of a pass: noise [nT], attitude [deg], gradient [nT/m], velocity error [1], number of dipoles."""
+
+    noise_nT: float = 0.3
+    attitude_deg: float = 0.0
+    gradient_nT_per_m: float = 2.0
+    velocity_error: float = 0.01
+    sources: int = 1
+
+    @property
+    def words(self) -> str:
+        """What is passed, in words."""
+        return (
+            f"{self.noise_nT:g} nT, attitude {self.attitude_deg:g}°, gradient {self.gradient_nT_per_m:g} nT/m, "
+            f"velocity {100 * self.velocity_error:g} %, {self.sources} dipole{'s' * (self.sources > 1)}"
+        )
+
+
+MIDDLE = Cell()
+CELLS = (
+    MIDDLE,
+    *(replace(MIDDLE, noise_nT=noise) for noise in (0.03, 3.0)),
+    *(replace(MIDDLE, attitude_deg=angle) for angle in (0.1, 0.3)),
+    *(replace(MIDDLE, gradient_nT_per_m=gradient) for gradient in (0.0, 5.0)),
+    *(replace(MIDDLE, velocity_error=error) for error in (0.0, 0.03)),
+    replace(MIDDLE, sources=2),
+    Cell(0.03, 0.3, 5.0, 0.03),
+    Cell(3.0, 0.3, 5.0, 0.03),
+    Cell(0.03, 0.1, 5.0, 0.03, 2),
+    Cell(1.0, 0.1, 0.0, 0.0),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Pass:
+    """The fields (N, K, 3) that were read, the poses that were reported, and the dipoles that were passed."""
+
+    fields_T: FloatArray
+    array: Array
+    poses: Poses
+    dipoles: list[Dipole]
+
+    @classmethod
+    def of(cls, cell: Cell, generator: np.random.Generator) -> "Pass":
+        """Return one pass, everything random that a cell does not say."""
+        noise, attitude_noise = from_nanotesla(cell.noise_nT), from_degrees(cell.attitude_deg)
+        array = Array.cross(0.5, vector_noise_T=noise)
+        velocity = np.array([1.0, 0.0, 0.0])
+        true_velocity = velocity + cell.velocity_error * generator.standard_normal(3)
+        reckoned, path = (straight_track(_TIME_S, np.zeros(3), each) for each in (velocity, true_velocity))
+        angles = np.outer(_TIME_S, [0.2, 0.33, 0.5]) + generator.uniform(0, 6, 3)
+        sway = Rotation.from_euler("zyx", 0.1 * np.sin(angles))
+        points = path[:, None] + np.einsum("nij,kj->nki", sway.as_matrix(), array.positions_m)
+        tensor = np.tensordot(generator.standard_normal(5), UNIT_TENSORS, 1)
+        tensor *= from_nanotesla(cell.gradient_nT_per_m) / np.abs(np.linalg.eigvalsh(tensor)).max()
+        dipoles = [_dipole(generator) for _ in range(cell.sources)]
+        world = _REGIONAL_T + points @ tensor + sum(each.field_T(points) for each in dipoles)
+        fields = np.einsum("nji,nkj->nki", sway.as_matrix(), world) + noise * generator.standard_normal(world.shape)
+        reported = sway * Rotation.from_rotvec(attitude_noise * generator.standard_normal((len(_TIME_S), 3)))
+        return cls(fields, array, Poses(reported.as_quat(), reckoned, attitude_noise), dipoles)
+
+    def together(self) -> FloatArray:
+        """Return the pulls (S, 3) of the dipoles that all samples show."""
+        found = track_dipole(
+            self.fields_T, self.array, self.poses, time_s=_TIME_S, velocity_error_m_per_s=DEFAULT_VELOCITY_ERROR
+        )
+        rows = [(each.position_m, np.sqrt(np.diag(covariance)[:3])) for each, covariance in found.sources]
+        return self._pulls(*(np.array(part) for part in zip(*rows, strict=True)))
+
+    def one_by_one(self) -> FloatArray:
+        """Return the pulls (n, 3) of the samples that are located by themselves, at the reckoned places."""
+        attitude, noise = self.poses.attitude, self.poses.attitude_noise
+        outputs = self.fields_T.reshape(len(self.fields_T), -1) @ self.array.operator.T
+        assert self.array.vector_noise_T is not None
+        covariance = self.array.operator * np.repeat(self.array.vector_noise_T**2, 3) @ self.array.operator.T
+        regional = regional_of(outputs, attitude, noise)
+        own = locate_samples(outputs, self.array, covariance, regional=regional, attitude=attitude)
+        world = turned(own, attitude, noise)
+        at = world.is_located
+        errors = np.sqrt(np.diagonal(world.position_covariance_m2[at], axis1=1, axis2=2))
+        return self._pulls(world.position_m[at] + self.poses.position_m[at], errors)
+
+    def _pulls(self, places_m: FloatArray, errors_m: FloatArray) -> FloatArray:
+        """Return the errors over standard errors of places (n, 3), each of the nearest dipole."""
+        true = np.array([each.position_m for each in self.dipoles])
+        nearest = np.linalg.norm(places_m[:, None] - true, axis=2).argmin(axis=1)
+        pulls: FloatArray = (places_m - true[nearest]) / errors_m
+        return pulls
+
+
+def _dipole(generator: np.random.Generator) -> Dipole:
+    angle, distance = generator.uniform(-1, 1), generator.uniform(2.5, 5)
+    place = np.array([_TIME_S[-1] / 2 + generator.uniform(-6, 6), distance * np.sin(angle), -distance * np.cos(angle)])
+    moment = generator.standard_normal(3)
+    return Dipole(place, moment * 10 ** generator.uniform(1.5, 2.7) / np.linalg.norm(moment))
+
+
+def _figures(cell: Cell, number: int, runs: int, seed: int) -> Iterator[Figure]:
+    together, one_by_one, refused = list[FloatArray](), list[FloatArray](), 0
+    for run in track(range(runs), description=cell.words):
+        made = Pass.of(cell, np.random.default_rng((seed, number, run)))
+        try:
+            together.append(made.together())
+        except Refused:
+            refused += 1
+        if cell.velocity_error == 0.0:
+            one_by_one.append(made.one_by_one())
+    yield Figure(cell.words, "track", "refused", refused / runs)
+    for method, parts in (("track", together), ("each sample", one_by_one)):
+        pulls = np.concatenate([np.zeros((0, 3)), *parts])
+        if len(pulls):
+            covered = float((np.abs(pulls) < _NINETY_FIVE).mean())
+            error = float(np.std([(np.abs(part) < _NINETY_FIVE).mean() for part in parts if len(part)]))
+            yield Figure(
+                cell.words, method, "95 % intervals that cover", covered, error / np.sqrt(len(parts)), (0.93, 0.97)
+            )
+            beyond = float((np.abs(pulls) > _FAR_OFF).mean())
+            yield Figure(cell.words, method, "beyond 5 σ", beyond, asked=(0.0, 0.001))
+
+
+@click.command(help=__doc__)
+@click.option("--runs", default=500, show_default=True, help="Of each cell.")
+@click.option("--seed", default=17, show_default=True, help="Of all random numbers.")
+def main(runs: int, seed: int) -> None:
+    """Run the benchmark."""
+    figures = [figure for number, cell in enumerate(CELLS) for figure in _figures(cell, number, runs, seed)]
+    show(figures, f"Intervals of located sources, {runs} runs", "method")
+    with write_whole(RESULTS) as path:
+        lines = [
+            f"# python benchmarks/localization_grid.py --runs {runs} --seed {seed}",
+            "case,method,figure,value,standard_error,asked,met",
+        ]
+        path.write_text("\n".join([*lines, *(figure.line for figure in figures)]) + "\n")
+
+
+if __name__ == "__main__":
+    main()
