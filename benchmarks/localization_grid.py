@@ -1,9 +1,10 @@
 """Whether the intervals of located sources hold what they say, beside all that a pass may bring.
 
-Run ``python benchmarks/localization_grid.py [--runs 500]``: a platform of 1 m/s that sways by 6° passes dipoles of 30 to
-500 A m² at 2.5 to 5 m with a cross of 0.5 m, 300 samples at 5 Hz. From a middle cell each condition is changed by itself,
-then all at once; in each cell the dipoles are located by ``track_dipole``, with the velocity's standard error that
-`tam locate --velocity` takes where none is stated, and by each sample. What is refused counts as refused, and is told.
+Run ``python benchmarks/localization_grid.py [--runs 500]``: a platform of 1 m/s that sways by 6° passes dipoles of 30
+to 500 A m² at 2.5 to 5 m with a cross of 0.5 m, 300 samples at 5 Hz. From a middle cell each condition is changed by
+itself, then all at once. In each cell the dipoles are located by ``track_dipole``, with the velocity's standard error
+that `tam locate --velocity` takes where none is stated, and, where the reckoned places are true, by each sample. What
+is refused counts as refused, and is told.
 """
 
 from collections.abc import Iterator
