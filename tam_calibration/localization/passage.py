@@ -240,7 +240,9 @@ class Passage:
         world: FloatArray = sum((field for field, _, _ in made), further[UNIFORM] + points @ tensor)
         gradient: FloatArray = sum((slope for _, slope, _ in made), np.broadcast_to(tensor, (*points.shape, 3)))
         field = seen(world[..., None])[..., 0]
-        by_turn = self._by_turn(world, gradient, rotation) if self.attitude_noise else np.zeros((len(turn), 0, 0))
+        by_turn = np.zeros((len(turn), 0, 0))
+        if self.attitude_noise:
+            by_turn = self._by_turn(world, gradient, rotation) @ _added(self.attitude_noise * turn)
         if not with_slopes:
             return field, by_turn, np.zeros((0, 0, 0))
         by_source = [part for _, slope, by_moment in made for part in (-slope, by_moment)]
@@ -263,6 +265,15 @@ def _crossing(vectors: FloatArray) -> FloatArray:
     """Return the matrices [v]× (…, 3, 3) of vectors (…, 3): [v]× w = v × w."""
     matrices: FloatArray = np.swapaxes(np.cross(vectors[..., None, :], np.eye(3)), -1, -2)
     return matrices
+
+
+def _added(turns: FloatArray) -> FloatArray:
+    """Return the derivatives (N, 3, 3) of what follows rotation vectors (N, 3) by what is added to them: 1 at zero."""
+    angle = norm(turns, axis=1)[:, None, None]
+    cross = _crossing(turns)
+    cubic = (1 - np.sinc(angle / np.pi)) / np.where(angle > 0, angle, 1.0) ** 2
+    added: FloatArray = np.eye(3) - np.sinc(angle / (2 * np.pi)) ** 2 / 2 * cross + cubic * cross @ cross
+    return added
 
 
 def solve(passage: Passage, start: FloatArray, smallest_step: float = SETTLED) -> Solution:

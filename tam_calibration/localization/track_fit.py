@@ -33,6 +33,8 @@ _LEAST_GAIN = 60.0
 LARGEST_COLOUR = 4.0
 """Of residuals by which standard errors are still widened; beyond, what is left out moves the source."""
 
+_UNDETERMINED = "the readings do not determine the source: it is too far, too weak, or always seen from the same side"
+
 
 @dataclass(frozen=True, eq=False)
 class TrackFit:
@@ -49,6 +51,11 @@ class TrackFit:
     solution: Solution
     misfit: Misfit
 
+    @property
+    def is_found(self) -> bool:
+        """Whether the readings determine the dipoles."""
+        return bool(self.solution.is_found[0])
+
 
 def fit_track(passage: Passage) -> TrackFit:
     """Fit one dipole, and further ones for as long as the residuals show one.
@@ -63,15 +70,19 @@ def fit_track(passage: Passage) -> TrackFit:
     Refused
         When the readings do not determine the dipoles, or are not those of dipoles, with the reason.
     """
-    best = _tested(passage, fit_sources(passage, 1))
-    while best.misfit.colour > 1 and _count(passage, best) < MOST_SOURCES:
+    best = last = _tested(passage, _best_fit(passage, 1))
+    while last.misfit.colour > 1 and _count(passage, last) < MOST_SOURCES:
         try:
-            more = _tested(passage, fit_sources(passage, _count(passage, best) + 1))
+            more = _tested(passage, _best_fit(passage, _count(passage, last) + 1))
         except Refused:
             break
-        if _gain(best, more) < _LEAST_GAIN:
+        if _gain(last, more) < _LEAST_GAIN:
             break
-        best = more
+        last = more
+        if more.is_found or not best.is_found:  # one dipole need not settle where there are two
+            best = more
+    if not best.is_found:
+        raise Refused(_UNDETERMINED)
     if best.misfit.colour > LARGEST_COLOUR:
         raise Refused(_reason(_count(passage, best), best.misfit))
     return best
@@ -114,14 +125,11 @@ def _outputs(passage: Passage, readings_T: FloatArray) -> FloatArray:
 
 def _tested(passage: Passage, solution: Solution) -> TrackFit:
     residuals, slopes = passage.whitened(solution.unknowns[0])
-    return TrackFit(solution, misfit_of(residuals, slopes, solution.covariance[0]))
+    return TrackFit(solution, misfit_of(residuals, slopes, np.nan_to_num(solution.covariance[0])))
 
 
 def fit_sources(passage: Passage, count: int) -> Solution:
     """Return the best fit of so many sources.
-
-    The noise is taken for larger at first: with noise of a ten-thousandth of the signal, and errors of the attitude of
-    a hundred times the noise, χ² is a narrow, bent valley that is followed by small steps only.
 
     Parameters
     ----------
@@ -135,18 +143,25 @@ def fit_sources(passage: Passage, count: int) -> Solution:
     Refused
         When the readings do not determine the sources.
     """
+    solution = _best_fit(passage, count)
+    if not solution.is_found[0]:
+        raise Refused(_UNDETERMINED)
+    return solution
+
+
+def _best_fit(passage: Passage, count: int) -> Solution:
+    """Return the best fit of so many sources, whether it is found or not.
+
+    The noise is taken for larger at first: with noise of a ten-thousandth of the signal, and errors of the attitude of
+    a hundred times the noise, χ² is a narrow, bent valley that is followed by small steps only.
+    """
     sizes = 10.0 ** np.arange(_decades(passage) if passage.attitude_noise else 0, -1, -1)
     rough = passage.coarse(sizes[0], _COARSE)
     tried = [solve(rough, start, _ROUGH_STEP) for start in _starts(rough, count)]
     solution = min(tried, key=lambda each: float(each.chi_square[0]))
     for size in sizes[1:-1]:
         solution = solve(passage.coarse(size, _COARSE), solution.unknowns[0], _ROUGH_STEP)
-    solution = solve(passage, solution.unknowns[0])
-    if not solution.is_found[0]:
-        raise Refused(
-            "the readings do not determine the source: it is too far, too weak, or always seen from the same side"
-        )
-    return solution
+    return solve(passage, solution.unknowns[0])
 
 
 def _decades(passage: Passage) -> int:

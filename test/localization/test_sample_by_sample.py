@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
 from tam_calibration.localization.solutions import Status
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import from_degrees
 from tam_calibration.sources.dipole import Dipole
 
 EARTH_T = np.array([1e-6, 21e-6, -43e-6])
@@ -67,6 +69,38 @@ def test_errors_of_the_attitude_are_in_the_covariance():
     assert np.mean(chi_square) == pytest.approx(3, abs=4 * np.sqrt(6 / 2000))
 
 
+def test_large_errors_of_the_attitude_are_in_the_covariance():
+    """0.3° in 50 µT are 260 nT beside 0.03 nT of noise: what they are to the second order, 0.7 nT, is no error."""
+    count, noise = 2000, float(from_degrees(0.3))
+    attitude, outputs = seen(count, noise_T=0.03e-9)
+    errors = Rotation.from_rotvec(noise * np.random.default_rng(9).normal(size=(count, 3)))
+    measured = (Rotation.from_quat(attitude) * errors).as_quat()
+    covariance = ARRAY.operator @ ARRAY.operator.T * 0.03e-9**2
+    own = locate_samples(outputs, ARRAY, covariance, regional=Regional(EARTH_T, noise), attitude=measured)
+    located = own.is_located
+    assert located.mean() > 0.9
+    off = own.position_m - Rotation.from_quat(attitude).inv().apply(DIPOLE.position_m)
+    chi_square = np.einsum("ni,nij,nj->n", off, np.linalg.inv(own.position_covariance_m2), off)[located]
+    assert np.mean(chi_square) == pytest.approx(3, abs=5 * np.sqrt(6 / count))
+    assert np.mean(chi_square > chi2.isf(0.01, 3)) < 0.02
+
+
+def test_the_regional_field_s_covariance_is_in_that_of_the_samples():
+    """With fields that err by as much as stated, not alike along the axes, the squared errors are χ² of three."""
+    spread = np.array([[4.0, 3.0, 0.0], [3.0, 9.0, -2.0], [0.0, -2.0, 1.0]]) * 1e-18
+    attitude, outputs = seen(300, noise_T=1e-10)
+    found, chi_square = Rotation.from_quat(attitude).inv().apply(DIPOLE.position_m), []
+    for field_T in np.random.default_rng(10).multivariate_normal(EARTH_T, spread, 60, tol=1e-20):
+        part = slice(len(chi_square), len(chi_square) + 5)
+        own = locate_samples(
+            outputs[part], ARRAY, COVARIANCE, regional=Regional(field_T, 0.0, spread), attitude=attitude[part]
+        )
+        assert own.is_located.all()
+        off = own.position_m - found[part]
+        chi_square.extend(np.einsum("ni,nij,nj->n", off, np.linalg.inv(own.position_covariance_m2), off))
+    assert np.mean(chi_square) == pytest.approx(3, abs=4 * np.sqrt(6 / 60))
+
+
 def test_unknown_attitude_is_the_reason():
     """A sample without attitude is refused for that, the others are not touched."""
     attitude, outputs = seen(3)
@@ -84,6 +118,52 @@ def test_regional_field_is_what_most_samples_have():
     outputs[:, :3] = turns.inv().apply(EARTH_T + 1e-9 * np.random.default_rng(2).normal(size=(300, 3)))
     outputs[:100, :3] += 1e-7
     outputs[150, 0] = np.nan
-    assert_allclose(regional_of(outputs, turns.as_quat()), EARTH_T, atol=3e-9)
+    found = regional_of(outputs, turns.as_quat())
+    assert_allclose(found.field_T, EARTH_T, atol=3e-9)
+    assert found.attitude_noise == 0
     with pytest.raises(InputError, match="cannot be fitted"):
         regional_of(np.full((3, 9), np.nan), turns.as_quat()[:3])
+
+
+def drifting(drift_T, seed=3):
+    """Return attitudes and outputs in a field that drifts in the world along the run, with 1 nT of noise."""
+    turns = Rotation.random(1000, random_state=7)
+    world = EARTH_T + np.outer(np.linspace(-0.5, 0.5, 1000), drift_T)
+    outputs = np.zeros((1000, 9))
+    outputs[:, :3] = turns.inv().apply(world + 1e-9 * np.random.default_rng(seed).normal(size=(1000, 3)))
+    return turns.as_quat(), outputs
+
+
+def test_the_regional_field_is_as_uncertain_as_the_run_is_long():
+    """Tenths of a field that drifts by 100 nT differ by 10: median absolute deviation 25 nT times 1.48."""
+    attitude, outputs = drifting([0.0, 100e-9, -40e-9])
+    found = regional_of(outputs, attitude, 1e-3)
+    errors = np.sqrt(np.diag(found.covariance_T2))
+    assert_allclose(errors[1:], [37e-9, 14.8e-9], rtol=0.05)
+    assert errors[0] < 0.5e-9
+    assert found.attitude_noise == 1e-3
+
+
+def test_the_regional_field_of_noise_is_no_more_certain_than_it_is():
+    """Over many runs it is off by no more than its standard errors say, and these are a part of the noise's."""
+    pulls, errors = [], []
+    for seed in range(20):
+        attitude, outputs = drifting(np.zeros(3), seed)
+        found = regional_of(outputs, attitude)
+        errors.append(np.sqrt(np.diag(found.covariance_T2)))
+        pulls.append((found.field_T - EARTH_T) / errors[-1])
+    assert np.sqrt(np.mean(np.square(pulls))) < 1
+    assert np.mean(errors) < 0.3e-9
+
+
+def test_errors_of_the_attitude_do_not_shorten_the_regional_field():
+    """The mean of what they turn is shorter by their square; that is put back."""
+    noise, rng = 0.05, np.random.default_rng(11)
+    turns = Rotation.random(20000, random_state=8)
+    outputs = np.zeros((20000, 9))
+    outputs[:, :3] = turns.inv().apply(np.tile(EARTH_T, (20000, 1)))
+    measured = (turns * Rotation.from_rotvec(noise * rng.normal(size=(20000, 3)))).as_quat()
+    length = np.linalg.norm(EARTH_T)
+    found, plain = (regional_of(outputs, measured, each).field_T for each in (noise, 0.0))
+    assert np.linalg.norm(found) == pytest.approx(length, rel=noise**2 / 3)
+    assert np.linalg.norm(plain) == pytest.approx(length * (1 - noise**2), rel=noise**2 / 3)

@@ -1,0 +1,108 @@
+"""How many dipoles a passage shows, and when it shows none."""
+
+import numpy as np
+import pytest
+
+from tam_calibration.localization.steady import track_dipole
+from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.units import from_degrees
+from tam_calibration.sources.dipole import Dipole
+
+from .conftest import Course
+
+WRECK = Dipole(np.array([30.0, 2.6, -2.5]), np.array([48.5, -80.8, 129.3]))
+BESIDE = Dipole(np.array([38.0, -1.5, -3.0]), np.array([100.0, 60.0, -80.0]))
+BEFORE = Dipole(np.array([20.0, 2.5, -2.0]), np.array([-100.0, 160.0, -80.0]))
+FIRST = Dipole(np.array([10.0, -2.5, -2.0]), np.array([100.0, -100.0, 80.0]))
+LAST = Dipole(np.array([48.0, -2.5, -2.0]), np.array([100.0, 100.0, -80.0]))
+
+
+def tracked(course, sources, seed=1, bend_T=0.0):
+    """Return what is found on a course."""
+    fields, poses = course.seen(sources, np.random.default_rng(seed), bend_T)
+    return track_dipole(fields, course.array, poses, time_s=course.time_s, velocity_error_m_per_s=0.1)
+
+
+def bend_of(course, size_T):
+    """Return a field along x (N, K, 3) that is quadratic along the track, of a size at its ends."""
+    return size_T * ((course.points_m[..., :1] - 30) / 30) ** 2 * [1, 0, 0]
+
+
+def assert_found(track, sources):
+    """Check that all sources were found, each within four and a half standard errors, and nothing else."""
+    assert len(track.sources) == len(sources)
+    places = np.array([source.position_m for source in sources])
+    found = set()
+    for dipole, covariance in track.sources:
+        nearest = int(np.argmin(np.linalg.norm(places - dipole.position_m, axis=1)))
+        found.add(nearest)
+        truth = np.concatenate([sources[nearest].position_m, sources[nearest].moment_Am2])
+        off = np.concatenate([dipole.position_m, dipole.moment_Am2]) - truth
+        assert (np.abs(off) < 4.5 * np.sqrt(np.diag(covariance))).all()
+        assert np.sqrt(np.diag(covariance)[:3]).max() < 0.05
+    assert len(found) == len(sources)
+
+
+def test_one_dipole_is_one():
+    """White residuals ask for no further one."""
+    track = tracked(Course(), [WRECK])
+    assert_found(track, [WRECK])
+    assert track.fit.misfit.variance_factor == 1
+
+
+@pytest.mark.parametrize("sources", [[WRECK, BESIDE], [WRECK, BEFORE]], ids=["8 m", "10 m"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_two_dipoles_are_both_found_and_told(sources, seed):
+    """Eight metres apart along the track, where one dipole alone does not even settle, and ten."""
+    assert_found(tracked(Course(), sources, seed), sources)
+
+
+def test_two_dipoles_are_found_with_errors_of_the_attitude():
+    """Of 0.1°, a hundred times the noise."""
+    track = tracked(Course(80, attitude_noise=from_degrees(0.1)), [WRECK, BESIDE])
+    assert_found(track, [WRECK, BESIDE])
+
+
+def test_three_dipoles_are_found():
+    """As many as are looked for."""
+    assert_found(tracked(Course(100), [FIRST, WRECK, LAST]), [FIRST, WRECK, LAST])
+
+
+def test_four_dipoles_are_more_than_are_looked_for():
+    """They are refused, by their number."""
+    with pytest.raises(Refused, match="not those of 3 dipoles beside a regional field with a constant gradient"):
+        tracked(Course(100), [FIRST, BEFORE, WRECK, LAST])
+
+
+def test_a_bend_of_the_regional_field_is_refused():
+    """10 nT that are quadratic along the track are no dipole's; the reason says what is left and what would mend it."""
+    course = Course(100)
+    with pytest.raises(
+        Refused, match=r"what is left is [\d.]+ times the noise where it is slow\. Take a shorter stretch"
+    ):
+        tracked(course, [WRECK], bend_T=bend_of(course, 10e-9))
+
+
+def test_a_small_bend_widens_the_standard_errors():
+    """Of 0.2 nT: the colour is between two and four, and all standard errors are larger by its root."""
+    course = Course()
+    bent, straight = tracked(course, [WRECK], bend_T=bend_of(course, 0.2e-9)), tracked(course, [WRECK])
+    assert 2 < bent.fit.misfit.colour < 4
+    errors, expected = (np.sqrt(np.diag(each.sources[0][1])) for each in (bent, straight))
+    np.testing.assert_allclose(errors / expected, np.sqrt(bent.fit.misfit.colour), rtol=0.02)
+    assert_found(bent, [WRECK])
+
+
+def test_a_bend_that_moves_the_source_is_refused():
+    """Of 0.27 nT: the colour is between four and eight."""
+    course = Course()
+    with pytest.raises(Refused, match=r"what is left is 2\.[0-7]\d? times the noise"):
+        tracked(course, [WRECK], bend_T=bend_of(course, 0.27e-9))
+
+
+def test_readings_of_nothing_are_refused():
+    """Where there is no field at all there is no place at which to look."""
+    course = Course(20)
+    fields, poses = course.seen([WRECK])
+    with pytest.raises(Refused, match="no source to be seen"):
+        track_dipole(np.zeros_like(fields), course.array, poses)
