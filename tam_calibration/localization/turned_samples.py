@@ -29,6 +29,9 @@ steps do not come along; fits begin with a noise that is larger for that, and go
 _FARTHEST_M = 1e4
 """Beyond, what a fit has run away to is no place."""
 
+_LARGEST_TURN = 0.5
+"""Radians: a dipole that would need a larger error of the attitude is none, and its field no direction to turn."""
+
 _MOST_UNCERTAIN = 0.2
 """Standard error of a place over its distance: beyond, intervals of first order no longer hold what they say."""
 
@@ -145,7 +148,9 @@ def _fit(
         solution = fit_dipoles(turned, array, noise, start)
         is_near = solution.is_found & (np.abs(solution.unknowns[:, :3]).max(axis=1) < _FARTHEST_M)
         start = np.where(is_near[:, None], solution.unknowns, start)
-        expected = field_T + dipole_field(-start[:, :3], start[:, 3:])[0]
+        field = field_T + dipole_field(-start[:, :3], start[:, 3:])[0]
+        is_turn = norm(field - outputs[:, :3], axis=1) < _LARGEST_TURN * norm(outputs[:, :3], axis=1)
+        expected = np.where(is_turn[:, None], field, outputs[:, :3])
     return solution
 
 
