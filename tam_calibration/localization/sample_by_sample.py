@@ -67,8 +67,8 @@ def regional_of(outputs: FloatArray, attitude: FloatArray, attitude_noise: float
     if not known.any():
         raise InputError("no sample has a field and an attitude: the regional field cannot be fitted")
     world = Rotation.from_quat(attitude[known]).apply(outputs[known, :3])
-    # Errors of the attitude shorten the mean of what they turn.
-    field = np.median(world, axis=0) / (1 - attitude_noise**2)
+    # Errors of the attitude shorten the median of each component by half of what they shorten its mean.
+    field = np.median(world, axis=0) / (1 - attitude_noise**2 / 2)
     tenths = np.array([np.median(part, axis=0) for part in np.array_split(world, _TENTHS) if len(part)])
     spread = _TO_DEVIATION * np.median(np.abs(tenths - np.median(tenths, axis=0)), axis=0)
     return Regional(field, attitude_noise, np.diag(spread**2))
@@ -122,7 +122,7 @@ def locate_samples(
     source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
     spread = np.zeros((3, 3)) if regional.covariance_T2 is None else regional.covariance_T2
     own = np.swapaxes(matrices, 1, 2) @ spread @ matrices
-    direction = outputs[:, :3]
+    direction = field_T
     solutions = _locate(source, array, _widened(covariance, own, direction, regional.attitude_noise), index)
     if index == DIPOLE_INDEX and regional.attitude_noise:
         for _ in range(_ROUNDS):
@@ -132,12 +132,12 @@ def locate_samples(
 
 
 def _half_way(outputs: FloatArray, field_T: FloatArray, solutions: EulerSolutions) -> FloatArray:
-    """Return the fields (N, 3) half way from the measured ones to those that are expected of regional field and dipole.
+    """Return the fields (N, 3) half way from the measured ones less the dipole's to the expected regional ones.
 
     An error that turns the field from the one to the other is at right angles to it, however large it is.
     """
     position, moment = (np.nan_to_num(each, nan=1.0) for each in (solutions.position_m, solutions.moment_Am2))
-    half: FloatArray = (outputs[:, :3] + field_T + dipole_field(-position, moment)[0]) / 2
+    half: FloatArray = (outputs[:, :3] - dipole_field(-position, moment)[0] + field_T) / 2
     return half
 
 
