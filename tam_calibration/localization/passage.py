@@ -294,6 +294,8 @@ def solve(passage: Passage, start: FloatArray, smallest_step: float = SETTLED) -
         return data[None], slopes[None]
 
     def is_small(unknowns: FloatArray, step: FloatArray) -> np.ndarray:
+        if not passage.sources(unknowns[0]).size:
+            return np.array([norm(step) <= smallest_step * norm(unknowns)])
         size, change = (norm(passage.sources(each[0]).reshape(-1, 2, 3), axis=2) for each in (unknowns, step))
         return np.array([(change <= smallest_step * size).all()])
 

@@ -64,8 +64,8 @@ def regional_of(outputs: FloatArray, attitude: FloatArray, attitude_noise: float
     if not known.any():
         raise InputError("no sample has a field and an attitude: the regional field cannot be fitted")
     world = Rotation.from_quat(attitude[known]).apply(outputs[known, :3])
-    # Errors of the attitude shorten the mean of what they turn.
-    field = np.median(world, axis=0) / (1 - attitude_noise**2)
+    # Errors of the attitude shorten the median of each component by half of what they shorten its mean.
+    field = np.median(world, axis=0) / (1 - attitude_noise**2 / 2)
     tenths = np.array([np.median(part, axis=0) for part in np.array_split(world, _TENTHS) if len(part)])
     spread = _TO_DEVIATION * np.median(np.abs(tenths - np.median(tenths, axis=0)), axis=0)
     return Regional(field, attitude_noise, np.diag(spread**2))
@@ -122,7 +122,7 @@ def locate_samples(
         solutions = locate_turned(outputs, field_T, array, covariance, own, regional.attitude_noise)
     else:
         source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
-        widened = across_field(covariance, own, outputs[:, :3], regional.attitude_noise)
+        widened = across_field(covariance, own, field_T, regional.attitude_noise)
         solutions = _locate(source, array, widened, index)
     return _unless_unknown(solutions, attitude)
 

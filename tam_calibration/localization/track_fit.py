@@ -71,6 +71,9 @@ def fit_track(passage: Passage) -> TrackFit:
         When the readings do not determine the dipoles, or are not those of dipoles, with the reason.
     """
     best = last = _tested(passage, _best_fit(passage, 1))
+    nothing = solve(passage, _without_source(passage))
+    if float(nothing.chi_square[0]) - float(best.solution.chi_square[0]) < _LEAST_GAIN * best.misfit.variance_factor:
+        raise Refused("no dipole is seen: noise beside the regional field explains the readings as well")
     while last.misfit.colour > 1 and _count(passage, last) < MOST_SOURCES:
         try:
             more = _tested(passage, _best_fit(passage, _count(passage, last) + 1))

@@ -4,8 +4,9 @@ An error of the attitude of 0.1° turns 87 nT of 50 µT across the field, more t
 intensity and the gradient, six numbers for six unknowns: nearly, these have several solutions. So the fit begins from
 several turns. Where two different dipoles explain a sample as well, it is refused as ambiguous.
 
-A turn moves a field f across itself, with the covariance σ² (|f|² - f fᵀ), and shortens it along f by δ²/2|f|, δ being
-how far it is moved. Both are taken at the field that is expected of a dipole, and again after each fit.
+A turn moves the regional field f to another of the same length, g: what the dipole leaves of the reading. About g the
+covariance is σ² (|g|² - g gᵀ), and along g the reading less f has |f| - fᵀg/|g| beside the dipole. The field of the
+dipole itself is not turned: its place and moment are sought in the axes of the array.
 """
 
 import numpy as np
@@ -19,18 +20,20 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import dipole_field
 
-_TURNS = np.array([(x, y) for x in (-3, -1.5, 0, 1.5, 3) for y in (-3, -1.5, 0, 1.5, 3)])
+_TURNS = np.array([[0, 0], [1.5, 0], [-1.5, 0], [0, 1.5], [0, -1.5]])
 """Errors of the attitude about the two directions across the field from which fits begin, in units of their size."""
 
-_VALLEY = 150.0
-"""What an error of the attitude turns, over the noise of the field: beyond, χ² is so narrow a valley, and so bent, that
-steps do not come along; fits begin with a noise that is larger for that, and go on with its root and with its own."""
+_LEAST_FIELD = 5.0
+"""Field of a dipole over what an error of the attitude turns: below, the turn is guessed, and its dipole with it."""
+
+_ROUNDS = 3
+"""Fits of each, after the first with the turned field that the fit before leaves."""
 
 _FARTHEST_M = 1e4
 """Beyond, what a fit has run away to is no place."""
 
 _LARGEST_TURN = 0.5
-"""Radians: a dipole that would need a larger error of the attitude is none, and its field no direction to turn."""
+"""Radians: no error of the attitude is as large, and what a wild fit leaves of the field was not made by one."""
 
 _MOST_UNCERTAIN = 0.2
 """Standard error of a place over its distance: beyond, intervals of first order no longer hold what they say."""
@@ -91,7 +94,7 @@ def locate_turned(
         With the reason of each sample that was not located.
     """
     source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
-    euler = locate(source, across_field(covariance, own, outputs[:, :3], attitude_noise))
+    euler = locate(source, across_field(covariance, own, field_T, attitude_noise))
     result = EulerSolutions.refused(len(outputs), Status.UNCERTAIN)
     result.status[:] = euler.status
     at = np.flatnonzero(euler.is_located)
@@ -99,20 +102,23 @@ def locate_turned(
         return result
     solution = _fit(outputs[at], field_T[at], array, covariance, own[at], attitude_noise)
     shape = (len(_TURNS), len(at))
-    is_settled = solution.is_found & (np.abs(solution.unknowns[:, :3]).max(axis=1) < _FARTHEST_M)
+    is_settled = _is_near(solution)
     chi_square = np.where(is_settled, solution.chi_square, np.inf).reshape(shape)
     best = np.argmin(chi_square, axis=0)
     rows = np.arange(len(at))
-    unknowns = np.where(is_settled[:, None], solution.unknowns, 0.0).reshape(*shape, 6)
+    unknowns = np.where(is_settled[:, None], solution.unknowns, 1.0).reshape(*shape, 6)
     spread = solution.covariance.reshape(*shape, 6, 6)[best, rows]
     found = unknowns[best, rows]
     variance = np.trace(spread[:, :3, :3], axis1=1, axis2=2)
     apart = unknowns[..., :3] - found[:, :3]
     is_other = np.sum(apart**2, axis=2) > _AS_GOOD * variance
     is_as_good = chi_square < chi_square[best, rows] + _AS_GOOD
+    field = norm(dipole_field(-found[:, :3], found[:, 3:])[0], axis=1)
+    is_strong = field > _LEAST_FIELD * attitude_noise * norm(field_T[at], axis=1)
     is_sure = variance <= _MOST_UNCERTAIN**2 * np.sum(found[:, :3] ** 2, axis=1)
     status = np.where((is_other & is_as_good).any(axis=0), Status.AMBIGUOUS, Status.LOCATED)
     status = np.where(np.isfinite(chi_square[best, rows]) & is_sure, status, Status.UNCERTAIN)
+    status = np.where((status == Status.LOCATED) & ~is_strong, Status.NO_FIELD, status)
     result.status[at] = status
     located, kept = at[status == Status.LOCATED], status == Status.LOCATED
     result.position_m[located], result.moment_Am2[located] = found[kept, :3], found[kept, 3:]
@@ -133,29 +139,34 @@ def _fit(
 
     All fits are made side by side.
     """
-    across = np.linalg.svd(outputs[:, None, :3])[2][:, 1:]
-    size = attitude_noise * norm(outputs[:, :3], axis=1)
+    across = np.linalg.svd(field_T[:, None])[2][:, 1:]
+    size = attitude_noise * norm(field_T, axis=1)
     shifts = (size[:, None] * np.einsum("ta,nai->tni", _TURNS, across)).reshape(-1, 3)
     outputs, field_T, own = (np.tile(each, (len(_TURNS), *[1] * (each.ndim - 1))) for each in (outputs, field_T, own))
     source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
     begin = locate(np.concatenate([source[:, :3] - shifts, source[:, 3:]], axis=1))
     start = np.nan_to_num(np.concatenate([begin.position_m, begin.moment_Am2], axis=1), nan=1.0)
-    expected, widest = outputs[:, :3], max(float(np.median(size)) / (_VALLEY * np.sqrt(covariance[0, 0])), 1.0)
-    for wider in (widest, widest**0.5, 1.0, 1.0):
-        noise = across_field(wider**2 * covariance, own, expected, attitude_noise)[:, :8, :8]
-        turned = source[:, :8].copy()
-        turned[:, :3] += _shortening(outputs[:, :3], expected)
-        solution = fit_dipoles(turned, array, noise, start)
-        is_near = solution.is_found & (np.abs(solution.unknowns[:, :3]).max(axis=1) < _FARTHEST_M)
-        start = np.where(is_near[:, None], solution.unknowns, start)
-        field = field_T + dipole_field(-start[:, :3], start[:, 3:])[0]
-        is_turn = norm(field - outputs[:, :3], axis=1) < _LARGEST_TURN * norm(outputs[:, :3], axis=1)
-        expected = np.where(is_turn[:, None], field, outputs[:, :3])
+    left = field_T
+    for _ in range(_ROUNDS):
+        seen = source[:, :8].copy()
+        seen[:, :3] -= _longer(left, field_T)
+        noise = across_field(covariance, own, left, attitude_noise)[:, :8, :8]
+        solution = fit_dipoles(seen, array, noise, start)
+        start = np.where(_is_near(solution)[:, None], solution.unknowns, start)
+        left = outputs[:, :3] - dipole_field(-start[:, :3], start[:, 3:])[0]
+        is_turn = norm(left - field_T, axis=1) < _LARGEST_TURN * norm(field_T, axis=1)
+        left = np.where(is_turn[:, None], left, field_T)
     return solution
 
 
-def _shortening(measured: FloatArray, expected: FloatArray) -> FloatArray:
-    """Return by how much fields (N, 3) are shorter along the expected ones because they are turned away from them."""
-    across = np.sum((measured - expected) ** 2, axis=1) / (2 * np.sum(expected**2, axis=1))
-    shortening: FloatArray = expected * across[:, None]
-    return shortening
+def _is_near(solution: Solution) -> np.ndarray:
+    """Return which fits settled somewhere."""
+    near: np.ndarray = solution.is_found & (np.abs(solution.unknowns[:, :3]).max(axis=1) < _FARTHEST_M)
+    return near
+
+
+def _longer(turned: FloatArray, field_T: FloatArray) -> FloatArray:
+    """Return by how much fields (N, 3) are longer along what they are turned to than their part along it."""
+    unit = turned / norm(turned, axis=1, keepdims=True)
+    longer: FloatArray = unit * (norm(field_T, axis=1) - np.einsum("ni,ni->n", unit, field_T))[:, None]
+    return longer

@@ -19,8 +19,10 @@ def where_section(survey: Survey) -> Section:
     """Return the map of the source, and where it is in numbers and words."""
     blocks: list[Block] = []
     if survey.overall is not None:
-        rows = overall_rows(survey.overall)
-        blocks.append(Table(["", "x", "y", "z", "size"], rows, "The source of all samples together ± standard errors."))
+        for number, one in enumerate((survey.overall, *survey.further), 1):
+            which = f"Source {number}" if survey.further else "The source"
+            words = f"{which} of all samples together ± standard errors."
+            blocks.append(Table(["", "x", "y", "z", "size"], overall_rows(one), words))
     elif len(survey.time_s) == 1:
         blocks.append(Table(HEADER, sample_rows(survey), "The source ± standard errors."))
     caption = _MAP if survey.overall is None else _MAP + _MAGNIFIED

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.cli.main import main
 from tam_calibration.files import read_calibration, write_calibration, write_recording
 from tam_calibration.fit import calibrate
-from tam_calibration.localization.sample_by_sample import Regional, locate_samples, turned
+from tam_calibration.localization.sample_by_sample import locate_samples, regional_of, turned
 from tam_calibration.model.recording import Recording
 from tam_calibration.sources.dipole import Dipole
 
@@ -67,7 +67,7 @@ def agrees(found, position_m, deviations=5.0):
 
 def test_a_passed_dipole_is_found_from_the_whole_track(folder):
     """With the velocity all samples give one position, to a millimetre and within its errors; χ² is near 1."""
-    found = result_of(folder, "pass.csv", "--velocity", "1.5,0,0")
+    found = result_of(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", "0")
     overall = found["overall"]
     assert agrees(overall, PASSED)
     assert max(overall["position_standard_errors_m"]) < 2e-3
@@ -76,16 +76,34 @@ def test_a_passed_dipole_is_found_from_the_whole_track(folder):
     assert_allclose(np.sqrt(np.diag(overall["position_covariance_m2"])), overall["position_standard_errors_m"])
 
 
+def test_a_velocity_is_not_exact_unless_it_is_said_to_be(folder):
+    """A tenth of the speed is its error: 3 % that it is off are found, and the source stays within its errors."""
+    found = result_of(folder, "pass.csv", "--velocity", "1.455,0,0")
+    assert agrees(found["overall"], PASSED)
+    track = found["track"]
+    assert (
+        np.abs(np.subtract(track["velocity_m_per_s"], [1.5, 0, 0]) / track["velocity_standard_errors_m_per_s"]).max()
+        < 5
+    )
+    assert max(track["velocity_standard_errors_m_per_s"]) < 0.01
+    assert found["further_sources"] == []
+    tight = run(folder, "pass.csv", "--velocity", "1.455,0,0", "--velocity-error", "0", "--json")
+    assert tight.exit_code == 1 and "larger error of the velocity" in tight.stderr
+
+
 def test_each_sample_of_a_pass_counts_from_the_array(folder, passing):
     """Without a track the samples are those of the function that the node calls, with IGRF's field as regional."""
     found = result_of(folder, "pass.csv", "--attitude-noise-deg", "0.001")
     calibration = read_calibration(folder / "c.yaml")
+    outputs = calibration.correct(passing).outputs
+    regional = regional_of(outputs, passing.attitude, np.pi / 180e3)
+    assert_allclose(found["regional_field_T"], regional.field_T, rtol=1e-6)
     offline = turned(
         locate_samples(
-            calibration.correct(passing).outputs,
+            outputs,
             calibration.array,
             calibration.output_covariance,
-            regional=Regional(np.array(found["regional_field_T"]), np.pi / 180e3),
+            regional=regional,
             attitude=passing.attitude,
         ),
         passing.attitude,
@@ -134,7 +152,7 @@ def test_another_structural_index(folder):
 def test_table_and_page(folder, tmp_path):
     """The terminal tells the source, the page has its map."""
     page = tmp_path / "page.html"
-    result = run(folder, "pass.csv", "--velocity", "1.5,0,0", "--report", str(page))
+    result = run(folder, "pass.csv", "--velocity", "1.5,0,0", "--velocity-error", "0", "--report", str(page))
     assert result.exit_code == 0
     assert "30.000" in result.stdout and "refused" in result.stdout and f"written: {page}" in result.stdout
     assert "Map of the source in plan and profile" in page.read_text()
@@ -147,6 +165,9 @@ def test_table_and_page(folder, tmp_path):
         (("pass.csv", "--velocity", "1.5"), "--velocity must be X,Y,Z"),
         (("pass.csv", "--velocity", "nan,0,0"), "--velocity must be X,Y,Z"),
         (("pass.csv", "--velocity", "1,0,0", "--index", "2"), "its structural index is 3"),
+        (("pass.csv", "--velocity", "1,0,0", "--velocity-error", "-1"), "--velocity-error is that of --velocity"),
+        (("pass.csv", "--velocity", "1,0,0", "--velocity-error", "nan"), "--velocity-error is that of --velocity"),
+        (("pass.csv", "--velocity-error", "0.1"), "--velocity-error is that of --velocity"),
         (("pass.csv", "--index", "0"), "structural index must be a positive number"),
         (("pass.csv", "--place", "here"), "a place must be LAT,LON,DATE"),
         (("pass.csv", "--attitude-noise-deg", "-1"), "must not be negative"),

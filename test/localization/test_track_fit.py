@@ -106,3 +106,10 @@ def test_readings_of_nothing_are_refused():
     fields, poses = course.seen([WRECK])
     with pytest.raises(Refused, match="no source to be seen"):
         track_dipole(np.zeros_like(fields), course.array, poses)
+
+
+def test_noise_beside_the_regional_field_is_no_dipole():
+    """Whatever the noise, readings without a source are refused."""
+    for seed in range(5):
+        with pytest.raises(Refused, match="no dipole is seen"):
+            tracked(Course(), [], seed)

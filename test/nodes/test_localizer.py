@@ -10,7 +10,7 @@ from tam_calibration.correction.partial import PartialCorrection
 from tam_calibration.files import read_calibration, write_calibration
 from tam_calibration.fit import calibrate
 from tam_calibration.localization.pose import pose_rows
-from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
+from tam_calibration.localization.sample_by_sample import locate_samples, regional_of, turned
 from tam_calibration.localization.solutions import Status
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS, SampleLayout
 
@@ -122,7 +122,7 @@ def test_each_sample_is_located_as_offline(bench, passing, outputs, calibration_
     feed = Feed(bench, calibration_file=calibration_file, **settings)
     rows = feed.play(passing, outputs)
     calibration = read_calibration(calibration_file)
-    regional = Regional(regional_of(outputs[:FIRST, :9], passing.attitude[:FIRST]), 1e-4)
+    regional = regional_of(outputs[:FIRST, :9], passing.attitude[:FIRST], 1e-4)
     assert (rows[:FIRST, STATUS] == Status.NO_REGIONAL).all()
     offline = turned(
         locate_samples(
