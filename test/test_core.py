@@ -7,14 +7,17 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import setuptools
 from core_only import CORE_ONLY
+from scipy.spatial.transform import Rotation
 
 from tam_calibration.files import write_array, write_recording
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.model.extras import EXTRAS
 from tam_calibration.simulation import simulate
+from tam_calibration.sources.dipole import Dipole
 
 ROOT = Path(__file__).parents[1]
 
@@ -25,7 +28,7 @@ DONE = (
     "diagnose run.csv --array array.yaml --place 47.37,8.54,2025-06-30 --json gap.json",
     "compare other.csv run.csv --array array.yaml --json compare.json --mend mend.yaml",
     "plan --array array.yaml --place 47.37,8.54,2025-06-30 --pitch-limit-deg 30 --roll-limit-deg 30 --poses 9",
-    "locate auv.csv --calibration calibration.yaml --place 63.47,10.35,2025-06-01",
+    "locate wreck.csv --calibration calibration.yaml",
 )
 """Commands of the core, with places of IGRF and every kind of file but bags and pages."""
 
@@ -68,6 +71,17 @@ print(json.dumps(answers))
 """
 
 
+def beside_a_wreck(made):
+    """Return the recording with a dipole that is there in its last tenth, 2 m from the array along the world's x."""
+    recording, array = made.recording, made.scenario.array
+    turns = Rotation.from_quat(made.attitude).as_matrix()
+    points = np.einsum("nij,kj->nki", turns, array.positions_m)
+    world = Dipole(np.array([2.0, 0.0, 0.0]), np.array([0.0, 300.0, 400.0])).field_T(points)
+    world[: len(world) * 9 // 10] = 0
+    added = np.einsum("kij,nji,nkj->nki", made.scenario.errors.matrix, turns, world)
+    return replace(recording, readings_T=recording.readings_T + added, attitude=made.attitude)
+
+
 @pytest.fixture(scope="module")
 def answers(tmp_path_factory):
     """Return exit code and stderr of each command, run in a process that has the core only and loads the nodes too."""
@@ -77,6 +91,7 @@ def answers(tmp_path_factory):
     write_recording(folder / "other.csv", simulate(replace(scenario, seed=5)).recording)
     write_recording(folder / "run.csv", made.recording)
     write_recording(folder / "run.mcap", made.recording)
+    write_recording(folder / "wreck.csv", beside_a_wreck(made))
     write_array(folder / "array.yaml", made.scenario.array)
     command = [sys.executable, "-c", CORE_ONLY + CODE, *DONE, *NEEDS]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=100)
