@@ -133,6 +133,7 @@ def test_each_sample_is_located_as_offline(bench, passing, outputs, calibration_
             attitude=passing.attitude[FIRST:],
         ),
         passing.attitude[FIRST:],
+        settings["attitude_noise_rad"],
     )
     assert offline.is_located.any() and not offline.is_located.all()
     assert_allclose(rows[FIRST:], rows_of(offline), rtol=1e-12)
