@@ -226,6 +226,7 @@ class Passage:
         from scipy.spatial.transform import Rotation
 
         further, sources = self.further(unknowns), self.sources(unknowns)
+        sources = sources if with_slopes else sources[sources[:, 3:].any(axis=1)]
         rotation: FloatArray = self.matrix @ Rotation.from_rotvec(self.attitude_noise * turn).as_matrix()
         points = self.center_m(unknowns)[:, None] + np.einsum("nij,kj->nki", rotation, self.array.positions_m)
         made = [self.kernel(points - source[:3], source[3:]) for source in sources]

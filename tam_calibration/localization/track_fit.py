@@ -1,6 +1,8 @@
 """As many dipoles as the readings of a passage show, or why they show none that can be told."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -9,7 +11,7 @@ from numpy.linalg import norm
 from tam_calibration.core.least_squares import Solution, scaled
 from tam_calibration.localization.euler import locate
 from tam_calibration.localization.misfit import Misfit, misfit_of
-from tam_calibration.localization.passage import GRADIENT, UNIFORM, VELOCITY, Passage, solve
+from tam_calibration.localization.passage import GRADIENT, OF_SOURCE, UNIFORM, VELOCITY, Passage, solve
 from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS, tensors_of
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
@@ -20,6 +22,19 @@ MOST_SOURCES = 3
 
 _STARTS = 24
 """Places along the path that are tried as those of sources: all sets of them, of which the best are fitted."""
+
+_DISTANCES = 3.0 * 1.5 ** np.arange(7)
+"""From the path, in arm's lengths of the array, at which a further source is looked for: nearer and farther ones are
+seen from there too."""
+
+_DIRECTIONS = np.array(
+    [np.roll([0.0, one, other], turn) for turn in range(3) for one in (-1, 1) for other in (-1.618, 1.618)]
+)
+_DIRECTIONS /= norm(_DIRECTIONS, axis=1, keepdims=True)
+"""In which it is looked for: the corners of an icosahedron."""
+
+_MOST_BESIDE = 3
+"""Starts of a further source that are fitted: the best places along the path are often those of one source."""
 
 _COARSE, _ROUGH_STEP = 200, 1e-3
 """Samples at which a fit begins, and the part of a place and a moment below which its steps end then."""
@@ -76,27 +91,54 @@ def fit_track(passage: Passage) -> TrackFit:
         raise Refused("no dipole is seen: noise beside the regional field explains the readings as well")
     while last.misfit.colour > 1 and _count(passage, last) < MOST_SOURCES:
         try:
-            more = _tested(passage, _best_fit(passage, _count(passage, last) + 1))
+            more = _tested(passage, _best_fit(passage, _count(passage, last) + 1, last.solution.unknowns[0]))
         except Refused:
             break
-        if _gain(last, more) < _LEAST_GAIN:
+        if _gain(last.solution, more) < _LEAST_GAIN:
             break
-        last = more
+        last = more = _without_needless(passage, more)
         if more.is_found or not best.is_found:  # one dipole need not settle where there are two
             best = more
     if not best.is_found:
         raise Refused(_UNDETERMINED)
     if best.misfit.colour > LARGEST_COLOUR:
         raise Refused(_reason(_count(passage, best), best.misfit))
-    return best
+    return _strongest_first(passage, best)
 
 
 def _count(passage: Passage, fit: TrackFit) -> int:
     return len(passage.sources(fit.solution.unknowns[0]))
 
 
-def _gain(before: TrackFit, after: TrackFit) -> float:
-    return float(before.solution.chi_square[0] - after.solution.chi_square[0]) / max(after.misfit.noise_variance, 1.0)
+def _gain(before: Solution, after: TrackFit) -> float:
+    return float(before.chi_square[0] - after.solution.chi_square[0]) / max(after.misfit.noise_variance, 1.0)
+
+
+def _without_needless(passage: Passage, fit: TrackFit) -> TrackFit:
+    """Return a fit without sources that are not needed beside the others.
+
+    A single dipole that settled in the wrong place asks for a second, which is then the right one by itself.
+    """
+    unknowns = fit.solution.unknowns[0]
+    for number in range(_count(passage, fit) if _count(passage, fit) > 1 else 0):
+        others = np.delete(unknowns, slice(OF_SOURCE * number, OF_SOURCE * (number + 1)))
+        fewer = solve(passage, others)
+        if fewer.is_found[0] and _gain(fewer, fit) < _LEAST_GAIN:
+            return _without_needless(passage, _tested(passage, fewer))
+    return fit
+
+
+def _strongest_first(passage: Passage, fit: TrackFit) -> TrackFit:
+    """Return a fit whose sources are in the order of the field that they make along the path."""
+    solution = fit.solution
+    sources = passage.sources(solution.unknowns[0])
+    center = passage.center_m(solution.unknowns[0])
+    field = [norm(dipole_field(center - source[:3], source[3:])[0]) for source in sources]
+    order = np.argsort(field)[::-1]
+    rest = np.arange(sources.size, solution.unknowns.shape[1])
+    at = np.concatenate([np.arange(sources.size).reshape(-1, OF_SOURCE)[order].ravel(), rest])
+    own = replace(solution, unknowns=solution.unknowns[:, at], covariance=solution.covariance[:, at[:, None], at])
+    return replace(fit, solution=own)
 
 
 def _reason(count: int, misfit: Misfit) -> str:
@@ -152,60 +194,100 @@ def fit_sources(passage: Passage, count: int) -> Solution:
     return solution
 
 
-def _best_fit(passage: Passage, count: int) -> Solution:
+def _best_fit(passage: Passage, count: int, before: FloatArray | None = None) -> Solution:
     """Return the best fit of so many sources, whether it is found or not.
+
+    It begins at places that Euler's equation sees in the readings, and where one source less was fitted ``before``
+    also beside that.
+    """
+    nothing = _without_source(passage)
+    fits = [_annealed(passage, nothing, partial(_starts, count=count))]
+    if before is not None:
+        fits.append(_annealed(passage, before, _starts_beside))
+    return min(fits, key=lambda each: float(each.chi_square[0]))
+
+
+def _annealed(
+    passage: Passage, begun: FloatArray, starts_of: Callable[[Passage, FloatArray], list[FloatArray]]
+) -> Solution:
+    """Return the best of the fits that begin with some unknowns and what is missing beside them.
 
     The noise is taken for larger at first: with noise of a ten-thousandth of the signal, and errors of the attitude of
     a hundred times the noise, χ² is a narrow, bent valley that is followed by small steps only.
     """
-    sizes = 10.0 ** np.arange(_decades(passage) if passage.attitude_noise else 0, -1, -1)
+    sizes = 10.0 ** np.arange(_decades(passage, begun) if passage.attitude_noise else 0, -1, -1)
     rough = passage.coarse(sizes[0], _COARSE)
-    tried = [solve(rough, start, _ROUGH_STEP) for start in _starts(rough, count)]
+    tried = [solve(rough, start, _ROUGH_STEP) for start in starts_of(rough, begun)]
     solution = min(tried, key=lambda each: float(each.chi_square[0]))
     for size in sizes[1:-1]:
         solution = solve(passage.coarse(size, _COARSE), solution.unknowns[0], _ROUGH_STEP)
     return solve(passage, solution.unknowns[0])
 
 
-def _decades(passage: Passage) -> int:
-    """Return the powers of ten from the noise to a tenth of what is read beside the regional field."""
-    left = passage.left_T(_without_source(passage)) / passage.noise_T[:, None]
+def _decades(passage: Passage, unknowns: FloatArray) -> int:
+    """Return the powers of ten from the noise to a tenth of what is read beside unknowns."""
+    left = passage.whitened(unknowns)[0]
     size = float(np.sqrt(np.mean(left**2))) / _SIGNAL
     return int(np.ceil(np.log10(max(size, 1.0))))
 
 
-def _starts(passage: Passage, count: int) -> list[FloatArray]:
+def _starts(passage: Passage, unknowns: FloatArray, count: int) -> list[FloatArray]:
     """Return the best starts (P,) of so many sources: places that Euler's equation sees, moments by least squares.
 
     The moments are found as those of dipoles. One source has one start, two have four: what they make is less alike.
     """
     passage = replace(passage, kernel=dipole_field)
-    unknowns = _without_source(passage)
     places = _places(passage, unknowns)
     if len(places) < count:
         raise Refused("the field or its gradient is zero in every pose: there is no source to be seen")
-    sources = np.column_stack([places, np.zeros_like(places)]).ravel()
-    tried = np.concatenate([sources, unknowns])
-    predicted, slopes = passage.predict(tried)
-    moments = np.arange(sources.size).reshape(-1, 6)[:, 3:]
-    regional = sources.size + np.arange(len(unknowns) - int(passage.known.is_free[VELOCITY].sum()))
-    normal, scale = scaled(slopes.T @ slopes)
-    slope = slopes.T @ (passage.data - predicted) / scale
-    sets = [
-        (np.array(chosen), np.concatenate([moments[list(chosen)].ravel(), regional]))
-        for chosen in combinations(range(len(places)), count)
-    ]
-    columns = np.array([each for _, each in sets])
-    inverse = np.linalg.pinv(normal[columns[:, :, None], columns[:, None]], hermitian=True)
-    change = (inverse @ slope[columns][..., None])[..., 0]
-    gain = np.sum(change * slope[columns], axis=1)
+    tried, moments = _resting(places, unknowns)
+    regional = len(tried) - len(unknowns) + np.arange(len(unknowns) - int(passage.known.is_free[VELOCITY].sum()))
+    sets = [np.array(chosen) for chosen in combinations(range(len(places)), count)]
+    columns = np.array([np.concatenate([moments[chosen].ravel(), regional]) for chosen in sets])
+    gain, change = _gains(passage, tried, columns)
     starts = []
     for at in np.argsort(-gain, kind="stable")[: count**2]:
-        chosen, own = sets[at]
         start = tried.copy()
-        start[own] += change[at] / scale[own]
-        starts.append(np.concatenate([start[: sources.size].reshape(-1, 6)[chosen].ravel(), start[sources.size :]]))
+        start[columns[at]] += change[at]
+        of_sources, rest = np.split(start, [len(tried) - len(unknowns)])
+        starts.append(np.concatenate([of_sources.reshape(-1, OF_SOURCE)[sets[at]].ravel(), rest]))
     return starts
+
+
+def _starts_beside(passage: Passage, unknowns: FloatArray) -> list[FloatArray]:
+    """Return the best starts (P + 6,) of one more dipole beside the sources of unknowns (P,).
+
+    Places all round the path are tried: Euler's equation sees none where errors of the attitude are left.
+    """
+    arm_m = float(norm(passage.array.positions_m, axis=1).max())
+    offsets = (arm_m * _DISTANCES[:, None, None] * _DIRECTIONS).reshape(-1, 3)
+    count = len(passage.path_m)
+    along = np.linspace(0, count - 1, min(count, _STARTS)).round().astype(int)
+    best: list[tuple[float, FloatArray]] = []
+    for center in passage.center_m(unknowns)[along]:
+        places = center + offsets
+        tried, moments = _resting(places, unknowns)
+        others = np.arange(len(tried) - len(unknowns), len(tried))
+        gain, change = _gains(passage, tried, np.array([[*own, *others] for own in moments]))
+        at = int(np.argmax(gain))
+        best.append((float(gain[at]), np.concatenate([places[at], change[at, :3], unknowns])))
+    return [start for _, start in sorted(best, key=lambda each: -each[0])[:_MOST_BESIDE]]
+
+
+def _resting(places: FloatArray, unknowns: FloatArray) -> tuple[FloatArray, np.ndarray]:
+    """Return unknowns with dipoles without moment at places (n, 3) before them, and where the moments (n, 3) stand."""
+    sources = np.column_stack([places, np.zeros_like(places)]).ravel()
+    return np.concatenate([sources, unknowns]), np.arange(sources.size).reshape(-1, OF_SOURCE)[:, 3:]
+
+
+def _gains(passage: Passage, tried: FloatArray, columns: np.ndarray) -> tuple[FloatArray, FloatArray]:
+    """Return by how much χ² falls (M,) where sets (M, C) of unknowns change, and these changes, to first order."""
+    predicted, slopes = passage.predict(tried)
+    normal, scale = scaled(slopes.T @ slopes)
+    slope = slopes.T @ (passage.data - predicted) / scale
+    inverse = np.linalg.pinv(normal[columns[:, :, None], columns[:, None]], hermitian=True)
+    change = (inverse @ slope[columns][..., None])[..., 0]
+    return np.sum(change * slope[columns], axis=1), change / scale[columns]
 
 
 def _places(passage: Passage, unknowns: FloatArray) -> FloatArray:

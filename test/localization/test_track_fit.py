@@ -13,6 +13,7 @@ from .conftest import Course
 WRECK = Dipole(np.array([30.0, 2.6, -2.5]), np.array([48.5, -80.8, 129.3]))
 BESIDE = Dipole(np.array([38.0, -1.5, -3.0]), np.array([100.0, 60.0, -80.0]))
 BEFORE = Dipole(np.array([20.0, 2.5, -2.0]), np.array([-100.0, 160.0, -80.0]))
+BELOW = Dipole(np.array([30.2, -0.05, -4.53]), np.array([-68.2, -104.5, -136.0]))
 FIRST = Dipole(np.array([10.0, -2.5, -2.0]), np.array([100.0, -100.0, 80.0]))
 LAST = Dipole(np.array([48.0, -2.5, -2.0]), np.array([100.0, 100.0, -80.0]))
 
@@ -63,6 +64,16 @@ def test_two_dipoles_are_found_with_errors_of_the_attitude():
     assert_found(track, [WRECK, BESIDE])
 
 
+@pytest.mark.parametrize("attitude_noise_deg", [0.0, 0.1])
+def test_a_weak_dipole_beside_a_strong_one_is_found(attitude_noise_deg):
+    """The readings point to the strong one alone; it is told first."""
+    weak = Dipole(np.array([38.0, -3.5, -3.5]), np.array([10.0, 6.0, -8.0]))
+    track = tracked(Course(80, attitude_noise=from_degrees(attitude_noise_deg)), [WRECK, weak])
+    assert len(track.sources) == 2
+    for (found, covariance), true in zip(track.sources, [WRECK, weak], strict=True):
+        assert (np.abs(found.position_m - true.position_m) < 4.5 * np.sqrt(np.diag(covariance)[:3])).all()
+
+
 def test_three_dipoles_are_found():
     """As many as are looked for."""
     assert_found(tracked(Course(100), [FIRST, WRECK, LAST]), [FIRST, WRECK, LAST])
@@ -72,6 +83,12 @@ def test_four_dipoles_are_more_than_are_looked_for():
     """They are refused, by their number."""
     with pytest.raises(Refused, match="not those of 3 dipoles beside a regional field with a constant gradient"):
         tracked(Course(100), [FIRST, BEFORE, WRECK, LAST])
+
+
+def test_a_dipole_that_begins_in_the_wrong_place_is_one():
+    """With errors of the attitude of nine thousand times the noise the fit of one settles elsewhere for this seed."""
+    course = Course(100, noise_T=3e-11, attitude_noise=from_degrees(0.3))
+    assert_found(tracked(course, [BELOW], seed=9), [BELOW])
 
 
 def test_a_bend_of_the_regional_field_is_refused():
