@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.linalg import norm
 
 from tam_calibration.localization.euler import DIPOLE_INDEX, locate
 from tam_calibration.localization.finite_baseline import locate_dipole
@@ -17,6 +18,10 @@ _TENTHS = 10
 
 _TO_DEVIATION = 1.4826
 """Standard deviation of normal numbers over their median absolute deviation."""
+
+_BEND = 0.29
+"""Error of each component of a line's place over index × arm² / distance, root mean square over all directions: the
+tensor of an array is a slope over its baselines, over which the field of a line bends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +123,8 @@ def locate_samples(
     field_T = np.einsum("nji,j->ni", matrices, regional.field_T)
     spread = np.zeros((3, 3)) if regional.covariance_T2 is None else regional.covariance_T2
     own = np.swapaxes(matrices, 1, 2) @ spread @ matrices
-    if index == DIPOLE_INDEX and regional.attitude_noise and array.has_gradient:
+    is_exact = regional.attitude_noise == 0 and regional.covariance_T2 is None
+    if index == DIPOLE_INDEX and array.has_gradient and not is_exact:
         solutions = locate_turned(outputs, field_T, array, covariance, own, regional.attitude_noise)
     else:
         source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
@@ -164,7 +170,11 @@ def _turning(covariance: FloatArray, vectors: FloatArray, variance: float) -> Fl
 def _locate(outputs: FloatArray, array: Array, covariance: FloatArray, index: float) -> EulerSolutions:
     if index == DIPOLE_INDEX and array.has_gradient:
         return locate_dipole(outputs, array, covariance)
-    return locate(outputs, covariance, index=index)
+    solutions = locate(outputs, covariance, index=index)
+    arm_m = norm(array.positions_m - array.positions_m.mean(axis=0), axis=1).max()
+    bend_m = _BEND * index * arm_m**2 / norm(solutions.position_m, axis=1)
+    widened = solutions.position_covariance_m2 + bend_m[:, None, None] ** 2 * np.eye(3)
+    return replace(solutions, position_covariance_m2=widened)
 
 
 def _unless_unknown(solutions: EulerSolutions, attitude: FloatArray) -> EulerSolutions:

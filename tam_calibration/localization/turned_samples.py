@@ -1,13 +1,16 @@
-"""The dipole of each sample where the attitude is not exact: the regional field is then known but for a turn.
+"""The dipole of each sample beside a regional field that is uncertain, or known but for a turn.
 
-An error of the attitude of 0.1° turns 87 nT of 50 µT across the field, more than most sources make. What is left is the
-intensity and the gradient, six numbers for six unknowns: nearly, these have several solutions. So the fit begins from
-several turns. Where two different dipoles explain a sample as well, it is refused as ambiguous.
+An error of the attitude of 0.1° turns 87 nT of 50 µT across the field, and a regional field that was fitted to the run
+is uncertain by tens of nT: more than most sources make. What is left is the gradient and a component or two, six
+numbers or seven for six unknowns: nearly, these have several solutions. So fits begin from several fields where the
+dipole's is not far above what is uncertain. A sample that two different dipoles explain is refused as ambiguous.
 
 A turn moves the regional field f to another of the same length, g: what the dipole leaves of the reading. About g the
 covariance is σ² (|g|² - g gᵀ), and along g the reading less f has |f| - fᵀg/|g| beside the dipole. The field of the
 dipole itself is not turned: its place and moment are sought in the axes of the array.
 """
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.linalg import norm
@@ -20,14 +23,19 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import dipole_field
 
-_TURNS = np.array([[0, 0], [1.5, 0], [-1.5, 0], [0, 1.5], [0, -1.5]])
-"""Errors of the attitude about the two directions across the field from which fits begin, in units of their size."""
+_ANGLES = np.pi / 4 * np.arange(8)
+_SHIFTS = np.array(
+    [[0, 0], *np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) * np.where(np.arange(8) % 2, 2.5, 1.0)[:, None]]
+)
+"""What the regional field may be off by along its two least certain directions, from which fits begin, in units of its
+standard errors there."""
 
-_LEAST_FIELD = 5.0
-"""Field of a dipole over what an error of the attitude turns: below, the turn is guessed, and its dipole with it."""
+_LEAST_FIELD, _SURE_FIELD = 5.0, 50.0
+"""Field of a dipole over the largest standard error of the field beside it: below the least, that error is guessed, and
+the dipole with it; above the sure one there is one solution."""
 
 _ROUNDS = 3
-"""Fits of each, after the first with the turned field that the fit before leaves."""
+"""Fits of each where the attitude is not exact, after the first with the turned field that the fit before leaves."""
 
 _FARTHEST_M = 1e4
 """Beyond, what a fit has run away to is no place."""
@@ -56,11 +64,16 @@ def across_field(covariance: FloatArray, own: FloatArray, direction: FloatArray,
     attitude_noise : float
         Standard deviation of the attitude about each axis, radians.
     """
+    widened = np.repeat(covariance[None], len(direction), axis=0)
+    widened[:, :3, :3] += _beside(own, direction, attitude_noise)
+    return widened
+
+
+def _beside(own: FloatArray, direction: FloatArray, attitude_noise: float) -> FloatArray:
     along = direction[:, :, None] * direction[:, None, :]
     size = np.einsum("ni,ni->n", direction, direction)[:, None, None]
-    widened = np.repeat(covariance[None], len(direction), axis=0)
-    widened[:, :3, :3] += own + attitude_noise**2 * (size * np.eye(3) - along)
-    return widened
+    covariance: FloatArray = own + attitude_noise**2 * (size * np.eye(3) - along)
+    return covariance
 
 
 def locate_turned(
@@ -71,7 +84,7 @@ def locate_turned(
     own: FloatArray,
     attitude_noise: float,
 ) -> EulerSolutions:
-    """Locate the dipole of each sample beside a field that is known but for a turn.
+    """Locate the dipole of each sample beside a field that is uncertain, or known but for a turn.
 
     Parameters
     ----------
@@ -100,63 +113,96 @@ def locate_turned(
     at = np.flatnonzero(euler.is_located)
     if not len(at):
         return result
-    solution = _fit(outputs[at], field_T[at], array, covariance, own[at], attitude_noise)
-    shape = (len(_TURNS), len(at))
-    is_settled = _is_near(solution)
-    chi_square = np.where(is_settled, solution.chi_square, np.inf).reshape(shape)
-    best = np.argmin(chi_square, axis=0)
-    rows = np.arange(len(at))
-    unknowns = np.where(is_settled[:, None], solution.unknowns, 1.0).reshape(*shape, 6)
-    spread = solution.covariance.reshape(*shape, 6, 6)[best, rows]
-    found = unknowns[best, rows]
-    variance = np.trace(spread[:, :3, :3], axis1=1, axis2=2)
-    apart = unknowns[..., :3] - found[:, :3]
-    is_other = np.sum(apart**2, axis=2) > _AS_GOOD * variance
-    is_as_good = chi_square < chi_square[best, rows] + _AS_GOOD
-    field = norm(dipole_field(-found[:, :3], found[:, 3:])[0], axis=1)
-    is_strong = field > _LEAST_FIELD * attitude_noise * norm(field_T[at], axis=1)
-    is_sure = variance <= _MOST_UNCERTAIN**2 * np.sum(found[:, :3] ** 2, axis=1)
-    status = np.where((is_other & is_as_good).any(axis=0), Status.AMBIGUOUS, Status.LOCATED)
-    status = np.where(np.isfinite(chi_square[best, rows]) & is_sure, status, Status.UNCERTAIN)
-    status = np.where((status == Status.LOCATED) & ~is_strong, Status.NO_FIELD, status)
-    result.status[at] = status
+    samples = _Samples(outputs[at], field_T[at], array, covariance, own[at], attitude_noise)
+    found = samples.best(_SHIFTS[:1])
+    is_seen, is_alone = (samples.is_above(times, found.unknowns) for times in (_LEAST_FIELD, _SURE_FIELD))
+    doubtful = np.flatnonzero(~found.is_settled | is_seen & ~is_alone)
+    if len(doubtful):
+        found.put(doubtful, samples.take(doubtful).best(_SHIFTS))
+    variance = np.trace(found.covariance[:, :3, :3], axis1=1, axis2=2)
+    is_sure = variance <= _MOST_UNCERTAIN**2 * np.sum(found.unknowns[:, :3] ** 2, axis=1)
+    status = np.where(found.is_ambiguous, Status.AMBIGUOUS, Status.LOCATED)
+    status = np.where(found.is_settled & is_sure, status, Status.UNCERTAIN)
+    is_hidden = (status == Status.LOCATED) & ~samples.is_above(_LEAST_FIELD, found.unknowns)
+    result.status[at] = status = np.where(is_hidden, Status.NO_FIELD, status)
     located, kept = at[status == Status.LOCATED], status == Status.LOCATED
-    result.position_m[located], result.moment_Am2[located] = found[kept, :3], found[kept, 3:]
-    result.position_covariance_m2[located] = spread[kept, :3, :3]
-    result.moment_covariance_A2m4[located] = spread[kept, 3:, 3:]
+    result.position_m[located], result.moment_Am2[located] = np.split(found.unknowns[kept], 2, axis=1)
+    result.position_covariance_m2[located] = found.covariance[kept, :3, :3]
+    result.moment_covariance_A2m4[located] = found.covariance[kept, 3:, 3:]
     return result
 
 
-def _fit(
-    outputs: FloatArray,
-    field_T: FloatArray,
-    array: Array,
-    covariance: FloatArray,
-    own: FloatArray,
-    attitude_noise: float,
-) -> Solution:
-    """Return the dipoles that are found from the source's field as it would be after each turn, one turn after another.
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Dipoles (N, 6), their covariances (N, 6, 6), and of which samples they settled and of which there are others."""
 
-    All fits are made side by side.
-    """
-    across = np.linalg.svd(field_T[:, None])[2][:, 1:]
-    size = attitude_noise * norm(field_T, axis=1)
-    shifts = (size[:, None] * np.einsum("ta,nai->tni", _TURNS, across)).reshape(-1, 3)
-    outputs, field_T, own = (np.tile(each, (len(_TURNS), *[1] * (each.ndim - 1))) for each in (outputs, field_T, own))
-    source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
-    begin = locate(np.concatenate([source[:, :3] - shifts, source[:, 3:]], axis=1))
-    start = np.nan_to_num(np.concatenate([begin.position_m, begin.moment_Am2], axis=1), nan=1.0)
-    left = field_T
-    for _ in range(_ROUNDS):
-        seen = source[:, :8].copy()
-        seen[:, :3] -= _longer(left, field_T)
-        noise = across_field(covariance, own, left, attitude_noise)[:, :8, :8]
-        solution = fit_dipoles(seen, array, noise, start)
-        start = np.where(_is_near(solution)[:, None], solution.unknowns, start)
-        left = outputs[:, :3] - dipole_field(-start[:, :3], start[:, 3:])[0]
-        is_turn = norm(left - field_T, axis=1) < _LARGEST_TURN * norm(field_T, axis=1)
-        left = np.where(is_turn[:, None], left, field_T)
-    return solution
+    unknowns: FloatArray
+    covariance: FloatArray
+    is_settled: np.ndarray
+    is_ambiguous: np.ndarray
+
+    def put(self, at: np.ndarray, other: "_Found") -> None:
+        """Take those of some samples from another."""
+        for name in ("unknowns", "covariance", "is_settled", "is_ambiguous"):
+            getattr(self, name)[at] = getattr(other, name)
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """What ``locate_turned`` was given, of the samples that Euler's equation locates."""
+
+    outputs: FloatArray
+    field_T: FloatArray
+    array: Array
+    covariance: FloatArray
+    own: FloatArray
+    attitude_noise: float
+
+    def take(self, at: np.ndarray) -> "_Samples":
+        """Return some of the samples."""
+        return replace(self, outputs=self.outputs[at], field_T=self.field_T[at], own=self.own[at])
+
+    def is_above(self, times: float, dipoles: FloatArray) -> np.ndarray:
+        """Return whether dipoles (N, 6) make more than so many of the largest standard errors of the field beside."""
+        largest = np.linalg.eigvalsh(_beside(self.own, self.field_T, self.attitude_noise))[:, -1]
+        above: np.ndarray = norm(dipole_field(-dipoles[:, :3], dipoles[:, 3:])[0], axis=1) ** 2 > times**2 * largest
+        return above
+
+    def best(self, shifts: FloatArray) -> _Found:
+        """Return the best of the fits that begin with a field that is off by some shifts (S, 2)."""
+        solution, shape = self._fit(shifts), (len(shifts), len(self.outputs))
+        is_settled = _is_near(solution)
+        chi_square = np.where(is_settled, solution.chi_square, np.inf).reshape(shape)
+        unknowns = np.where(is_settled[:, None], solution.unknowns, 1.0).reshape(*shape, 6)
+        at = np.argmin(chi_square, axis=0), np.arange(shape[1])
+        covariance = solution.covariance.reshape(*shape, 6, 6)[at]
+        apart = np.sum((unknowns[..., :3] - unknowns[at][:, :3]) ** 2, axis=2)
+        is_other = apart > _AS_GOOD * np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
+        is_as_good = chi_square < chi_square[at] + _AS_GOOD
+        return _Found(unknowns[at], covariance, np.isfinite(chi_square[at]), (is_other & is_as_good).any(axis=0))
+
+    def _fit(self, shifts: FloatArray) -> Solution:
+        """Return the dipoles (S N) that are found after each shift: all fits are made side by side."""
+        values, vectors = np.linalg.eigh(_beside(self.own, self.field_T, self.attitude_noise))
+        errors = np.sqrt(np.maximum(values[:, 1:], 0.0))
+        shifted = np.einsum("ta,na,nia->tni", shifts, errors, vectors[:, :, 1:]).reshape(-1, 3)
+        outputs, field_T, own = (
+            np.tile(each, (len(shifts), *[1] * (each.ndim - 1))) for each in (self.outputs, self.field_T, self.own)
+        )
+        source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
+        begin = locate(np.concatenate([source[:, :3] - shifted, source[:, 3:]], axis=1))
+        start = np.nan_to_num(np.concatenate([begin.position_m, begin.moment_Am2], axis=1), nan=1.0)
+        left = field_T
+        for _ in range(_ROUNDS if self.attitude_noise else 1):
+            seen = source[:, :8].copy()
+            seen[:, :3] -= _longer(left, field_T)
+            noise = across_field(self.covariance, own, left, self.attitude_noise)[:, :8, :8]
+            solution = fit_dipoles(seen, self.array, noise, start)
+            start = np.where(_is_near(solution)[:, None], solution.unknowns, start)
+            left = outputs[:, :3] - dipole_field(-start[:, :3], start[:, 3:])[0]
+            is_turn = norm(left - field_T, axis=1) < _LARGEST_TURN * norm(field_T, axis=1)
+            left = np.where(is_turn[:, None], left, field_T)
+        return solution
 
 
 def _is_near(solution: Solution) -> np.ndarray:
