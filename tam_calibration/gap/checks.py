@@ -11,7 +11,6 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from tam_calibration.core.harmonics import harmonics
 from tam_calibration.effects.grades import LEAST_SAMPLES
@@ -207,8 +206,10 @@ _Checked = tuple[float, float, float]
 
 
 def _chi_square(values: FloatArray, chance: float) -> _Checked:
+    from scipy.special import chdtri
+
     count = len(values)
-    low, high = stats.chi2.ppf([chance / 2, 1 - chance / 2], count) / count
+    low, high = chdtri(count, [1 - chance / 2, chance / 2]) / count
     return float(np.mean(values**2)), float(low), float(high)
 
 
@@ -222,7 +223,9 @@ def _autocorrelation(values: FloatArray, known: NDArray[np.bool_]) -> FloatArray
 
 
 def _lag_1(value: float, count: int, chance: float) -> _Checked:
-    half = float(stats.norm.isf(chance / 2)) / count**0.5
+    from scipy.special import ndtri
+
+    half = -float(ndtri(chance / 2)) / count**0.5
     return value, -1 / count - half, -1 / count + half
 
 
@@ -237,14 +240,18 @@ def _strongest_line(values: FloatArray, known: NDArray[np.bool_], chance: float)
 
 
 def _part_of_direction(values: FloatArray, functions: FloatArray, chance: float) -> _Checked:
+    from scipy.special import betainccinv
+
     centred, functions = values - values.mean(), functions - functions.mean(axis=0)
     score = functions.T @ centred
     coefficients, _, rank, _ = np.linalg.lstsq(functions.T @ functions, score, rcond=1e-9)
-    high = stats.beta.isf(chance, rank / 2, (len(values) - 1 - rank) / 2) if rank else 0.0
+    high = betainccinv(rank / 2, (len(values) - 1 - rank) / 2, chance) if rank else 0.0
     return float(score @ coefficients / np.sum(centred**2)), 0.0, float(high)
 
 
 def _kurtosis(values: FloatArray, chance: float) -> _Checked:
+    from scipy.special import ndtri
+
     count = len(values)
     middle = 3 * (count - 1) / (count + 1)
     deviation = np.sqrt(24 * count * (count - 2) * (count - 3) / ((count + 1) ** 2 * (count + 3) * (count + 5)))
@@ -254,9 +261,10 @@ def _kurtosis(values: FloatArray, chance: float) -> _Checked:
     spread = 2 / (9 * freedom)
 
     def quantile(part: float) -> float:
-        root = 1 - spread - float(stats.norm.ppf(part)) * spread**0.5
+        root = 1 - spread - float(ndtri(part)) * spread**0.5
         scaled = ((1 - 2 / freedom) / root**3 - 1) / np.sqrt(2 / (freedom - 4))
         return float(middle + deviation * scaled - 3)
 
     low, high = quantile(chance / 2), quantile(1 - chance / 2)
-    return float(stats.kurtosis(values)), min(low, high), max(low, high)
+    centred = values - values.mean()
+    return float(np.mean(centred**4) / np.mean(centred**2) ** 2 - 3), min(low, high), max(low, high)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, from_degrees
@@ -144,6 +143,8 @@ class Tumble:
         generator : numpy.random.Generator
             Not used.
         """
+        from scipy.spatial.transform import Rotation
+
         rates = self.turn_rate / _GOLDEN_RATIO ** np.arange(3)
         quaternions: FloatArray = Rotation.from_euler("XYZ", np.outer(time_s, rates)).as_quat()
         return quaternions
@@ -195,5 +196,7 @@ class Manoeuvre:
 
 def _from_angles(angles: FloatArray) -> FloatArray:
     """Return the quaternions of Rz Ry Rx of angles (N, 3) about x, y, z, radians."""
+    from scipy.spatial.transform import Rotation
+
     quaternions: FloatArray = Rotation.from_euler("xyz", angles).as_quat()
     return quaternions

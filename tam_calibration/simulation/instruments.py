@@ -6,7 +6,6 @@ Each has ``readings``, which takes the times or the true values and the numpy ge
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tam_calibration.model.units import FloatArray
 
@@ -141,6 +140,8 @@ class AttitudeChannel:
         generator : numpy.random.Generator
             Draws the errors.
         """
+        from scipy.spatial.transform import Rotation
+
         error = Rotation.from_rotvec(generator.normal(0, self.noise, (len(attitude), 3)))
         reported: FloatArray = (Rotation.from_quat(attitude) * error).as_quat()
         return reported

@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.ambient_gradient import gradient_field, turned
 from tam_calibration.effects.covariates import Covariates
@@ -17,6 +16,9 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation.scenario import Scenario
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 _CHANNELS = {"temperature_C": "temperature", "current_A": "current"}
 
@@ -142,6 +144,8 @@ def simulate(scenario: Scenario) -> Simulation:
     >>> round(float(1e6 * (made.center_field_T[0] ** 2).sum() ** 0.5), 3)  # µT
     54.956
     """
+    from scipy.spatial.transform import Rotation
+
     time_s = scenario.time_s
     attitude = scenario.motion.attitudes(time_s, _generator(scenario, "motion"))
     rotation = Rotation.from_quat(attitude)
@@ -167,7 +171,7 @@ def _generator(scenario: Scenario, part: str, number: int = 0) -> np.random.Gene
     return np.random.default_rng(np.random.SeedSequence(scenario.seed, spawn_key=key))
 
 
-def _field(scenario: Scenario, rotation: Rotation, positions_m: FloatArray) -> FloatArray:
+def _field(scenario: Scenario, rotation: "Rotation", positions_m: FloatArray) -> FloatArray:
     """Return the (N, P, 3) field in the array frame at positions (P, 3) of that frame."""
     field: FloatArray = np.repeat(_uniform_field(scenario, rotation)[:, None], len(positions_m), axis=1)
     field += _dipole_field(scenario, rotation, positions_m)
@@ -176,7 +180,7 @@ def _field(scenario: Scenario, rotation: Rotation, positions_m: FloatArray) -> F
     return field
 
 
-def _uniform_field(scenario: Scenario, rotation: Rotation) -> FloatArray:
+def _uniform_field(scenario: Scenario, rotation: "Rotation") -> FloatArray:
     """Return the (N, 3) drifting field of the site in the array frame."""
     world = np.tile(scenario.site_field_T, (scenario.sample_count, 1))
     if scenario.drift is not None:
@@ -185,7 +189,7 @@ def _uniform_field(scenario: Scenario, rotation: Rotation) -> FloatArray:
     return field
 
 
-def _dipole_field(scenario: Scenario, rotation: Rotation, positions_m: FloatArray) -> FloatArray:
+def _dipole_field(scenario: Scenario, rotation: "Rotation", positions_m: FloatArray) -> FloatArray:
     """Return the (N, P, 3) field of the dipole in the array frame at positions (P, 3) of that frame."""
     if scenario.dipole is None:
         return np.zeros((1, 1, 3))
@@ -195,7 +199,7 @@ def _dipole_field(scenario: Scenario, rotation: Rotation, positions_m: FloatArra
     return field
 
 
-def _gradient(scenario: Scenario, rotation: Rotation) -> FloatArray:
+def _gradient(scenario: Scenario, rotation: "Rotation") -> FloatArray:
     """Return the (N, 3, 3) gradient tensor at the centre in the array frame."""
     world = np.zeros((3, 3)) if scenario.site_gradient_T_per_m is None else scenario.site_gradient_T_per_m
     if scenario.dipole is not None:

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.constants import mu_0
 
 from tam_calibration.model.units import FloatArray
-from tam_calibration.sources.dipole import Source
+from tam_calibration.sources.dipole import VACUUM_PERMEABILITY, Source
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,7 @@ def loop_field(
     rho = norm(across, axis=-1)[..., None, None]
     outwards = np.divide(across, rho[..., 0], out=np.zeros_like(across), where=rho[..., 0] > 0)
     ring = _Ring.of(rho, z, radius_m)
-    unit = mu_0 * strength / (2 * np.pi**2 * radius_m)
+    unit = VACUUM_PERMEABILITY * strength / (2 * np.pi**2 * radius_m)
     along = (unit * (radius_m * ring.J0 - rho * ring.J1))[..., 0]
     field = (unit * z * ring.J1)[..., 0] * outwards + along * axis
     gradient = unit * _gradient(

@@ -1,12 +1,19 @@
 import magpylib
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
+from scipy.constants import mu_0
 
-from tam_calibration.sources.dipole import Dipole, dipole_field, moment_of_field
+from tam_calibration.sources.dipole import VACUUM_PERMEABILITY, Dipole, dipole_field, moment_of_field
 
 PLACE = np.array([1.0, 2.0, 3.0])
 RNG = np.random.default_rng(3)
 OFFSETS, MOMENTS = RNG.normal(size=(20, 3)), 100 * RNG.normal(size=(20, 3))
+
+
+def test_the_permeability_is_that_of_codata():
+    """As scipy has it, whose edition of CODATA may be an older one."""
+    assert pytest.approx(mu_0, rel=1e-9) == VACUUM_PERMEABILITY
 
 
 def test_field_is_that_of_magpylib():

@@ -5,8 +5,9 @@ taken away before. Noise is as large along the field as across it, and motion ch
 motion which is left over is told from noise.
 """
 
+from math import comb
+
 import numpy as np
-from scipy.special import binom
 
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.model.recording import Recording
@@ -29,7 +30,7 @@ _LAGS = np.arange(1, 13)
 NEAR_WHITE = 0.3
 """By which its autocorrelation may differ there: of 300 samples each has an error of 0.1."""
 
-_OF_WHITE = (-1.0) ** _LAGS * binom(2 * ORDER, ORDER + _LAGS) / binom(2 * ORDER, ORDER)
+_OF_WHITE = np.array([(-1.0) ** lag * comb(2 * ORDER, ORDER + lag) / comb(2 * ORDER, ORDER) for lag in _LAGS])
 """Autocorrelation of the differences of white noise there."""
 
 NO_NOISE_T = 2e-12
@@ -123,7 +124,7 @@ def is_shared(recording: Recording, sensor: int) -> bool:
 
 def differences(values: FloatArray) -> FloatArray:
     """Return the differences along the first axis, as large as white noise is."""
-    scaled: FloatArray = np.diff(values, n=ORDER, axis=0) / np.sqrt(binom(2 * ORDER, ORDER))
+    scaled: FloatArray = np.diff(values, n=ORDER, axis=0) / np.sqrt(comb(2 * ORDER, ORDER))
     return scaled
 
 
