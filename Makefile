@@ -15,6 +15,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
 MAKEFLAGS += --no-print-directory
+unexport PYTHONDONTWRITEBYTECODE  # hundreds of processes of the tests would compile the package each for itself
 
 .PHONY: demo test check docs battery soak mutants bench colcon clean
 
@@ -63,7 +64,9 @@ $(READY): setup.py setup.cfg pyproject.toml constraints.txt
 	and $(PYTHON) is %d.%d: name another one, as in make PYTHON=python3.12" % sys.version_info[:2])'
 	@echo "Setting up .venv with $(PYTHON): this takes a minute or two, once"
 	@$(PYTHON) -m venv .venv
-	@$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[ros,test]'
+	@$(BIN)/pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt \
+		--editable '.[ros,test]'
+	@$(BIN)/python -m compileall -qq -j 0 .venv/lib || true  # on all cores, as pip does not; some are templates
 	@touch $@
 
 clean:

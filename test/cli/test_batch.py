@@ -11,6 +11,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 
 from tam_calibration.cli.main import main
 from tam_calibration.files import write_array, write_calibration, write_recording
@@ -39,7 +40,10 @@ def folder(tmp_path, monkeypatch, recording, cross):
 
 @pytest.fixture
 def asked(monkeypatch, gap):
-    """Work in this process with a stand-in for the diagnosis; return what it shall answer, and the jobs asked for."""
+    """Work in this process with stand-ins for the diagnosis, which is dear, and for what test_summary.py sees drawn.
+
+    Return what the diagnosis shall answer, and the jobs asked for.
+    """
     asked = {"answer": gap}
 
     def run_here(tasks, jobs):
@@ -51,6 +55,8 @@ def asked(monkeypatch, gap):
     monkeypatch.setattr(import_module("tam_calibration.fleet.execution"), "run_here", run_here)
     task = import_module("tam_calibration.fleet.task")
     monkeypatch.setattr(task, "diagnose", lambda recording, array: asked["answer"])
+    summary = import_module("tam_calibration.fleet.summary")
+    monkeypatch.setattr(summary, "plot_missions", lambda missions, group: Figure())
     return asked
 
 
