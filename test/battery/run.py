@@ -4,7 +4,6 @@ import atexit
 import ctypes
 import os
 import resource
-import runpy
 import select
 import signal
 import sys
@@ -27,9 +26,10 @@ _GRACE_S = 5.0
 """For processes that a command started to end after it."""
 _LOOK_S = 0.02
 """From one look for them to the next: a wait for all children at once has no time limit."""
-_BEGIN_S = {False: 0.02, True: 0.4}
-"""Time that Python takes, seconds, until the first line of the package runs, in a fork or a fresh interpreter: what it
-does with a signal before is not ours."""
+_BEGIN_S = 0.02
+"""From the word of a command that it begins to the end of its first line: what Python does before is not ours."""
+_FRESH = "import os, sys; from tam_calibration.__main__ import run; os.write(int(sys.argv.pop(1)), b'.'); run()"
+"""What the installed command does, which gives its word as a fork does."""
 _TOLD_BYTES = 1 << 20
 _PR_SET_CHILD_SUBREAPER = 36
 _MODULES = (
@@ -152,7 +152,7 @@ def _wait(process: int, around: Surroundings, limit_s: float, listener: _Listene
     begin = time.monotonic()
     moments = [(limit_s, signal.SIGKILL)]
     if around.ended_by is not None:
-        moments.insert(0, (_BEGIN_S[around.fresh] + around.moment, around.ended_by))
+        moments.insert(0, (_BEGIN_S + around.moment, around.ended_by))
     try:
         while moments:
             left_s = begin + moments[0][0] - time.monotonic()
@@ -211,11 +211,10 @@ def _become(line: list[str], folder: Path, writers: list[int], around: Surroundi
     try:
         os.setsid()
         _arrange(folder, writers, around)
-        os.write(starter, b".")
-        os.close(starter)
         if around.fresh:
-            os.execv(sys.executable, [sys.executable, "-m", "tam_calibration", *line])
-        code = _run_here(line)
+            os.set_inheritable(starter, True)
+            os.execv(sys.executable, [sys.executable, "-c", _FRESH, str(starter), *line])
+        code = _run_here(line, starter)
     except BaseException:
         traceback.print_exc()
     finally:
@@ -260,14 +259,16 @@ def _redirect(number: int, target: str, flags: int) -> None:
         os.close(opened)
 
 
-def _run_here(line: list[str]) -> int:
-    """Do what ``python -m tam_calibration`` does, to the end of the interpreter, and return its exit code."""
+def _run_here(line: list[str], starter: int) -> int:
+    """Do what the installed command does, to the end of the interpreter, and return its exit code."""
     sys.argv = ["tam", *line]
     sys.stdin, sys.stdout = os.fdopen(0, closefd=False), os.fdopen(1, "w", closefd=False)
     sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace", closefd=False)
     code: object = 0
+    entry = import_module("tam_calibration.__main__")
     try:
-        runpy.run_module("tam_calibration", run_name="__main__")
+        os.write(starter, b".")
+        entry.run()
     except SystemExit as end:
         code = end.code
     except KeyboardInterrupt:
