@@ -35,7 +35,7 @@ def start_all(bench, *options):
 def ended(bench, children, number):
     """Send the command a signal, and return its exit code once it has ended its nodes, one after another."""
     os.kill(children.pids["tam"], number)
-    bench.spin_until(lambda: not children.is_running("tam"), "the command has ended", timeout_s=30.0)
+    bench.spin_until(lambda: not children.is_running("tam"), "the command has ended")
     return children.end_one("tam")
 
 
@@ -70,7 +70,7 @@ def test_nodes_end_with_the_command(bench, number):
     children = start_all(bench)
     signal.signal(signal.SIGHUP, before)
     assert ended(bench, children, number) == (-number if number == signal.SIGKILL else 0)
-    bench.spin_until(lambda: not processes_of(bench.logs), "all have ended", timeout_s=10.0)
+    bench.spin_until(lambda: not processes_of(bench.logs), "all have ended")
 
 
 def test_second_command_is_refused(bench):
@@ -87,7 +87,7 @@ def test_nodes_end_with_a_command_that_is_killed_while_it_starts_them(bench):
     children = bench.start({"tam": COMMAND})
     bench.spin_until(lambda: len(processes_of(bench.logs)) > 1, "a node is started")
     children.end_one("tam", signal.SIGKILL)
-    bench.spin_until(lambda: not processes_of(bench.logs), "all have ended", timeout_s=10.0)
+    bench.spin_until(lambda: not processes_of(bench.logs), "all have ended")
 
 
 def test_nodes_stay_when_the_terminal_of_nohup_is_gone(bench):
@@ -114,12 +114,12 @@ def test_impatience_leaves_no_node_behind(bench, number):
         os.kill(children.pids["tam"], number)
         return not children.is_running("tam")
 
-    limit = time.monotonic() + 20
+    limit = time.monotonic() + 60
     while not ends():
         assert time.monotonic() < limit
         bench.executor.spin_once(timeout_sec=0.05)
     assert children.end_one("tam") == 0, children.log("tam")
-    bench.spin_until(lambda: not processes_of(bench.logs), "all have ended", timeout_s=10.0)
+    bench.spin_until(lambda: not processes_of(bench.logs), "all have ended")
 
 
 def test_node_that_fails_ends_all(ros_domain, tmp_path):

@@ -70,7 +70,7 @@ def test_unusable_arguments_end_the_node_with_a_sentence(ros_domain, tmp_path):
     parameters.write_text("/**:\n  ros__parameters: {frame_id: &name a, array_file: *name}\n")
     for path in ("/nowhere.yaml", parameters):
         arguments = ["-m", "tam_calibration.nodes.start", "collector", "--ros-args", "--params-file", str(path)]
-        ended = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, timeout=20)
+        ended = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, timeout=60)
         assert ended.returncode == 2
         told = ended.stderr.splitlines()[-1]
         assert told.startswith("tam: ROS cannot begin: ") and "Traceback" not in ended.stderr
@@ -89,7 +89,7 @@ def test_unusable_variables_are_one_sentence(monkeypatch, variable, value, sente
     """Commands that use ROS end with exit 2, also where Fast DDS would have ended the process."""
     monkeypatch.setenv(variable, value)
     line = [sys.executable, "-m", "tam_calibration", "call", "calibrator/calibrate"]
-    ended = subprocess.run(line, capture_output=True, text=True, timeout=20)
+    ended = subprocess.run(line, capture_output=True, text=True, timeout=60)
     assert ended.returncode == 2
     assert ended.stderr.startswith("tam: ") and sentence in ended.stderr and len(ended.stderr.splitlines()) == 1
 
@@ -104,7 +104,7 @@ def test_a_signal_ends_what_uses_ros_with_the_code_that_shells_have_for_it(ros_d
             f"with ros_session({words}):",
         ]
         script = "\n".join([*lines, f"    signal.raise_signal({int(number)})"])
-        ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=20)
+        ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
         assert (ended.returncode, ended.stderr) == (code, "")
 
 
@@ -112,7 +112,7 @@ def test_a_folder_that_is_gone_is_one_sentence(ros_domain, tmp_path):
     """Fast DDS would complain on standard output."""
     line = shlex.join([sys.executable, "-m", "tam_calibration", "call", "calibrator/calibrate"])
     script = f"cd {shlex.quote(str(tmp_path))}; mkdir gone; cd gone; rmdir ../gone; exec {line}"
-    ended = subprocess.run(["sh", "-c", script], capture_output=True, text=True, timeout=20)
+    ended = subprocess.run(["sh", "-c", script], capture_output=True, text=True, timeout=60)
     assert (ended.returncode, ended.stdout) == (2, "")
     assert ended.stderr == "tam: the folder in which this was called is gone: go to another one\n"
 
@@ -130,14 +130,14 @@ def test_a_failure_of_rclpy_where_the_signal_came_changes_no_exit_code(ros_domai
         "    except SystemExit:",
         "        raise RuntimeError('lost')",
     ]
-    ended = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, timeout=20)
+    ended = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, timeout=60)
     assert (ended.returncode, ended.stderr) == (143, "")
 
 
 def test_few_open_files_are_one_sentence(ros_domain):
     """Where ROS would end in the middle of its work, and not well."""
     line = "ulimit -n 30; exec " + shlex.join([sys.executable, "-m", "tam_calibration", "call", "calibrator/calibrate"])
-    ended = subprocess.run(["sh", "-c", line], capture_output=True, text=True, timeout=20)
+    ended = subprocess.run(["sh", "-c", line], capture_output=True, text=True, timeout=60)
     assert ended.returncode == 2
     assert ended.stderr == "tam: ROS needs 64 open files at once, and this process may have 30: ulimit -n\n"
 

@@ -22,7 +22,7 @@ def ended(children):
 def wait_for_the_end_of(bench, children, name):
     """Spin without the check that all still run, until one has ended."""
     bench.children.remove(children)
-    bench.spin_until(lambda: name in ended(children), f"{name} ends", timeout_s=20.0)
+    bench.spin_until(lambda: name in ended(children), f"{name} ends")
 
 
 def test_second_start_is_refused_and_the_first_goes_on(bench):
@@ -42,7 +42,7 @@ def test_of_many_that_start_at_once_one_stays(bench):
     names = {"one", "two", "three"}
     children = bench.start(commands_of(*names))
     bench.children.remove(children)
-    bench.spin_until(lambda: len(ended(children)) == 2, "two have ended", timeout_s=30.0)
+    bench.spin_until(lambda: len(ended(children)) == 2, "two have ended")
     bench.spin_until(lambda: bench.node.count_services("calibrator/save"), "the third offers its services")
     codes = children.end()
     assert sorted(codes.values()) == [0, 2, 2], codes

@@ -33,6 +33,6 @@ spin_nodes(Ending(), [listener])
 def test_signal_while_the_executor_takes_on_a_node_ends_well(ros_domain):
     """With rclpy's own handlers the context ended amid that, and the executor of events aborted the process."""
     ended = subprocess.run(
-        [sys.executable, "-c", _TOLD_WHILE_A_NODE_IS_TAKEN_ON], capture_output=True, text=True, timeout=30
+        [sys.executable, "-c", _TOLD_WHILE_A_NODE_IS_TAKEN_ON], capture_output=True, text=True, timeout=60
     )
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
