@@ -1,7 +1,7 @@
 """Recordings as CSV: what is written reads back, and faults are told by column and line."""
 
 from dataclasses import fields
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 import pytest
@@ -85,9 +85,9 @@ def test_many_rows_are_read_quickly(tmp_path):
     """A hundred thousand samples of a cross are read in seconds, not minutes."""
     count = 100_000
     write_recording(tmp_path / "a.csv", Recording(np.arange(count) / 100, np.full((count, 4, 3), 3.21e-5)))
-    start = perf_counter()
+    start = process_time()
     assert read_recording(tmp_path / "a.csv").sample_count == count
-    assert perf_counter() - start < 10
+    assert process_time() - start < 10
 
 
 HEADER = "time_s,b1x_nT,b1y_nT,b1z_nT\n"
