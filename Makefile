@@ -1,6 +1,7 @@
 # make demo     the whole chain once: simulate, play over DDS, calibrate, compare; writes demo_output/
 # make test     every check and test
 # make check    format, lint and types only
+# make bytecode what the tests import, compiled once: else each of their processes does it for itself
 # make docs     the site of docs/ and the docstrings; writes build/docs/index.html
 # make battery  every bad input and kill, and a flood of the nodes for a minute; a seed: make battery SEED=7
 # make soak     twenty minutes of faults beside a run
@@ -17,7 +18,7 @@ READY := .venv/ready
 MAKEFLAGS += --no-print-directory
 unexport PYTHONDONTWRITEBYTECODE  # hundreds of processes of the tests would compile the package each for itself
 
-.PHONY: demo test check docs battery soak mutants bench colcon clean
+.PHONY: demo test check bytecode docs battery soak mutants bench colcon clean
 
 demo: $(READY)
 	@$(BIN)/tam demo
@@ -31,6 +32,9 @@ check: $(READY)
 	@$(BIN)/ruff format --check --quiet .
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/mypy --no-error-summary
+
+bytecode: $(READY)
+	@$(BIN)/pytest --collect-only --quiet >/dev/null || true
 
 docs: $(READY)
 	@$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet --fresh-env docs build/docs

@@ -70,12 +70,13 @@ def find_constants() -> list[Constant]:
     own = {name: tree for room in ROOMS for name, tree in trees.items() if name.split(".")[1] == room}
     compared = _compared(own)
     read = {(module, name) for module, tree in trees.items() for name in _names(tree)}
+    users_of = _users(trees)
     constants = []
     for module, tree in own.items():
         for name, reason in _assigned(tree):
             value = getattr(import_module(module), name)
             if _is_numeric(value):
-                users = {(user, name) for user in _users(trees, module, name)}
+                users = {(user, name) for user in users_of[module, name]}
                 kind = _kind(name, value, bool(users & compared))
                 constants.append(Constant(module, name, value, reason, kind, bool(users & read)))
     return constants
@@ -84,7 +85,7 @@ def find_constants() -> list[Constant]:
 def modules_with(constant: Constant) -> Iterator[ModuleType]:
     """Yield the modules that have a constant: its own, and those that import it by its name."""
     trees = {module_of(path): ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
-    yield from map(import_module, _users(trees, constant.module, constant.name))
+    yield from map(import_module, _users(trees)[constant.module, constant.name])
 
 
 def module_of(path: Path) -> str:
@@ -92,12 +93,15 @@ def module_of(path: Path) -> str:
     return ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
 
 
-def _users(trees: Mapping[str, ast.Module], module: str, name: str) -> Iterator[str]:
-    """Yield the module that assigns a name and those that import it."""
+def _users(trees: Mapping[str, ast.Module]) -> dict[tuple[str, str], list[str]]:
+    """Return the module that assigns a name and those that import it, by module and name."""
+    users = {(module, name): [module] for module, tree in trees.items() for name, _ in _assigned(tree)}
     for user, tree in trees.items():
-        imports = (one for one in tree.body if isinstance(one, ast.ImportFrom) and one.module == module)
-        if user == module or any(alias.name == name for one in imports for alias in one.names):
-            yield user
+        for one in tree.body:
+            if isinstance(one, ast.ImportFrom):
+                for alias in one.names:
+                    users.get((one.module or "", alias.name), []).append(user)
+    return users
 
 
 def unnamed_in_comparisons() -> int:

@@ -9,20 +9,25 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LEDGER = runpy.run_path(str(ROOT / "benchmarks" / "constants.py"))
-FOUND = LEDGER["find_constants"]()
 
 
-def test_every_constant_is_read():
+@pytest.fixture(scope="module")
+def found():
+    """Return the constants of the code."""
+    return LEDGER["find_constants"]()
+
+
+def test_every_constant_is_read(found):
     """A number that no code reads decides nothing and is to be deleted."""
-    assert [one.key for one in FOUND if not one.is_read] == []
+    assert [one.key for one in found if not one.is_read] == []
 
 
-def test_the_page_lists_the_constants_of_this_code():
+def test_the_page_lists_the_constants_of_this_code(found):
     """After a change of a constant, run ``python benchmarks/gap_constants.py --quick``."""
     page = (ROOT / "docs" / "gap_constants.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `([^`]+)` \| ([^|]*) \|", page, re.MULTILINE)
     stated = {(key, value) for key, value in listed if "." in key}
-    assert stated == {(one.key, one.told) for one in FOUND}
+    assert stated == {(one.key, one.told) for one in found}
 
 
 @pytest.mark.parametrize(
