@@ -75,4 +75,4 @@ $(READY): setup.py setup.cfg pyproject.toml constraints.txt
 
 clean:
 	rm -rf build install log demo_output *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find tam_calibration examples test launch -name __pycache__ -prune -exec rm -rf {} +
+	find tam_calibration benchmarks docs examples test launch -name __pycache__ -prune -exec rm -rf {} +

@@ -141,6 +141,18 @@ def gap():
     )
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leave the figures, which are dear, out of the page of a calibration or a gap whose words alone are looked at."""
+    from tam_calibration.report import calibration_report, page
+
+    def embed(figure, alternative, caption=""):
+        return page.Image("data:image/svg+xml;base64,", alternative, caption)
+
+    for module in (calibration_report, page):
+        monkeypatch.setattr(module, "embed", embed)
+
+
 @pytest.fixture(scope="session")
 def wu2025_sweeps():
     """Return the sweeps of Wu 2025 with two runs a point; few groups in the jackknife make the fits quick."""

@@ -94,7 +94,7 @@ def test_a_place_gives_the_intensity_of_a_recording_without_scalar(folder, recor
     assert_allclose(known["field"]["intensity_nT"], 51_800, rtol=0.02)
 
 
-def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder):
+def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder, undrawn):
     """With attitude the flag gives gradient and errors at the floor, in table, file and report; without, a reason."""
     gradient = 1e-9 * np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]])
     scenario = replace(read_scenario("wu_table_1"), site_gradient_T_per_m=gradient, attitude=AttitudeChannel(0.01))
@@ -166,7 +166,7 @@ def test_delays_are_estimated_told_and_kept(folder):
 
 
 @pytest.mark.parametrize("method", ["maximum_likelihood", "lossless"])
-def test_a_large_file_is_streamed_to_the_same_result(folder, monkeypatch, method):
+def test_a_large_file_is_streamed_to_the_same_result(folder, monkeypatch, method, undrawn):
     """What does not fit into memory is calibrated from disk, with the same file as the result, and the report shows."""
     run("run.csv", "--array", "array.yaml", "-o", "a.yaml", "--method", method)
     monkeypatch.setattr("tam_calibration.files.recording_file._LARGE_BYTES", 1)

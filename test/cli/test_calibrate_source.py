@@ -57,7 +57,7 @@ def run(folder, *words):
     return CliRunner().invoke(main, arguments)
 
 
-def test_baselines_frame_and_places_are_printed_and_kept(folder, tmp_path):
+def test_baselines_frame_and_places_are_printed_and_kept(folder, tmp_path, undrawn):
     """The file holds the true baselines, the places of the axes, and standard errors."""
     out = tmp_path / "out.yaml"
     result = run(folder, "--source", str(folder / "coil.yaml"), "-o", str(out), "--report", str(tmp_path / "page.html"))

@@ -33,7 +33,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_a_drift_is_found_kept_taken_off_and_shown_by_the_twin(folder):
+def test_a_drift_is_found_kept_taken_off_and_shown_by_the_twin(folder, undrawn):
     """Simulate, diagnose, calibrate with the effect, correct, diagnose what is left, simulate the twin, diagnose it."""
     run("simulate", "warming_up", "-o", "run.csv")
     gap = diagnosed("run.csv", "--array", "run.array.yaml")

@@ -163,7 +163,7 @@ def test_calibrate_names_what_is_badly_determined(folder, recording, cross):
     assert silent.exit_code == 0 and "Badly determined" not in silent.stdout
 
 
-def test_the_report_names_it_too(folder):
+def test_the_report_names_it_too(folder, undrawn):
     """The report's section on coverage says the same."""
     CliRunner().invoke(main, ["calibrate", "run.csv", "--array", "array.yaml", "--report", "page.html"])
     assert "Badly determined, in standard errors of the full sphere: bias z of every sensor" in (

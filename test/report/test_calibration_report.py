@@ -10,7 +10,6 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.report import calibration_report
 from tam_calibration.report.calibration_report import write_calibration_report
-from tam_calibration.report.page import Image
 
 VOID = {"meta", "img"}
 
@@ -60,16 +59,6 @@ def write(tmp_path):
         return page
 
     return write
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Leave out the drawing, which is dear, where the words alone are looked at."""
-
-    def embed(figure, alternative, caption=""):
-        return Image("data:image/svg+xml;base64,", alternative, caption)
-
-    monkeypatch.setattr(calibration_report, "embed", embed)
 
 
 def test_sections_stand_in_order(make, write):

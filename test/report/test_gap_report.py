@@ -97,7 +97,7 @@ def write(tmp_path):
     return write
 
 
-def test_the_page_says_what_is_open_and_what_departs(gap, write):
+def test_the_page_says_what_is_open_and_what_departs(gap, write, undrawn):
     """The unknown part in the verdict, the checks in a section of their own, the prior beside the cause."""
     residue = gap.residue
     checks = checks_of(residue.time_s, residue.direction, residue.before, residue.floor_T)

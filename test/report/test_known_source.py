@@ -13,7 +13,7 @@ from tam_calibration.report.calibration_report import write_calibration_report
 
 
 @pytest.fixture
-def write(make, tmp_path):
+def write(make, tmp_path, undrawn):
     """Return a function that writes the page of a calibration with a known source and returns its words."""
 
     def write(known_source, offsets_m=None):
