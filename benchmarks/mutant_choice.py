@@ -90,7 +90,7 @@ def mutants_of(module: str, within: set[int] | None = None, most: int = SAMPLE) 
             is_asked = within is None or line in within
             if is_asked and not EQUIVALENT.search(f"{lines[line - 1][:column]}¦{lines[line - 1][column:]}"):
                 found.append((operator, occurrence, line - 1))
-    chosen = random.Random(module).sample(found, min(most, len(found)))
+    chosen = random.Random(module).sample(found, min(SAMPLE, len(found)))[:most]
     mutants = [(mutate_code(source, operator, occurrence), line) for operator, occurrence, line in chosen]
     return [
         Mutant(module, f"{module}: {lines[at].strip()} → {code.splitlines()[at].strip()}", code) for code, at in mutants
