@@ -78,7 +78,7 @@ def tests_of(module: str, is_nearest: bool = False) -> list[str]:
     return [str(path.relative_to(ROOT)) for path in sorted(near or files, key=distance)]
 
 
-def mutants_of(module: str, within: set[int] | None = None) -> list[Mutant]:
+def mutants_of(module: str, within: set[int] | None = None, most: int = SAMPLE) -> list[Mutant]:
     """Return some mutants of a module, or of some lines of it, by chance with a fixed seed."""
     source = (ROOT / PACKAGE / f"{module}.py").read_text("utf-8")
     lines, nodes = source.splitlines(), list(ast_nodes(get_ast(source)))
@@ -90,7 +90,7 @@ def mutants_of(module: str, within: set[int] | None = None) -> list[Mutant]:
             is_asked = within is None or line in within
             if is_asked and not EQUIVALENT.search(f"{lines[line - 1][:column]}¦{lines[line - 1][column:]}"):
                 found.append((operator, occurrence, line - 1))
-    chosen = random.Random(module).sample(found, min(SAMPLE, len(found)))
+    chosen = random.Random(module).sample(found, min(SAMPLE, len(found)))[:most]
     mutants = [(mutate_code(source, operator, occurrence), line) for operator, occurrence, line in chosen]
     return [
         Mutant(module, f"{module}: {lines[at].strip()} → {code.splitlines()[at].strip()}", code) for code, at in mutants

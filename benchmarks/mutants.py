@@ -2,6 +2,7 @@
 
     python benchmarks/mutants.py                    # of every module: hours; writes benchmarks/results/mutants.csv
     python benchmarks/mutants.py fit/scale core     # of some modules and rooms: replaces their lines in it
+    python benchmarks/mutants.py gap --most 6       # fewer of each module than twelve, the first of the same
     python benchmarks/mutants.py --since HEAD~10    # of lines changed since, for 45 seconds; writes nothing
 
 cosmic-ray changes a number or an operator in a copy of the repository, and the tests of the module run until one fails:
@@ -29,7 +30,7 @@ from pathlib import Path
 
 import hypothesis  # noqa: F401  a fork has it then
 import pytest
-from mutant_choice import PACKAGE, ROOMS, ROOT, Mutant, changed_since, modules_of, mutants_of, tests_of
+from mutant_choice import PACKAGE, ROOMS, ROOT, SAMPLE, Mutant, changed_since, modules_of, mutants_of, tests_of
 from scipy.stats import binom
 
 TABLE = ROOT / "benchmarks" / "results" / "mutants.csv"
@@ -100,10 +101,10 @@ def write(module: str, counts: Counter[str]) -> None:
         csv.writer(file, lineterminator="\n").writerows([["module", "mutants", *OUTCOMES], *rows])
 
 
-def run_all(names: list[str], copy: Path) -> None:
+def run_all(names: list[str], most: int, copy: Path) -> None:
     """Run the mutants of rooms and modules, and write each module's line of the table."""
     for module in modules_of(names):
-        counts = outcomes(mutants_of(module), copy, partial(measured_limit, copy))
+        counts = outcomes(mutants_of(module, most=most), copy, partial(measured_limit, copy))
         write(module, counts)
         print(f"{module}: {counts['killed'] + counts['timeout']} of {counts.total()} killed", flush=True)
 
@@ -130,13 +131,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", default=ROOMS)
     parser.add_argument("--since", metavar="COMMIT")
+    parser.add_argument("--most", type=int, default=SAMPLE, metavar="NUMBER")
     asked = parser.parse_args()
     sys.dont_write_bytecode = True  # of two files of one second the one's bytecode would be taken for the other's
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / ROOT.name
         shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".*", "build", "install", "log", "demo_output"))
         os.environ |= {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
-        run_changed(asked.since, copy) if asked.since else run_all(asked.names, copy)
+        run_changed(asked.since, copy) if asked.since else run_all(asked.names, asked.most, copy)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit.identifiability import find_weakness, require_accurate, require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import from_degrees
@@ -169,3 +170,26 @@ def test_without_scalar(wu_scenario):
     """With an unknown constant intensity the tilt matters as much."""
     weakness = weakness_of(wu_scenario, Swings((180, 30, 30)), scalar_T=None)
     assert "bias z of every sensor" in str(weakness)
+
+
+def test_in_a_field_that_is_not_uniform_differences_of_the_sensors_are_no_noise(wu_run, wu_scenario):
+    """30 µT between the sensors leave all open where they are noise; noise that is stated so loud does in any case."""
+    recording, array = wu_run.recording, wu_scenario.array
+    loud = replace(array, vector_noise_T=np.full(4, 30e-6))
+    for is_uniform in (True, False):
+        with pytest.raises(InputError, match="do not determine"):
+            require_determined(recording, loud, is_uniform)
+    apart = 30e-6 * np.random.default_rng(6).normal(size=recording.readings_T.shape)
+    differing = replace(recording, readings_T=recording.readings_T + apart)
+    with pytest.raises(InputError, match="do not determine"):
+        require_determined(differing, array)
+    require_determined(differing, array, is_uniform=False)
+
+
+def test_of_one_sensor_too_the_three_worst_parameters_are_named(wu_scenario):
+    """As of four: it is parameters that are counted."""
+    run = simulate(replace(wu_scenario, motion=Swings((180, 30, 30)), sample_count=2000))
+    alone = replace(run.recording, readings_T=run.recording.readings_T[:, :1])
+    weakness = find_weakness(alone, maximum_likelihood(alone, Array(np.zeros((1, 3)), np.array([1e-9]), 1e-10)))
+    assert len(weakness.parameters) == 3
+    assert weakness.parameters[0].startswith("bias z of sensor 1 ")

@@ -3,9 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import ellipsoid
-from tam_calibration.fit.integrated import _nearest, constrained_ellipsoid, integrated
+from tam_calibration.fit.integrated import _nearest, _turns, constrained_ellipsoid, integrated
+from tam_calibration.fit.moments import gather
+from tam_calibration.fit.recorded_attitude import find_turn
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.validation.papers import chi2017
 
@@ -89,3 +92,18 @@ def test_no_other_quadric_within_the_constraint_is_nearer(ratio):
         step = 1e-3 * generator.normal(size=(3, 3)) * np.abs(shape).max()
         moved = 1e-3 * generator.normal(size=4) * np.abs(linear).max()
         assert distance(shape + step + step.T, linear + moved[:3], constant + moved[3]) > least > 0
+
+
+def test_each_turn_is_that_of_the_samples_that_its_set_has():
+    """The first of all samples, each other without those that are left out."""
+    case = chi2017.set_up()
+    moments = gather(case.recording, "integrated")
+    matrix, bias_T = case.errors.matrix, case.errors.bias_T
+    center = (bias_T - moments.data.origin_T) / moments.data.radius_T
+    field = (case.recording.readings_T[:, 0] - bias_T[0]) @ np.linalg.inv(matrix[0]).T / moments.data.radius_T
+    to_world = Rotation.from_quat(case.recording.attitude).as_matrix()
+    sets = [np.arange(0), *moments.left_out()]
+    expected = [find_turn(np.delete(field, out, axis=0), np.delete(to_world, out, axis=0)) for out in sets]
+    found = _turns(moments, np.tile(matrix, (len(sets), 1, 1, 1)), np.tile(center, (len(sets), 1, 1)))
+    assert np.abs(np.diff(expected, axis=0)).max() > 1e-9
+    assert_allclose(found, expected, atol=1e-13)

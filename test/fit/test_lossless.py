@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import numpy as np
+import scipy.optimize
 import pytest
 from numpy.testing import assert_allclose
 
@@ -76,3 +77,20 @@ def test_a_mirrored_sensor_is_named(noise_free, wu_scenario):
     readings[:, 1, 1] *= -1
     with pytest.raises(InputError, match="sensor 2 is a mirror image of sensors 1, 3 and 4"):
         lossless(replace(noise_free.recording, readings_T=readings), wu_scenario.array)
+
+
+def test_the_programming_is_given_the_slope_of_its_objective(wu_run, wu_scenario, monkeypatch):
+    """By each of the nine unknowns it is what central differences give, beside the start."""
+    given, minimize = [], scipy.optimize.minimize
+
+    def seen(objective, start, **options):
+        given.append((objective, start))
+        return minimize(objective, start, **options)
+
+    monkeypatch.setattr(scipy.optimize, "minimize", seen)
+    lossless(wu_run.recording, wu_scenario.array, as_published=True)
+    objective, start = given[0]
+    beside = start + 0.1 * np.random.default_rng(3).normal(size=9)
+    steps = 1e-4 * np.eye(9)
+    differences = [(objective(beside + step)[0] - objective(beside - step)[0]) / 2e-4 for step in steps]
+    assert_allclose(objective(beside)[1], differences, rtol=1e-5, atol=1e-6 * np.abs(differences).max())

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from tam_calibration.fit.artificial_vector import artificial_vector
 from tam_calibration.fit.fast_rotation import fast_rotation
 from tam_calibration.fit.integrated import integrated
-from tam_calibration.fit.moments import gather
+from tam_calibration.fit.moments import gather, jackknife
 from tam_calibration.fit.simplified_linear import simplified_linear
 from tam_calibration.fit.two_step_linear import two_step_linear
 from tam_calibration.model.array import Array
@@ -99,3 +99,19 @@ def test_too_few_samples_are_counted(noise_free):
     """Nine samples leave the jackknife nothing to leave out."""
     with pytest.raises(InputError, match="9 samples are too few for the integrated"):
         gather(noise_free.recording.take(slice(0, 9)), "integrated")
+
+
+def test_a_jackknife_of_means_is_the_covariance_of_a_mean():
+    """Means that leave one of 20 values out each have the covariance of the values over their number, exactly."""
+    values = np.random.default_rng(12).normal(size=(20, 3)) @ [[1, 0.5, 0], [0, 2, 0.3], [0, 0, 0.1]]
+    assert_allclose(jackknife((values.sum(axis=0) - values) / 19), np.cov(values.T) / 20, rtol=1e-12)
+
+
+@pytest.mark.parametrize("count", [40, 64, 65, 360])
+def test_each_set_of_moments_leaves_out_samples_of_its_own(noise_free, count):
+    """All samples are left out once, by sets that leave out as many as they say and one at least."""
+    moments = gather(noise_free.recording.take(slice(count)), "lossless")
+    left_out = moments.left_out()
+    assert sorted(np.concatenate(left_out).tolist()) == list(range(count))
+    assert min(map(len, left_out)) > 0
+    assert (moments.joint[0, -1, -1] - moments.joint[1:, -1, -1]).tolist() == [len(one) for one in left_out]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.gap.candidates import candidates
+from tam_calibration.gap.candidates import Setting, _world_field, candidates
 
 
 @pytest.mark.parametrize(("step_s", "shortest_s"), [(0.05, 3.5), (1.0, 16.0)])
@@ -15,3 +15,38 @@ def test_hands_turn_an_array_within_some_seconds(run, step_s, shortest_s):
     fast = {one.path: one.turn_s for one in candidates(now, ())}
     assert shortest_s <= fast["back and forth"] == fast["swings"] <= max(7.0, shortest_s)
     assert 3.5 <= fast["poses"] <= 7.0
+
+
+def test_people_are_told_how_long_turns_and_changes_take(run):
+    """In seconds of a turn; what the temperature does takes thirty turns, the current ten."""
+    now = replace(run(60).channels().covariates, time_s=0.05 * np.arange(60), temperature_C=None, current_A=None)
+    words = {one.path: one.words for one in candidates(now, ())}
+    fast = max(5.0, 16 * 0.05)
+    assert f"in swings back and forth, small and large, of {3 * fast:.0f} s each" in words["swings"]
+    assert f"turn it fast through all directions ({fast:.0f} s a turn)" in words["back and forth"]
+    (warm,), (switched,) = candidates(now, ("temperature_C",)), candidates(now, ("current_A",))
+    assert (warm.path, warm.changes) == ("onwards", ("temperature_C",))
+    assert warm.minutes == pytest.approx(30 * warm.turn_s / 60)
+    assert switched.minutes == pytest.approx(10 * switched.turn_s / 60)
+
+
+def test_without_an_attitude_the_field_is_that_of_middle_latitudes(run):
+    """Sixty degrees down and to the north, as strong as in the recording."""
+    now = replace(run(60).channels().covariates, attitude=None)
+    field = _world_field(now)
+    assert field / np.mean(now.intensity_T) == pytest.approx([0.0, 0.5, -np.sqrt(0.75)])
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_a_simulated_recording_has_the_scalar_as_often_as_the_one_at_hand(run, every):
+    """Its readings are those of the field, and of what an effect adds; without an effect they fit exactly."""
+    made = run(240)
+    scalar_T = np.where(np.arange(240) % every == 0, made.recording.scalar_T, np.nan)
+    model = replace(made, recording=replace(made.recording, scalar_T=scalar_T)).model()
+    now = model.base().channels.covariates
+    setting = Setting(model, now, 1.0)
+    channels = setting.channels(now)
+    assert np.abs(channels.residuals.row_shift_T[:, :-1]).max() < 1e-12
+    assert channels.count == pytest.approx(240 * 9 + 240 / every)
+    moved = setting.channels(now, 1e-6 * (np.arange(13) == 4))
+    assert np.abs(moved.residuals.row_shift_T[:, 4]).max() > 1e-7

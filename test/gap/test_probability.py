@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from itertools import permutations
-from math import log
+from math import exp, log
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +11,10 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.effects.nonlinearity import Nonlinearity
 from tam_calibration.effects.temperature_drift import TemperatureDrift
+from tam_calibration.gap.evidence import Evidence
 from tam_calibration.gap.hypothesis import given_form
-from tam_calibration.gap.probability import features_of, right, set_of, shares_of
+from tam_calibration.gap.probability import energies_of, features_of, probabilities, right, set_of, shares_of
+from tam_calibration.gap.support import Step
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
 
@@ -141,3 +143,42 @@ def test_one_effect_or_none(model):
     """The only effect has all."""
     assert shares_of(replace(model, parts=model.parts[:1])).tolist() == [1.0]
     assert shares_of(replace(model, parts=())).size == 0
+
+
+@pytest.mark.parametrize(("at", "odds"), [(0, 1.24), (1, -1.18), (2, 2.0), (3, 0.83)])
+def test_each_feature_moves_the_odds_as_it_was_found_to(at, odds):
+    """The logistic regression over the blind set: intercept, failing checks, share and ratio of the evidences."""
+    assert right(np.eye(4)[at]) == pytest.approx(1 / (1 + exp(-odds)), rel=1e-12)
+
+
+def searched(steps=(), gains=(("a", 30.0), ("b", 10.0), ("c", -5.0))):
+    """Return a search of 1000 channels that weighed some effects."""
+    base = SimpleNamespace(channels=SimpleNamespace(count=1000.0))
+    weighed = tuple(SimpleNamespace(effect=name, gain=gain, delta_bic=gain - 7) for name, gain in gains)
+    return SimpleNamespace(weighed=weighed, steps=steps, nominal=SimpleNamespace(base=lambda: base))
+
+
+@pytest.mark.parametrize(
+    ("verdict", "answer", "other", "chance"),
+    [("no_gap", "no_gap", "none_of_these", 167 / 171), ("unexplained", "none_of_these", "no_gap", 228 / 242)],
+)
+def test_a_verdict_without_a_cause_is_as_right_as_it_was_on_the_blind_set(verdict, answer, other, chance):
+    """166 of 169 and 227 of 240, by Laplace's rule; half of the rest is the other, half the effects' by their gains."""
+    found = probabilities(searched(), verdict, 0)
+    assert found[answer] == pytest.approx(chance, rel=1e-12)
+    assert found[other] == pytest.approx((1 - chance) / 2)
+    assert [found["a"], found["b"], found["c"]] == pytest.approx([0.375 * (1 - chance), 0.125 * (1 - chance), 0.0])
+    assert sum(found.values()) == pytest.approx(1)
+
+
+def test_a_cause_is_as_likely_as_its_features_say():
+    """Its share is of what all causes explain; half of the rest is of none of these, half of what was not named."""
+    steps = tuple(Step(Evidence(name, None, gain - 7, gain), ()) for name, gain in (("a", 300.0), ("b", 100.0)))
+    energy = energies_of(steps, 1000.0)
+    assert list(energy.values()) == pytest.approx([1 - exp(-0.3), exp(-0.3) * (1 - exp(-0.1))])
+    found = probabilities(searched(steps, (("a", 300.0), ("b", 100.0), ("c", 60.0))), "explained", 1)
+    total = sum(energy.values())
+    for step, name, evidence in zip(steps, "ab", (293.0, 93.0), strict=True):
+        assert found[name] == pytest.approx(right(features_of(1, energy[step] / total, evidence, 53.0)))
+    rest = 1 - min(found["a"], found["b"])
+    assert (found["none_of_these"], found["c"], found["no_gap"]) == (pytest.approx(rest / 2), pytest.approx(rest / 2), 0)

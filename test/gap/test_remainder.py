@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tam_calibration.gap.evidence import rivals
-from tam_calibration.gap.remainder import describe, growth_with_rate, period_of, residue_of
+from tam_calibration.gap.remainder import _largest_row, describe, growth_with_rate, period_of, residue_of
+from tam_calibration.gap.result import Where
 from tam_calibration.gap.search import Search
 from tam_calibration.gap.size import measure
 
@@ -87,3 +88,23 @@ def test_noise_that_grows_with_turning_is_told_by_how_much():
     assert growth_with_rate(noise, rate) is None
     assert growth_with_rate(noise * np.where(rate > 0.5, 1, 2), rate) is None
     assert growth_with_rate(noise, np.zeros(2000)) is None
+
+
+@pytest.mark.parametrize(("slow", "period_s"), [(0.4, 10.0), (0.6, 100.0)])
+def test_half_of_the_energy_is_slower_than_the_period(slow, period_s):
+    """Of two swings, of 10 and 100 s, the slower one's counts where it has more than half."""
+    time = 0.1 * np.arange(10_000)
+    swings = np.sqrt(slow) * np.sin(2 * np.pi * time / 100) + np.sqrt(1 - slow) * np.sin(2 * np.pi * time / 10)
+    values = 10 * swings + np.random.default_rng(3).normal(size=10_000)
+    assert period_of(values, 0.1) == pytest.approx(period_s, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "axes", "row"),
+    [((2,), (), 4), ((2,), ("z",), 5), ((1, 2), ("x",), 3), ((), (), 6), (("scalar",), ("x",), 6), ((1,), (), 1)],
+)
+def test_the_largest_row_is_of_the_place(sensors, axes, row):
+    """Of all axes where none is named, of all rows where no sensor is; unknown samples count for nothing."""
+    rows = np.tile([0.5, 1.0, 0.1, 2.0, 4.0, 3.0, 5.0], (9, 1))
+    rows[0] = np.nan
+    assert _largest_row(Where(sensors, axes, None, None, {}), rows) == row

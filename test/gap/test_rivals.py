@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.core.harmonics import harmonics
 from tam_calibration.effects.grades import NOTABLE
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.evidence import evidence_of, rivals
@@ -199,3 +200,25 @@ def test_the_tilt_needs_the_attitude(run):
     blind = replace(moved, recording=replace(moved.recording, attitude=None))
     assert "function_of_tilt" in {one.effect for one in rivals(moved.model().base())}
     assert "function_of_tilt" not in {one.effect for one in rivals(blind.model().base())}
+
+
+def test_functions_of_direction_are_harmonics_of_their_degree(run):
+    """Those of degree 2 to 4 span the spherical harmonics of that degree, and nothing else; 2 not of the scalar."""
+    covariates = run(200).channels().covariates
+    direction = covariates.field_T / np.linalg.norm(covariates.field_T, axis=1, keepdims=True)
+    all_harmonics = harmonics(direction, 4)
+    terms = FunctionOfDirection().terms(covariates, {})
+    for degree in (2, 3, 4):
+        own = [term for term in terms if term.name == f"degree {degree}"]
+        assert len(own) == covariates.scalar_row + (degree > 2)
+        expected = all_harmonics[:, degree**2 : (degree + 1) ** 2]
+        found = own[0].features
+        assert found.shape == expected.shape and np.linalg.matrix_rank(found) == 2 * degree + 1
+        left = found - expected @ np.linalg.lstsq(expected, found)[0]
+        assert np.abs(left).max() < 1e-9
+
+
+def test_what_is_free_in_time_says_so():
+    """Functions of time and of neighbours: on samples that are left out in blocks they say nothing."""
+    kinds = (FunctionOfTime, FunctionOfDirection, FunctionOfTilt, FunctionOfRate, FunctionOfNeighbours)
+    assert [kind.is_free_in_time for kind in kinds] == [True, False, False, False, True]

@@ -4,12 +4,13 @@ from numpy.linalg import norm
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.localization.direct_fit import fit_dipole, fit_loop
+from tam_calibration.localization.direct_fit import fit_dipole, fit_loop, passage_of
+from tam_calibration.localization.passage import Known
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.sources.dipole import Dipole
+from tam_calibration.sources.dipole import Dipole, dipole_field
 from tam_calibration.sources.loop import Loop, area_of
-from tam_calibration.sources.poses import Poses
+from tam_calibration.sources.poses import ONE_POSE, Poses
 
 RADIUS = 0.445
 PLACE = np.array([2.40, -1.00, 0.46])
@@ -109,3 +110,13 @@ def test_too_few_values_are_refused():
         fit_dipole(readings_of(DIPOLE), Array(ARRAY.positions_m, axis_offsets_m=np.zeros((4, 3, 3))), POSES)
     with pytest.raises(Refused, match="nowhere to start"):
         fit_dipole(np.ones((12, 1, 3)), one, POSES)
+
+
+@pytest.mark.parametrize(("unknowns", "reason"), [(0, "nowhere to start"), (1, "6 values do not determine 7 unknowns")])
+def test_one_value_less_than_unknowns_is_too_few(unknowns, reason):
+    """Two sensors read as many values as a source has unknowns, and too few for one more."""
+    error = np.zeros(11)
+    error[:unknowns] = np.inf
+    pair = Array(np.array([[0.25, 0.0, 0.0], [-0.25, 0.0, 0.0]]))
+    with pytest.raises(Refused, match=reason):
+        passage_of(dipole_field, np.ones((1, 2, 3)), pair, ONE_POSE, Known(np.zeros(11), error))

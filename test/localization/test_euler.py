@@ -151,3 +151,26 @@ def test_wrong_shapes_are_named(arguments, message):
     """Each with what was expected."""
     with pytest.raises(InputError, match=message):
         locate(**arguments)
+
+
+def test_ambiguity_adds_the_square_of_the_other_choice():
+    """The covariance is that with neither eigenvector left out, and the change of place from one to the other."""
+    outputs = outputs_of(Dipole(np.array([3.0, 0.0, 0.0]), 400 * np.array([np.cos(0.01), np.sin(0.01), 0.0])))
+    noise = 1e-18 * np.eye(8)
+    gxx, gxy, gxz, gyy, gyz = outputs[3:]
+    values, vectors = np.linalg.eigh([[gxx, gxy, gxz], [gxy, gyy, gyz], [gxz, gyz, -gxx - gyy]])
+    parts = 3 * vectors * (vectors.T @ outputs[:3] / values)
+    one, other, _ = np.argsort(np.abs(values))
+    change = parts[:, one] - parts[:, other]
+    ambiguous, neither = (
+        locate_one(outputs, noise, constrained=constrained).position_covariance_m2[0] for constrained in (True, False)
+    )
+    assert_allclose(ambiguous - neither, np.outer(change, change), atol=1e-6 * change @ change)
+
+
+def test_samples_may_have_a_covariance_each():
+    """Of as many rows as there are samples, of the same size it gives the same."""
+    many = np.array([outputs_of(Dipole(PLACE * scale, MOMENT)) for scale in (1, 1.5, 2)])
+    common, own = locate(many, NOISE), locate(many, NOISE * np.array([1.0, 4.0, 9.0])[:, None, None])
+    expected = common.position_covariance_m2 * np.array([1.0, 4.0, 9.0])[:, None, None]
+    assert_allclose(own.position_covariance_m2, expected, rtol=1e-9)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.fft import idct
-from scipy.stats import f
+from scipy.stats import chi2, f
 
 from tam_calibration.localization.misfit import Misfit, misfit_of
 
@@ -119,3 +119,14 @@ def test_a_band_stands_out_from_its_chance_on(part, has_colour):
 def test_few_samples_are_no_reason_to_widen(samples):
     """Of one sample, or two, there is no slow and no fast."""
     assert misfit(np.random.default_rng(10).normal(size=(samples, CHANNELS))).variance_factor == 1
+
+
+@pytest.mark.parametrize("tail", [5e-4, 1 - 5e-4])
+@pytest.mark.parametrize(("part", "is_told"), [(0.99, False), (1.01, True)])
+def test_another_size_of_the_noise_is_told_from_its_chance_on(tail, part, is_told):
+    """A thousandth, half of it above and half below, of χ² of the 32 upper cosines of three channels."""
+    ratio = 1 + (chi2.isf(tail, 96) / 96 - 1) * part
+    energy = np.ones((64, 3))
+    energy[32:] = ratio
+    found = misfit(idct(np.sqrt(energy), axis=0, norm="ortho")).noise_variance
+    assert found == pytest.approx(ratio if is_told else 1)

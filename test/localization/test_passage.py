@@ -247,3 +247,14 @@ def test_the_solution_of_data_without_noise_is_the_truth(attitude_noise_deg):
     assert solution.is_found[0]
     assert_allclose(solution.unknowns[0] / SIZES, TRUTH / SIZES, atol=1e-5)
     assert solution.chi_square[0] == pytest.approx(0, abs=1e-6)
+
+
+def test_a_passage_without_a_source_is_solved_to_the_end():
+    """The field, its gradient and the velocity's error that goes with it are exact without noise, from nothing."""
+    course = Course(60, 1e-9, gradient=1000.0, velocity_error_m_per_s=VELOCITY_ERROR)
+    fields, poses = course.seen([])
+    passage = replace(passage_of(course), readings_T=fields)
+    solution = solve(passage, np.zeros(11))
+    truth = np.concatenate([EARTH_T, 1000 * GRADIENT_T_PER_M[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]], VELOCITY_ERROR])
+    assert solution.is_found[0]
+    assert_allclose(solution.unknowns[0] / SIZES[12:], truth / SIZES[12:], atol=1e-7)

@@ -65,3 +65,15 @@ def test_without_a_moment_any_orientation_is():
     rows = pose_rows(solutions_of([[np.nan] * 3]))
     assert rows[0, 3:7].tolist() == [0, 0, 0, 1]
     assert_allclose(rows[0, 7:].reshape(6, 6)[3:, 3:], np.pi**2 / 3 * np.eye(3))
+
+
+def test_every_pose_has_a_unit_quaternion():
+    """Against x too, where the shortest rotation is any of many, and where there is no moment."""
+    rows = pose_rows(solutions_of([[-5, 0, 0], [5, 0, 0], [-1, 1e-9, 0], [0.3, -0.2, 0.7], [np.nan] * 3]))
+    assert_allclose(np.linalg.norm(rows[:, 3:7], axis=1), 1.0, rtol=1e-12)
+
+
+def test_rounding_makes_no_imaginary_axis():
+    """Of a place that is certain along one axis rounding may leave a variance below zero."""
+    semi_axes, _ = ellipsoid(np.diag([1.0, -1e-18, 4.0]))
+    assert_allclose(semi_axes / np.sqrt(7.814727903251179), [0.0, 1.0, 2.0])

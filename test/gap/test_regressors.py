@@ -1,0 +1,81 @@
+"""Designs that share features say what their columns say one by one."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.effects.term import Coefficient, Term
+from tam_calibration.gap.regressors import Regressors, calibration_regressors, update
+
+ROWS, SAMPLES = 13, 30
+GENERATOR = np.random.default_rng(15)
+SHARED, OWN = GENERATOR.normal(size=(SAMPLES, 2)), GENERATOR.normal(size=(SAMPLES, 3))
+
+
+def term(features, rows, columns):
+    """Return a term with an atom for each of its rows."""
+    coefficients = tuple(Coefficient(f"c{number}", "T") for number in range(max(columns) + 1))
+    return Term(0, None, "term", coefficients, features, np.array(rows), np.array(columns))
+
+
+TERMS = [term(SHARED, [4, 7], [0, 1]), term(OWN, [1, 4, 12], [0, 0, 1]), term(SHARED, [2, 2], [0, 0])]
+
+
+def dense(design):
+    """Return the regressors (N, R, P) of the columns in the rows."""
+    whole = np.zeros((len(design.features), ROWS, design.width))
+    for feature, row, column in zip(design.index, design.rows, design.columns, strict=True):
+        whole[:, row, column] += design.features[:, feature]
+    return whole
+
+
+def test_terms_stand_side_by_side():
+    """Each column adds what its coefficient does, and features of several terms are held once."""
+    design = Regressors.of(TERMS)
+    assert design.features.shape == (SAMPLES, 5) and design.width == 5
+    expected = [each.signal(unit, ROWS) for each in TERMS for unit in np.eye(len(each.coefficients))]
+    assert_allclose(dense(design), np.stack(expected, axis=2))
+
+
+def test_designs_are_joined_and_split():
+    """Joined they have the columns of both; those that are alike but for their features come apart again."""
+    parts = [Regressors.of(TERMS), Regressors.of(TERMS[1:2])]
+    assert_allclose(dense(Regressors.joined(parts)), np.concatenate([dense(part) for part in parts], axis=2))
+    alike = [Regressors.of([term(features, [1, 4, 12], [0, 0, 1])]) for features in (OWN, 2 * OWN, OWN**2)]
+    for part, again in zip(alike, Regressors.joined(alike).split(3), strict=True):
+        assert_allclose(dense(again), dense(part))
+
+
+@pytest.mark.parametrize(("atoms", "is_shared"), [(8, False), (9, True)])
+def test_features_are_shared_where_four_directions_of_each_are_fewer_than_the_atoms(atoms, is_shared):
+    """Of two features eight sums; with eight atoms the columns are as few."""
+    design = Regressors(SHARED, np.arange(atoms) % 2, np.arange(atoms), np.arange(atoms), atoms)
+    assert design.is_shared == is_shared
+    assert design.common_width == (8 if is_shared else atoms)
+
+
+@pytest.mark.parametrize("columns", [np.arange(12), np.arange(12) // 2])
+def test_sums_by_feature_and_direction_become_those_of_the_columns(columns):
+    """Of what each column changes the common mode by, times any weights of samples and directions."""
+    design = Regressors(SHARED, np.arange(12) % 2, np.arange(12), columns, int(columns.max()) + 1)
+    turn, weights = GENERATOR.normal(size=(4, ROWS)), GENERATOR.normal(size=(SAMPLES, 4, 3))
+    by_feature = np.einsum("nf,ndq->fdq", SHARED, weights).reshape(8, 3)
+    expected = np.einsum("nrp,dr,ndq->pq", dense(design), turn, weights)
+    assert_allclose(design.by_column(by_feature, turn), expected)
+    few = Regressors.of(TERMS)
+    assert few.by_column(weights[:5, 0], turn) is not None and not few.is_shared
+    assert_allclose(few.by_column(weights[:5, 0], turn), weights[:5, 0])
+
+
+@pytest.mark.parametrize("stride", [1, 3])
+def test_the_calibration_s_columns_are_what_a_step_of_it_adds(run, stride):
+    """Of matrices and biases, the biases in units of the intensity."""
+    covariates = run(60).channels().covariates
+    unit_T, step = float(np.mean(covariates.intensity_T)), 1e-4 * GENERATOR.normal(size=48)
+    matrix, bias_T = update(covariates.errors, step, unit_T)
+    field = covariates.field_T[::stride]
+    moved = np.einsum("kij,nj->nki", matrix, field) + bias_T
+    added = (moved - covariates.errors.distort(field)).reshape(len(field), -1)
+    found = dense(calibration_regressors(covariates, stride)) @ step
+    assert_allclose(found[:, :-1], added, atol=1e-12 * unit_T)
+    assert not found[:, -1].any()

@@ -1,0 +1,127 @@
+"""Where an alternating source is, with and without an attitude, of an array that stands still or never does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.localization.alternating import locate_alternating
+from tam_calibration.localization.survey import ARRAY_FRAME, WORLD_FRAME
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.residuals import noise_floor
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.sources.dipole import Dipole
+
+EARTH_T = np.array([1e-6, 21e-6, -43e-6])
+FREQUENCY_HZ, RATE_HZ = 10.0, 100.0
+COIL = Dipole(np.array([2.4, -1.0, 0.46]), np.array([30.0, -20.0, 25.0]))
+ARRAY = Array.cross(0.5, 1e-9, 1e-10)
+STILL = Rotation.from_euler("z", np.repeat([[0.0], [1.0], [2.0]], 200, axis=0))
+SWAYING = Rotation.from_euler("zyx", 0.3 * np.sin(np.outer(np.arange(600) / RATE_HZ, [1.1, 1.7, 2.3])))
+
+
+def calibration_of(array):
+    """Return the calibration of an array without errors, known exactly."""
+    errors = SensorErrors.none(array.sensor_count)
+    floor = noise_floor(errors, array, 1e-10)
+    return Calibration(
+        "maximum_likelihood", array, False, errors, None, True, 48e-6, floor, floor, floor, 100, (0.0, 1.0), 1.0
+    )
+
+
+def recording_of(turns, seed=1):
+    """Return six seconds of an array that is turned beside the coil."""
+    time_s, matrix = np.arange(600) / RATE_HZ, turns.as_matrix()
+    source = COIL.field_T(np.einsum("nij,kj->nki", matrix, ARRAY.positions_m))
+    world = EARTH_T + np.sin(2 * np.pi * FREQUENCY_HZ * time_s + 0.7)[:, None, None] * source
+    noise = 1e-9 * np.random.default_rng(seed).normal(size=source.shape)
+    return Recording(time_s, np.einsum("nji,nkj->nki", matrix, world) + noise, attitude=turns.as_quat())
+
+
+def located(recording, frequency_hz=FREQUENCY_HZ):
+    """Return the survey."""
+    return locate_alternating(recording, calibration_of(ARRAY), frequency_hz)
+
+
+def assert_at_the_coil(position_m, covariance_m2):
+    """Check that a place is the coil's within five standard errors, and these are no more than centimetres."""
+    errors = np.sqrt(np.diagonal(covariance_m2, axis1=-2, axis2=-1))
+    assert errors.max() < 0.05
+    assert (np.abs(position_m - COIL.position_m) < 5 * errors).all()
+
+
+def test_headings_make_one_source_with_three_values_each():
+    """Of three headings nine values less three unknowns are free, and each is told with its middle."""
+    survey = located(recording_of(STILL))
+    assert survey.frame == WORLD_FRAME and survey.note == ""
+    assert_allclose(survey.time_s, [0.995, 2.995, 4.995], atol=0.01)
+    assert survey.overall.degrees_of_freedom == 6
+    assert_at_the_coil(survey.overall.position_m, survey.overall.position_covariance_m2)
+    assert (np.linalg.eigvalsh(survey.solutions.position_covariance_m2 - survey.overall.position_covariance_m2) > 0).all()
+
+
+def test_one_pose_is_no_mean():
+    """What is told of all together would be that of the one."""
+    assert located(recording_of(STILL).take(slice(200))).overall is None
+
+
+def test_without_an_attitude_the_source_is_in_the_array_frame():
+    """One pose, in the middle of the record; the array is not turned."""
+    still = recording_of(Rotation.from_euler("z", np.zeros((600, 1))))
+    survey = located(replace(still, attitude=None))
+    assert survey.frame == ARRAY_FRAME and survey.overall is None
+    assert_allclose(survey.time_s, [2.995])
+    assert_at_the_coil(survey.solutions.position_m, survey.solutions.position_covariance_m2)
+
+
+def test_samples_without_an_attitude_are_left_out():
+    """They count for nothing, whatever they read."""
+    recording = recording_of(STILL)
+    attitude, readings = recording.attitude.copy(), recording.readings_T.copy()
+    attitude[150:230], readings[150:230] = np.nan, 1e-3
+    survey = located(replace(recording, readings_T=readings, attitude=attitude))
+    assert_at_the_coil(survey.overall.position_m, survey.overall.position_covariance_m2)
+    assert_allclose(survey.time_s[0], 0.745, atol=0.01)
+
+
+def test_an_array_that_never_stands_still_locates_as_it_turns():
+    """Field and gradient are demodulated in the world; the error of finite baselines is told."""
+    survey = located(recording_of(SWAYING))
+    assert survey.frame == WORLD_FRAME and "never stood still" in survey.note
+    assert_allclose(survey.time_s, [2.995])
+    assert survey.solutions.is_located.tolist() == [True]
+    off = survey.solutions.position_m[0] - COIL.position_m
+    assert np.linalg.norm(off) < (0.5 / np.linalg.norm(COIL.position_m)) ** 2 * np.linalg.norm(COIL.position_m)
+
+
+@pytest.mark.parametrize("frequency_hz", [None, FREQUENCY_HZ])
+def test_the_line_is_found_or_stated(frequency_hz):
+    """A stated frequency has no standard error; the spectrum reaches from ten periods to half the sampling rate."""
+    line = located(recording_of(STILL), frequency_hz).line
+    assert line.frequency_hz == pytest.approx(FREQUENCY_HZ, abs=0.01)
+    assert np.isnan(line.standard_error_hz) == (frequency_hz is not None)
+    searched = line.spectrum.frequency_hz
+    step = searched[1] - searched[0]
+    assert 0 <= searched[0] - 10 / 5.99 < step < 0.05
+    assert 0 <= RATE_HZ / 2 - searched[-1] < step
+
+
+@pytest.mark.parametrize(("frequency_hz", "reason"), [(None, "line"), (FREQUENCY_HZ, "the field of the source is zero")])
+def test_noise_alone_is_refused(frequency_hz, reason):
+    """As no line stands out of it; at a frequency that is stated as no field does."""
+    quiet = recording_of(STILL)
+    noise = 1e-9 * np.random.default_rng(2).normal(size=quiet.readings_T.shape)
+    with pytest.raises(Refused, match=reason):
+        located(replace(quiet, readings_T=EARTH_T + noise), frequency_hz)
+
+
+@pytest.mark.parametrize("frequency_hz", [0.0, -10.0, np.nan, np.inf])
+def test_a_frequency_is_a_positive_number(frequency_hz):
+    """Anything else is refused by name."""
+    with pytest.raises(InputError, match="positive number of hertz"):
+        located(recording_of(STILL), frequency_hz)

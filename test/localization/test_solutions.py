@@ -1,0 +1,61 @@
+"""The sources of many samples, whoever located them: reasons, distances, and pieces that make the whole."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.localization.solutions import _PIECE, EulerSolutions, Status, in_pieces
+
+
+def test_every_status_but_located_says_what_would_mend_it():
+    """Their numbers stay what they are: messages and files hold them."""
+    names = "LOCATED NOT_FINITE NO_FIELD NO_GRADIENT ILL_CONDITIONED AMBIGUOUS UNCERTAIN NO_ATTITUDE NO_REGIONAL"
+    assert [(each.name, int(each)) for each in Status] == [(name, at) for at, name in enumerate(names.split())]
+    assert Status.LOCATED.reason == ""
+    assert len({each.reason for each in Status}) == len(Status)
+
+
+def test_refused_samples_have_nothing_but_their_reason():
+    """No place, no moment, and no covariance of either; each its own array."""
+    refused = EulerSolutions.refused(3, Status.NO_FIELD)
+    values = [getattr(refused, field.name) for field in fields(EulerSolutions)]
+    assert [value.shape for value in values] == [(3, 3), (3, 3, 3), (3, 3), (3, 3, 3), (3,)]
+    assert all(np.isnan(value).all() for value in values[:4])
+    assert refused.status.tolist() == [Status.NO_FIELD] * 3 and not refused.is_located.any()
+    refused.position_m[:] = 1.0
+    assert np.isnan(refused.moment_Am2).all()
+
+
+def test_the_error_of_a_distance_is_that_of_the_place_along_the_line_of_sight():
+    """Of a place 5 m away with 0.1 m towards the array, 0.2 and 0.3 m across."""
+    along, across, up = np.array([0.6, 0.8, 0.0]), np.array([-0.8, 0.6, 0.0]), np.array([0.0, 0.0, 1.0])
+    parts = ((0.1, along), (0.2, across), (0.3, up))
+    covariance = sum(error**2 * np.outer(axis, axis) for error, axis in parts)
+    unknown = np.full((1, 3), np.nan), np.full((1, 3, 3), np.nan)
+    found = EulerSolutions(5 * along[None], covariance[None], *unknown, np.array([Status.LOCATED]))
+    assert_allclose(found.distance_m, 5.0)
+    assert_allclose(found.distance_standard_errors_m, 0.1)
+
+
+@pytest.mark.parametrize("count", [_PIECE, _PIECE + 1, 2 * _PIECE + 5])
+@pytest.mark.parametrize("each_has_its_own", [True, False])
+def test_pieces_make_the_whole(count, each_has_its_own):
+    """Every sample is located once, in its place, with its own covariance; more than a piece holds in several."""
+    outputs = np.arange(count * 8.0).reshape(count, 8)
+    covariance = np.arange(count)[:, None, None] * np.eye(8) if each_has_its_own else np.eye(8)
+    sizes = []
+
+    def locate(part, own):
+        sizes.append(len(part))
+        spread = np.broadcast_to(own, (len(part), 8, 8))[:, :3, :3]
+        return EulerSolutions(part[:, :3], spread, part[:, 3:6], spread, part[:, 7].astype(int))
+
+    found = in_pieces(locate, outputs, covariance)
+    assert sum(sizes) == count and max(sizes) <= 8192 and len(sizes) == -(-count // 8192)
+    assert_allclose(found.position_m, outputs[:, :3])
+    assert_allclose(found.moment_Am2, outputs[:, 3:6])
+    assert found.status.tolist() == outputs[:, 7].astype(int).tolist()
+    expected = np.broadcast_to(covariance, (count, 8, 8))[:, :3, :3]
+    assert_allclose(found.position_covariance_m2, expected)
