@@ -201,6 +201,8 @@ class Calibration:
         What completed the calibration, where a source was recorded.
     accepted : tuple of str
         Names of the limits that it is beyond, as somebody accepted: see ``correction.acceptance``.
+    temperature_C : float, optional
+        Mean temperature of the recording, where it was recorded.
 
     Examples
     --------
@@ -236,6 +238,7 @@ class Calibration:
     effect_sizes: tuple[EffectSize, ...] = ()
     known_source: KnownSource | None = None
     accepted: tuple[str, ...] = ()
+    temperature_C: float | None = None
 
     @property
     def statements(self) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from tam_calibration.model.change_rates import ChangeRates
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.limits import BASELINE, DELAY, LENGTH, NOISE
@@ -60,6 +61,8 @@ class Array:
         The same of the scalar magnetometer.
     mounting : Mounting
         How sensors and IMU are turned against the array's axes, in which a recording is once it is read.
+    change_rates : ChangeRates, optional
+        How fast the errors of the sensors change; None where the defaults hold.
 
     Raises
     ------
@@ -92,6 +95,7 @@ class Array:
     delay_s: FloatArray | None = None
     scalar_delay_s: float = 0.0
     mounting: Mounting = NOT_TURNED
+    change_rates: ChangeRates | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
