@@ -238,10 +238,11 @@ def make_calibration(method: str, source: SampleSource, array: Array, estimate: 
         reduced_chi_square=chi_square,
         ambient_gradient=gradient,
         frame=estimate.frame,
-        temperature_C=_mean_temperature(source),
+        temperature_C=mean_temperature(source),
     )
 
 
-def _mean_temperature(source: SampleSource) -> float | None:
+def mean_temperature(source: SampleSource) -> float | None:
+    """Return the mean temperature of a recording, degrees Celsius; None where it was not recorded."""
     temperature_C = source.thinned(SKETCH).temperature_C
     return None if temperature_C is None else float(np.nanmean(temperature_C))

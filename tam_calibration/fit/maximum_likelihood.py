@@ -175,9 +175,7 @@ def _fit(recording: SampleSource, array: KnownNoiseArray, data: Normalized) -> t
     return gauss_newton(lambda there: likelihood.linearize(there.matrix, there.bias), point)
 
 
-def likelihood_of(
-    recording: SampleSource, array: KnownNoiseArray, data: Normalized
-) -> Likelihood | UniformLikelihood:
+def likelihood_of(recording: SampleSource, array: KnownNoiseArray, data: Normalized) -> Likelihood | UniformLikelihood:
     """Return the likelihood of samples in a uniform field, the intensity interpolated where it is slow.
 
     Parameters

@@ -98,14 +98,19 @@ class Prior:
         return np.sqrt(np.diag(self.covariance)).reshape(-1, 12)
 
     @cached_property
-    def precision(self) -> FloatArray:
-        """(12 K, 12 K) inverse of the covariance, zero along what is held."""
+    def whitening(self) -> FloatArray:
+        """(12 K, R) matrix W of the precision W Wᵀ: Wᵀ (θ' - θ₀) has unit variance; nothing along what is held."""
         deviation = np.sqrt(np.diag(self.covariance))
         scale = np.divide(1, deviation, out=np.zeros_like(deviation), where=deviation > 0)
         values, vectors = np.linalg.eigh(self.covariance * np.outer(scale, scale))
         known = values > _NULL * values[-1]
-        directions = scale[:, None] * vectors[:, known]
-        precision: FloatArray = directions / values[known] @ directions.T
+        whitening: FloatArray = scale[:, None] * vectors[:, known] / np.sqrt(values[known])
+        return whitening
+
+    @cached_property
+    def precision(self) -> FloatArray:
+        """(12 K, 12 K) inverse of the covariance, zero along what is held."""
+        precision: FloatArray = self.whitening @ self.whitening.T
         return precision
 
     def widened(self, changes: FloatArray, variance: FloatArray) -> "Prior":

@@ -1,0 +1,69 @@
+"""When an error of a sensor changed, where a recording shows it: the time from which its readings tell of the change."""
+
+import numpy as np
+from numpy.linalg import slogdet
+
+from tam_calibration.fit.contradiction import Change
+from tam_calibration.fit.posterior import Place, Posterior, Problem
+from tam_calibration.fit.prior import Prior
+from tam_calibration.model.array import KnownNoiseArray
+from tam_calibration.model.recording import Recording
+
+_MOST_BLOCKS = 100
+"""Of equal length, at the beginning of one of which the change is placed: to a hundredth of the recording."""
+
+_FEWEST_IN_BLOCK = 10
+"""Samples of a block."""
+
+_CONVINCING = 5.0
+"""Logarithm of the evidence, beside that of the number of times tried, for a change within the recording."""
+
+
+def time_of_change(
+    recording: Recording, array: KnownNoiseArray, prior: Prior, posterior: Posterior, change: Change
+) -> float | None:
+    """Return the time stamp from which on errors were changed; None where they were so from the start.
+
+    A change from block j on acts with the information of the samples from there on, while the errors before it are
+    those of the prior: as in ``contradiction``, the evidences of all j are compared.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of K sensors.
+    array : KnownNoiseArray
+        With every noise.
+    prior : Prior
+        That the recording contradicts.
+    posterior : Posterior
+        Of both.
+    change : Change
+        What moved.
+    """
+    count = min(_MOST_BLOCKS, recording.sample_count // _FEWEST_IN_BLOCK)
+    starts = np.linspace(0, recording.sample_count, count + 1).astype(int)
+    place = Place(posterior.errors, posterior.intensity_T)
+    parts = [
+        Problem.of(recording.take(slice(*span)), array, prior).data_at(place)
+        for span in zip(starts, starts[1:], strict=False)
+    ]
+    later = [np.cumsum([part[index] for part in parts[::-1]], axis=0)[::-1] for index in range(2)]
+    size = len(change.directions)
+    directions = np.zeros((later[1].shape[1], 3))
+    directions[:size] = change.directions
+    whole = later[0][0].copy()
+    whole[:size, :size] += prior.terms(posterior.errors).information
+    held = np.diag(whole) <= 0
+    free = np.flatnonzero(~held)
+    evidence = []
+    for information, gradient in zip(*later, strict=True):
+        reached = information @ directions
+        known = reached[free].T @ np.linalg.solve(whole[np.ix_(free, free)], reached[free])
+        told = directions.T @ reached - known
+        score = directions.T @ gradient
+        gain = score @ np.linalg.solve(told + np.diag(1 / change.variance), score)
+        evidence.append((gain - slogdet(np.eye(3) + change.variance[:, None] * told)[1]) / 2)
+    best = int(np.argmax(evidence))
+    if evidence[best] - evidence[0] < _CONVINCING + np.log(count):
+        return None
+    return float(recording.time_s[starts[best]])

@@ -1,0 +1,169 @@
+"""The calibration of a prior and a recording together; what the recording contradicts the prior in is learned anew."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tam_calibration.core.noise import complete_noise
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.update import Moved, Update
+from tam_calibration.fit.change_time import time_of_change
+from tam_calibration.fit.contradiction import Change, Difference, changes_that_explain
+from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
+from tam_calibration.fit.identifiability import FEWEST_SAMPLES
+from tam_calibration.fit.posterior import Posterior, posterior_of
+from tam_calibration.fit.prior import Prior
+from tam_calibration.model.array import Array, KnownNoiseArray
+from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.units import FloatArray
+
+NAME = "maximum_a_posteriori"
+
+
+@dataclass(frozen=True, eq=False)
+class Resolved:
+    """A prior and the recording that it is used with, in no contradiction.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        The samples of the array as it is now: those after a change that the recording shows.
+    prior : Prior
+        Widened where something moved.
+    difference : Difference
+        Of the data and the prior as given.
+    moved : tuple of Moved
+        What was found to have moved.
+    """
+
+    recording: SampleSource
+    prior: Prior
+    difference: Difference
+    moved: tuple[Moved, ...]
+
+
+def resolve(recording: SampleSource, array: Array, prior: Prior) -> Resolved:
+    """Find what a recording contradicts a prior in, and widen the prior there.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors in a uniform field.
+    array : Array
+        Geometry and noise; a noise that is not stated is estimated.
+    prior : Prior
+        Of the same sensors.
+
+    Raises
+    ------
+    Refused
+        When the iteration does not settle.
+    """
+    noisy, _ = complete_noise(array, recording)
+    posterior = posterior_of(recording, noisy, prior)
+    difference = Difference.of(prior, posterior)
+    found = changes_that_explain(difference, prior)
+    since_s = None
+    if found:
+        since_s = time_of_change(recording.whole(), noisy, prior, posterior, found[0][0])
+    if since_s is not None:
+        whole = recording.whole()
+        later = whole.take(whole.time_s >= since_s)
+        if later.sample_count >= FEWEST_SAMPLES:
+            difference = Difference.of(prior, posterior_of(later, noisy, prior))
+            found, recording = changes_that_explain(difference, prior) or found, later
+    for change in (change for plausible in found for change in plausible):
+        prior = prior.widened(change.directions, change.variance)
+    return Resolved(recording, prior, difference, tuple(_moved(plausible, since_s) for plausible in found))
+
+
+def maximum_a_posteriori(recording: SampleSource, array: Array, prior: Prior) -> Calibration:
+    """Return the most probable errors by a prior and a recording.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors in a uniform field; without any scalar reading the intensity is an unknown constant.
+    array : Array
+        Geometry and noise; a noise that is not stated is estimated, and scaled to the residual before the fit that
+        weighs data and prior.
+    prior : Prior
+        Of the same sensors; it is taken as it is.
+
+    Returns
+    -------
+    Calibration
+        With the covariance of both; in the frame and scale of the prior.
+
+    Raises
+    ------
+    Refused
+        When the iteration does not settle.
+    """
+    noisy, is_estimated = complete_noise(array, recording)
+    posterior = posterior_of(recording, noisy, prior)
+    if array.vector_noise_T is None:
+        noisy = _scaled_noise(recording, noisy, posterior)
+        posterior = posterior_of(recording, noisy, prior)
+    estimate = Estimate(
+        posterior.errors, posterior.covariance, True, posterior.intensity_T, frame=prior.calibration.frame
+    )
+    calibration = make_calibration(NAME, recording, noisy, estimate)
+    has_scale = calibration.has_scalar_reference or prior.knows_scale
+    return replace(calibration, noise_is_estimated=is_estimated, has_scalar_reference=has_scale)
+
+
+def _scaled_noise(recording: SampleSource, noisy: KnownNoiseArray, posterior: Posterior) -> KnownNoiseArray:
+    chi_square = measure_chi_square(recording, noisy, posterior.errors, posterior.intensity_T)
+    factor = np.sqrt(chi_square.get("differential", chi_square.get("common_mode", 1.0)))
+    return replace(noisy, vector_noise_T=factor * noisy.vector_noise_T)
+
+
+def update_of(calibration: Calibration, prior: Prior, resolved: Resolved) -> Update:
+    """Return how a calibration came from its prior.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the resolved recording and prior.
+    prior : Prior
+        As it was given.
+    resolved : Resolved
+        What was made of it.
+    """
+    source, difference = prior.calibration.source, resolved.difference
+    return Update(
+        prior=prior.calibration.method if source is None else source.name,
+        rates=prior.rates,
+        elapsed_s=prior.elapsed_s,
+        warming_K=prior.warming_K,
+        prior_standard_errors=prior.standard_errors,
+        data_share=_data_share(calibration, resolved.prior),
+        chi_square=difference.chi_square,
+        freedom=difference.freedom,
+        probability=difference.probability,
+        moved=resolved.moved,
+    )
+
+
+def _data_share(calibration: Calibration, prior: Prior) -> FloatArray:
+    """Return the part of the information on each parameter that is not the prior's, (K, 12)."""
+    _, derivative = prior.in_convention(calibration.errors)
+    after = np.diag(derivative @ calibration.covariance @ derivative.T)
+    before = np.diag(prior.covariance)
+    ratio = np.divide(after, before, out=np.full_like(before, np.nan), where=before > 0)
+    share: FloatArray = np.clip(1 - ratio, 0, 1).reshape(-1, 12)
+    return share
+
+
+def _moved(plausible: list[Change], since_s: float | None) -> Moved:
+    change, *rivals = plausible
+    return Moved(
+        change.kind,
+        change.sensor + 1,
+        change.estimate,
+        change.standard_errors,
+        change.probability,
+        tuple((rival.kind, rival.sensor + 1) for rival in rivals),
+        since_s,
+    )
