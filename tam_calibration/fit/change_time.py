@@ -1,9 +1,12 @@
-"""When an error of a sensor changed, where a recording shows it: the time from which its readings tell of the change."""
+"""When an error of a sensor changed, where a recording shows it: from which time on its readings tell of the change."""
+
+from itertools import pairwise
 
 import numpy as np
 from numpy.linalg import slogdet
 
 from tam_calibration.fit.contradiction import Change
+from tam_calibration.fit.information import inverted
 from tam_calibration.fit.posterior import Place, Posterior, Problem
 from tam_calibration.fit.prior import Prior
 from tam_calibration.model.array import KnownNoiseArray
@@ -43,23 +46,19 @@ def time_of_change(
     count = min(_MOST_BLOCKS, recording.sample_count // _FEWEST_IN_BLOCK)
     starts = np.linspace(0, recording.sample_count, count + 1).astype(int)
     place = Place(posterior.errors, posterior.intensity_T)
-    parts = [
-        Problem.of(recording.take(slice(*span)), array, prior).data_at(place)
-        for span in zip(starts, starts[1:], strict=False)
-    ]
+    problems = [Problem.of(recording.take(slice(*span)), array, prior) for span in pairwise(starts)]
+    parts = [problem.data_at(place) for problem in problems]
     later = [np.cumsum([part[index] for part in parts[::-1]], axis=0)[::-1] for index in range(2)]
-    size = len(change.directions)
-    directions = np.zeros((later[1].shape[1], 3))
+    basis, size = problems[0].basis_at(place), len(change.directions)
+    directions = np.zeros((len(basis), 3))
     directions[:size] = change.directions
     whole = later[0][0].copy()
     whole[:size, :size] += prior.terms(posterior.errors).information
-    held = np.diag(whole) <= 0
-    free = np.flatnonzero(~held)
+    covariance = inverted(whole, basis)
     evidence = []
     for information, gradient in zip(*later, strict=True):
         reached = information @ directions
-        known = reached[free].T @ np.linalg.solve(whole[np.ix_(free, free)], reached[free])
-        told = directions.T @ reached - known
+        told = directions.T @ reached - reached.T @ covariance @ reached
         score = directions.T @ gradient
         gain = score @ np.linalg.solve(told + np.diag(1 / change.variance), score)
         evidence.append((gain - slogdet(np.eye(3) + change.variance[:, None] * told)[1]) / 2)

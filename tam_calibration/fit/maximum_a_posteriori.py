@@ -148,6 +148,7 @@ def update_of(calibration: Calibration, prior: Prior, resolved: Resolved) -> Upd
 
 def _data_share(calibration: Calibration, prior: Prior) -> FloatArray:
     """Return the part of the information on each parameter that is not the prior's, (K, 12)."""
+    assert calibration.covariance is not None
     _, derivative = prior.in_convention(calibration.errors)
     after = np.diag(derivative @ calibration.covariance @ derivative.T)
     before = np.diag(prior.covariance)

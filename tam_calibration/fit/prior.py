@@ -134,7 +134,7 @@ class Prior:
 
     def in_convention(self, errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
         """Return errors in the prior's frame and scale, and the (12 K, 12 K) derivative L by the errors given."""
-        derivative = np.eye(12 * errors.sensor_count)
+        derivative: FloatArray = np.eye(12 * errors.sensor_count)
         if not self.knows_frame:
             errors, derivative = in_first_frame(errors)
         if not self.knows_scale:

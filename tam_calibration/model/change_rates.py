@@ -57,7 +57,7 @@ class ChangeRates:
             value, largest = getattr(self, each.name), _LARGEST[each.name.partition("_per_")[0]]
             if not 0 <= value <= largest:
                 raise InputError(
-                    f"the rate of change {each.name} is {value:g}, and lies within 0 to {largest:g} (SI): check the unit"
+                    f"the rate of change {each.name} is {value:g}, and lies within 0 to {largest:g} (SI): check units"
                 )
 
     def variances(self, elapsed_s: float, warming_K: float) -> FloatArray:
