@@ -12,7 +12,15 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from tam_calibration.cli.terminal import PATH, reading, showing_progress, stdout, tolerance_option, write_together
+from tam_calibration.cli.terminal import (
+    PATH,
+    Number,
+    reading,
+    showing_progress,
+    stdout,
+    tolerance_option,
+    write_together,
+)
 from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration, KnownSource
 from tam_calibration.correction.update import Update
 from tam_calibration.files import (
@@ -38,7 +46,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.residuals import Residuals
-from tam_calibration.model.units import to_degrees, to_nanotesla
+from tam_calibration.model.units import from_degrees, to_degrees, to_nanotesla
 from tam_calibration.report.calibration_rows import NUMBERS_HEADER, effect_number_rows, parameter_rows
 from tam_calibration.report.formatting import number, sentence, with_error
 from tam_calibration.report.update_rows import share_rows, update_sentences
@@ -163,6 +171,11 @@ _Fit = Callable[[SampleSource, Array], Calibration]
     help="Calibration YAML of the same array, made before: what is known already, less what may have changed since.",
 )
 @click.option(
+    "--attitude-noise-deg",
+    type=Number(1e-4, 28),
+    help="Standard deviation of the recorded attitude about each axis: attitude is then data of the fit.",
+)
+@click.option(
     "--ambient-gradient",
     is_flag=True,
     help="Fit a gradient of the site's field too, from the recorded attitude: for a site that is not perfect.",
@@ -195,6 +208,7 @@ def command(
     method: str,
     place: str | None,
     prior_path: Path | None,
+    attitude_noise_deg: float | None,
     ambient_gradient: bool,
     effects: str | None,
     source: Path | None,
@@ -212,6 +226,8 @@ def command(
         fit = _fit_of(method, ambient_gradient, effects, accept, prior_path)
         with showing_progress() as progress:
             found = read_array(array, transforms_in(recording))
+            if attitude_noise_deg is not None:
+                found = replace(found, attitude_noise=from_degrees(attitude_noise_deg))
             delays = _delays(recording, found, place, tolerance_s, progress) if estimate_delays else None
             if delays is not None:
                 found = replace(found, delay_s=delays.delay_s)

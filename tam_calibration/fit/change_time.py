@@ -7,8 +7,7 @@ from numpy.linalg import slogdet
 
 from tam_calibration.fit.contradiction import Change
 from tam_calibration.fit.information import inverted
-from tam_calibration.fit.posterior import Place, Posterior, Problem
-from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.posterior import Known, Place, Posterior, Problem
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.recording import Recording
 
@@ -23,7 +22,7 @@ _CONVINCING = 5.0
 
 
 def time_of_change(
-    recording: Recording, array: KnownNoiseArray, prior: Prior, posterior: Posterior, change: Change
+    recording: Recording, array: KnownNoiseArray, known: Known, posterior: Posterior, change: Change
 ) -> float | None:
     """Return the time stamp from which on errors were changed; None where they were so from the start.
 
@@ -36,8 +35,8 @@ def time_of_change(
         Of K sensors.
     array : KnownNoiseArray
         With every noise.
-    prior : Prior
-        That the recording contradicts.
+    known : Known
+        What is known before; the recording contradicts its prior.
     posterior : Posterior
         Of both.
     change : Change
@@ -45,15 +44,15 @@ def time_of_change(
     """
     count = min(_MOST_BLOCKS, recording.sample_count // _FEWEST_IN_BLOCK)
     starts = np.linspace(0, recording.sample_count, count + 1).astype(int)
-    place = Place(posterior.errors, posterior.intensity_T)
-    problems = [Problem.of(recording.take(slice(*span)), array, prior) for span in pairwise(starts)]
+    place = Place(posterior.errors, posterior.intensity_T, posterior.view)
+    problems = [Problem.of(recording.take(slice(*span)), array, known) for span in pairwise(starts)]
     parts = [problem.data_at(place) for problem in problems]
     later = [np.cumsum([part[index] for part in parts[::-1]], axis=0)[::-1] for index in range(2)]
     basis, size = problems[0].basis_at(place), len(change.directions)
     directions = np.zeros((len(basis), 3))
     directions[:size] = change.directions
-    whole = later[0][0].copy()
-    whole[:size, :size] += prior.terms(posterior.errors).information
+    whole, pull = later[0][0].copy(), later[1][0].copy()
+    problems[0].add_known(place, whole, pull)
     covariance = inverted(whole, basis)
     evidence = []
     for information, gradient in zip(*later, strict=True):
