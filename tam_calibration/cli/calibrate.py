@@ -12,14 +12,24 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from tam_calibration.cli.terminal import PATH, reading, showing_progress, stdout, tolerance_option, write_together
+from tam_calibration.cli.terminal import (
+    PATH,
+    Number,
+    reading,
+    showing_progress,
+    stdout,
+    tolerance_option,
+    write_together,
+)
 from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration, KnownSource
+from tam_calibration.correction.update import Update
 from tam_calibration.files import (
     FORMULA,
     calibration_to_mapping,
     calibration_to_yaml,
     provenance,
     read_array,
+    read_calibration,
     read_samples,
 )
 from tam_calibration.files.bag_transforms import transforms_in
@@ -36,9 +46,10 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.residuals import Residuals
-from tam_calibration.model.units import to_degrees, to_nanotesla
+from tam_calibration.model.units import from_degrees, to_degrees, to_nanotesla
 from tam_calibration.report.calibration_rows import NUMBERS_HEADER, effect_number_rows, parameter_rows
 from tam_calibration.report.formatting import number, sentence, with_error
+from tam_calibration.report.update_rows import share_rows, update_sentences
 
 if TYPE_CHECKING:
     from tam_calibration.gap.delays import Delays
@@ -50,6 +61,10 @@ def _print_calibration(console: Console, calibration: Calibration, coverage: Cov
     if calibration.effects:
         console.print(_effects(calibration))
     console.print(_residuals(calibration))
+    if calibration.update is not None:
+        console.print(_shares(calibration.update))
+        for words in update_sentences(calibration.update):
+            console.print(words)
     intensity = number(to_nanotesla(calibration.intensity_T), 6)
     reference = "from the scalar reference" if calibration.has_scalar_reference else "fitted, on an unknown scale"
     console.print(f"Field: {intensity} nT, {reference}. Samples: {calibration.samples}.")
@@ -74,6 +89,15 @@ def _parameters(calibration: Calibration) -> Table:
     for sensor in range(calibration.errors.sensor_count):
         table.add_column(f"sensor {sensor + 1}", justify="right")
     for row in parameter_rows(calibration):
+        table.add_row(*row)
+    return table
+
+
+def _shares(update: Update) -> Table:
+    table = Table("parameter", title="Share of the recording in what is known, the rest is the prior's")
+    for sensor in range(len(update.data_share)):
+        table.add_column(f"sensor {sensor + 1}", justify="right")
+    for row in share_rows(update):
         table.add_row(*row)
     return table
 
@@ -141,6 +165,17 @@ _Fit = Callable[[SampleSource, Array], Calibration]
 @click.option("--method", default=DEFAULT_METHOD, show_default=True, help=f"One of {', '.join(METHODS)}.")
 @click.option("--place", help="LAT,LON,DATE of a recording without scalar: its intensity is that of IGRF there.")
 @click.option(
+    "--prior",
+    "prior_path",
+    type=PATH,
+    help="Calibration YAML of the same array, made before: what is known already, less what may have changed since.",
+)
+@click.option(
+    "--attitude-noise-deg",
+    type=Number(1e-4, 28),
+    help="Standard deviation of the recorded attitude about each axis: attitude is then data of the fit.",
+)
+@click.option(
     "--ambient-gradient",
     is_flag=True,
     help="Fit a gradient of the site's field too, from the recorded attitude: for a site that is not perfect.",
@@ -172,6 +207,8 @@ def command(
     output: Path | None,
     method: str,
     place: str | None,
+    prior_path: Path | None,
+    attitude_noise_deg: float | None,
     ambient_gradient: bool,
     effects: str | None,
     source: Path | None,
@@ -184,10 +221,13 @@ def command(
     """Estimate the errors of an array's sensors from RECORDING: a CSV file or a bag."""
     to_stdout = json_path == Path("-")
     outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
-    with write_together(outputs, [recording, array, *_files_of(source)]) as beside:
-        fit = _fit_of(method, ambient_gradient, effects, accept)
+    inputs = [recording, array, *([prior_path] if prior_path else []), *_files_of(source)]
+    with write_together(outputs, inputs) as beside:
+        fit = _fit_of(method, ambient_gradient, effects, accept, prior_path)
         with showing_progress() as progress:
             found = read_array(array, transforms_in(recording))
+            if attitude_noise_deg is not None:
+                found = replace(found, attitude_noise=from_degrees(attitude_noise_deg))
             delays = _delays(recording, found, place, tolerance_s, progress) if estimate_delays else None
             if delays is not None:
                 found = replace(found, delay_s=delays.delay_s)
@@ -243,10 +283,15 @@ def _delays_in_words(delays: "Delays") -> str:
     return f"Stamped after sensor 1: {words}. For the array file, live too: delay_s: [{stated}]."
 
 
-def _fit_of(method: str, ambient_gradient: bool, effects: str | None, accept: Collection[str]) -> _Fit:
-    """Return the fit that the options ask for: of the errors alone, or together with effects."""
+def _fit_of(
+    method: str, ambient_gradient: bool, effects: str | None, accept: Collection[str], prior_path: Path | None
+) -> _Fit:
+    """Return the fit that the options ask for: of the errors alone, beside a prior, or together with effects."""
     if effects is None:
-        return partial(calibrate, method=method, ambient_gradient=ambient_gradient, accept=accept)
+        prior = None if prior_path is None else read_calibration(prior_path)
+        return partial(calibrate, method=method, ambient_gradient=ambient_gradient, accept=accept, prior=prior)
+    if prior_path is not None:
+        raise InputError("--prior and --effects do not go together: take one after the other")
     if method != DEFAULT_METHOD:
         raise InputError(f"{method} cannot fit effects: {DEFAULT_METHOD} can")
     if ambient_gradient:

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import inv
 
+from tam_calibration.correction.update import Update
 from tam_calibration.effects.removal import added_to, of_sensors, removable
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
@@ -201,6 +202,10 @@ class Calibration:
         What completed the calibration, where a source was recorded.
     accepted : tuple of str
         Names of the limits that it is beyond, as somebody accepted: see ``correction.acceptance``.
+    temperature_C : float, optional
+        Mean temperature of the recording, where it was recorded.
+    update : Update, optional
+        How it came from an older calibration, where one was its prior.
 
     Examples
     --------
@@ -236,6 +241,8 @@ class Calibration:
     effect_sizes: tuple[EffectSize, ...] = ()
     known_source: KnownSource | None = None
     accepted: tuple[str, ...] = ()
+    temperature_C: float | None = None
+    update: Update | None = None
 
     @property
     def statements(self) -> tuple[str, ...]:

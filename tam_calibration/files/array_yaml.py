@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from tam_calibration.files.change_rates_schema import RatesFile, rates_to_mapping
 from tam_calibration.files.schema import check
-from tam_calibration.files.text_files import nanotesla_to_write, write_whole
+from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write, write_whole
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -65,6 +66,14 @@ class ArrayFile:
         rotations are those of these frames in tf.
     imu_frame_id : str, optional
         The same of the IMU.
+    change_rates : mapping, optional
+        How fast the errors of the sensors change: standard deviations by the day and by the kelvin, such as
+        ``bias_nT_per_day``; those that are left out are those of survey fluxgates.
+    attitude_noise_deg : float, optional
+        Standard deviation of the recorded attitude about each axis; where it is stated, attitude is data of a fit.
+    mounting_error_deg : float, optional
+        Standard deviation of how the attitude's sensor is turned against the array beside what ``imu_rotation_deg``
+        states; left out where that turn may be any.
     notes, recording
         Anything; not read.
     """
@@ -84,6 +93,9 @@ class ArrayFile:
     imu_rotation_quaternion: _Quaternion | None = None
     frame_ids: list[str] | None = None
     imu_frame_id: str | None = None
+    change_rates: RatesFile | None = None
+    attitude_noise_deg: float | None = None
+    mounting_error_deg: float | None = None
     notes: Any = None
     recording: Any = None
 
@@ -147,6 +159,9 @@ class ArrayFile:
             None if self.delay_s is None else np.array(self.delay_s),
             self.scalar_delay_s,
             self._mounting(),
+            None if self.change_rates is None else self.change_rates.to_rates(),
+            None if self.attitude_noise_deg is None else from_degrees(self.attitude_noise_deg),
+            None if self.mounting_error_deg is None else from_degrees(self.mounting_error_deg),
         )
 
     def _mounting(self) -> Mounting:
@@ -237,6 +252,11 @@ def array_to_mapping(array: Array) -> dict[str, Any]:
     if array.scalar_delay_s:
         content["scalar_delay_s"] = float(array.scalar_delay_s)
     content |= _mounting_to_mapping(array.mounting)
+    if array.change_rates is not None:
+        content["change_rates"] = rates_to_mapping(array.change_rates)
+    for name, angle in (("attitude_noise_deg", array.attitude_noise), ("mounting_error_deg", array.mounting_error)):
+        if angle is not None:
+            content[name] = float(degrees_to_write(np.array(angle)))
     if array.field != EARTH_FIELD:
         content["intensity_nT"] = nanotesla_to_write(np.array([array.field.low_T, array.field.high_T])).tolist()
     return content

@@ -19,6 +19,7 @@ from tam_calibration.files.array_yaml import ArrayFile
 from tam_calibration.files.effects_schema import EffectFile
 from tam_calibration.files.quantities import (
     NOT_TURNED,
+    Celsius,
     Finite,
     Nanotesla,
     NanoteslaSize,
@@ -34,6 +35,7 @@ from tam_calibration.files.quantities import (
     Vector,
 )
 from tam_calibration.files.schema import Bounds, check
+from tam_calibration.files.update_schema import UpdateFile
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.sensor_errors import SensorErrors, orientation_from_axes
@@ -114,6 +116,7 @@ class _Recording:
     name: str | None
     size_bytes: int | None
     sha256: str | None
+    mean_temperature_C: Celsius | None = None
 
     def to_provenance(self) -> Provenance | None:
         """Return where the recording came from, if that is known."""
@@ -180,6 +183,7 @@ class _Calibration:
     reduced_chi_square: dict[str, float]
     effects: list[_Effect] = dataclasses.field(default_factory=list)
     known_source: _KnownSource | None = None
+    update: UpdateFile | None = None
     recording: _Recording
     covariance_order: str
     covariance_SI: list[list[_Covariance]] | None
@@ -233,6 +237,8 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         effect_sizes=tuple(effect.to_size() for effect in stored.effects),
         known_source=None if stored.known_source is None else stored.known_source.to_known_source(),
         accepted=tuple(stored.accepted),
+        temperature_C=stored.recording.mean_temperature_C,
+        update=None if stored.update is None else stored.update.to_update(errors.sensor_count),
     )
     for name, sentence in beyond_limits(calibration).items():
         if name not in stored.accepted:

@@ -13,6 +13,7 @@ from tam_calibration.files.calibration_schema import SCHEMA, calibration_of
 from tam_calibration.files.effects_schema import effect_to_mapping
 from tam_calibration.files.quantities import NOT_TURNED
 from tam_calibration.files.text_files import degrees_to_write, in_file, nanotesla_to_write, read_text, write_whole
+from tam_calibration.files.update_schema import update_to_mapping
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
 from tam_calibration.model.residuals import Residuals
 from tam_calibration.model.sensor_errors import SensorErrors, orientation_to_axes
@@ -143,12 +144,14 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
         "reduced_chi_square": {name: _rounded(value) for name, value in calibration.reduced_chi_square.items()},
         **_effects(calibration),
         **_known_source(calibration.known_source),
+        **({} if calibration.update is None else {"update": update_to_mapping(calibration.update)}),
         "recording": {
             "samples": calibration.samples,
             "time_span_s": list(calibration.time_span_s),
             "name": source and source.name,
             "size_bytes": source and source.size_bytes,
             "sha256": source and source.sha256,
+            **({} if calibration.temperature_C is None else {"mean_temperature_C": calibration.temperature_C}),
         },
         "covariance_order": _COVARIANCE_ORDER,
         "covariance_SI": None if calibration.covariance is None else calibration.covariance.tolist(),

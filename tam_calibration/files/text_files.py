@@ -154,6 +154,11 @@ def degrees_to_write(radians: FloatArray) -> FloatArray:
     return _invert(radians, to_degrees, from_degrees)
 
 
+def ppm_to_write(parts: FloatArray) -> FloatArray:
+    """Return parts per million that divided by a million are the same parts, to the last bit where it can be."""
+    return _invert(parts, lambda part: part * 1e6, lambda ppm: ppm / 1e6)
+
+
 def _invert(
     values: FloatArray, forward: Callable[[FloatArray], FloatArray], backward: Callable[[FloatArray], FloatArray]
 ) -> FloatArray:

@@ -10,11 +10,15 @@ from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.artificial_vector import artificial_vector
 from tam_calibration.fit.consistency import find_warnings, require_one_calibration, require_one_sphere
+from tam_calibration.fit.estimate import mean_temperature
 from tam_calibration.fit.fast_rotation import fast_rotation
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_accurate, require_determined
 from tam_calibration.fit.integrated import integrated
 from tam_calibration.fit.lossless import lossless
+from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, resolve, update_of
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.fit.posterior import Known
+from tam_calibration.fit.prior import Prior, has_date, prior_of
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.simplified_linear import simplified_linear
 from tam_calibration.fit.two_step_linear import two_step_linear
@@ -23,6 +27,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.residuals import Residuals, measure_residuals
+from tam_calibration.model.units import FloatArray
 
 Fit = Callable[[SampleSource, Array], Calibration]
 
@@ -52,6 +57,8 @@ def calibrate(
     *,
     ambient_gradient: bool = False,
     accept: Collection[str] = (),
+    prior: Prior | Calibration | None = None,
+    main_field_T: FloatArray | None = None,
 ) -> Calibration:
     """Fit the errors of an array's sensors and judge the fit.
 
@@ -69,6 +76,12 @@ def calibrate(
         Whether the field had a gradient, which the recorded attitude tells from the errors of the sensors.
     accept : collection of str
         Names of findings that shall refuse nothing: ``tam_calibration.integrity.ACCEPTABLE``.
+    prior : Calibration or Prior, optional
+        What is known before: a calibration of the same array, which is widened by what its sensors may have changed
+        since, or a prior that is taken as it is. The recording need then determine only what the prior leaves open.
+    main_field_T : (3,) array, optional
+        The field of a model where the recording was made, east, north, up, tesla, taken with its error of
+        ``LOCAL_STANDARD_ERROR_T``: it tells the scale where there is no scalar, and the heading where attitude is data.
 
     Returns
     -------
@@ -95,6 +108,10 @@ def calibrate(
     ()
     """
     fit = _fit_of(method, ambient_gradient)
+    is_joint = prior is not None or main_field_T is not None or _attitude_is_data(recording, array)
+    if is_joint and (method != DEFAULT_METHOD or ambient_gradient):
+        kind = "an ambient gradient" if ambient_gradient else method
+        raise InputError(f"priors and attitude as data go with {DEFAULT_METHOD} in a uniform field, not with {kind}")
     if recording.sensor_count != array.sensor_count:
         raise InputError(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
@@ -102,13 +119,67 @@ def calibrate(
         )
     faults = require_sound(recording, array, accept)
     recording.thinned(SKETCH).check_plausible(array.field)
-    require_determined(recording, array, is_uniform=not ambient_gradient)
     require_enough(recording.sample_count, accept)
-    calibration = accepted(recording, array, fit)
+    if is_joint:
+        calibration, recording, fit = _jointly(recording, array, prior, main_field_T)
+    else:
+        require_determined(recording, array, is_uniform=not ambient_gradient)
+        calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     warnings = (*(fault.sentence for fault in faults), *find_warnings(uniform, calibration))
     calibration = within_limits(replace(calibration, warnings=warnings), accept)
     return replace(calibration, held_out=_held_out(recording, array, fit))
+
+
+def _attitude_is_data(recording: SampleSource, array: Array) -> bool:
+    return array.attitude_noise is not None and recording.whole().attitude is not None
+
+
+def _jointly(
+    recording: SampleSource, array: Array, prior: Prior | Calibration | None, main_field_T: FloatArray | None
+) -> tuple[Calibration, SampleSource, Fit]:
+    """Return the calibration with what is known beside a recording, the samples that it holds for, and the fit."""
+    if prior is None:
+        fit = partial(maximum_a_posteriori, known=Known(None, main_field_T))
+        return accepted(recording, array, fit), recording, fit
+    given = prior_for(recording, array, prior)
+    resolved = resolve(recording, array, Known(given, main_field_T), given)
+    fit = partial(maximum_a_posteriori, known=resolved.known)
+    calibration = accepted(resolved.recording, array, fit)
+    return replace(calibration, update=update_of(calibration, given, resolved)), resolved.recording, fit
+
+
+def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration) -> Prior:
+    """Return a prior for a recording: a calibration is widened to its time and temperature.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        That the prior goes with.
+    array : Array
+        Of the recording; its rates of change are taken.
+    prior : Prior or Calibration
+        Of the same sensors.
+
+    Raises
+    ------
+    InputError
+        When it is of another array, has no covariance, or was made from samples of the same time.
+    """
+    calibration = prior.calibration if isinstance(prior, Prior) else prior
+    if not calibration.is_of(array):
+        raise InputError("the prior is the calibration of another array: use one of this array")
+    first_s, last_s = recording.time_span_s
+    begin_s, end_s = calibration.time_span_s
+    if has_date(first_s) and has_date(begin_s) and first_s <= end_s and begin_s <= last_s:
+        raise InputError(
+            "the prior was made from samples of the same time as the recording, which would count twice: "
+            "take the calibration before it"
+        )
+    if isinstance(prior, Prior):
+        return prior
+    temperature_C = mean_temperature(recording)
+    return prior_of(calibration, (first_s + last_s) / 2, temperature_C, array.change_rates)
 
 
 def accepted(recording: SampleSource, array: Array, fit: Fit) -> Calibration:

@@ -11,7 +11,7 @@ from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradi
 from tam_calibration.fit.coverage import CELLS, cell_of
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.model.array import Array, KnownNoiseArray
-from tam_calibration.model.recording import Block, SampleSource
+from tam_calibration.model.recording import SKETCH, Block, SampleSource
 from tam_calibration.model.residuals import Residuals, ResidualSums, noise_floor
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -238,4 +238,11 @@ def make_calibration(method: str, source: SampleSource, array: Array, estimate: 
         reduced_chi_square=chi_square,
         ambient_gradient=gradient,
         frame=estimate.frame,
+        temperature_C=mean_temperature(source),
     )
+
+
+def mean_temperature(source: SampleSource) -> float | None:
+    """Return the mean temperature of a recording, degrees Celsius; None where it was not recorded."""
+    temperature_C = source.thinned(SKETCH).temperature_C
+    return None if temperature_C is None else float(np.nanmean(temperature_C))

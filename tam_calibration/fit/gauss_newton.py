@@ -1,7 +1,7 @@
 """Gauss-Newton steps over the parameters of a fit that a uniform field determines, until rounding stops them."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -11,6 +11,9 @@ from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.likelihood import UNIFORM, Linearization
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray
+
+Place = TypeVar("Place")
+Kept = TypeVar("Kept")
 
 _MOST_STEPS = 100
 
@@ -54,33 +57,64 @@ def gauss_newton(
     rows = 12 * len(point.matrix)
     free = np.append(free_rows(len(point.matrix)), np.ones(len(point.gradient), dtype=bool))
 
-    def step_from(state: _State) -> tuple[_State, bool]:
-        here, before = linearize(state.point), state.point
-        step = np.zeros(free.size)
-        step[free] = _solve(here.information[np.ix_(free, free)], here.gradient[free])
-        # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.
-        decrement = float(step @ here.gradient)
-        update = step[:rows].reshape(-1, 3, 4)
-        moved = Point(before.matrix + update[..., :3], before.bias + update[..., 3], before.gradient + step[rows:])
-        # Newton's steps fall quadratically until rounding stops them, those with new weights by a constant factor.
-        is_rounding = not robust and decrement < 1e-2 and decrement > state.decrement / 4
-        return _State(moved, here.information, decrement), is_rounding or decrement < (1e-5 if robust else 1e-6)
+    def normal_at(there: Point) -> tuple[FloatArray, FloatArray, FloatArray]:
+        here = linearize(there)
+        return here.information[np.ix_(free, free)], here.gradient[free], here.information
 
-    end, is_settled = iterate(step_from, _State(point, np.empty(0), np.inf), _MOST_STEPS)
-    if not is_settled:
+    def moved(before: Point, change: FloatArray) -> Point:
+        step = np.zeros(free.size)
+        step[free] = change
+        update = step[:rows].reshape(-1, 3, 4)
+        return Point(before.matrix + update[..., :3], before.bias + update[..., 3], before.gradient + step[rows:])
+
+    return descend(normal_at, moved, point, robust)
+
+
+def descend(
+    normal_at: Callable[[Place], tuple[FloatArray, FloatArray, Kept]],
+    moved: Callable[[Place, FloatArray], Place],
+    start: Place,
+    robust: bool = False,
+) -> tuple[Place, Kept]:
+    """Return the place where Gauss-Newton steps settle, and what was kept a last step before.
+
+    Parameters
+    ----------
+    normal_at : callable
+        From a place to the information (M, M) of what is free there, the downhill gradient (M,), and what to keep.
+    moved : callable
+        From a place and a step (M,) to the next place.
+    start : Place
+        Where to begin.
+    robust : bool
+        Whether the weights of the samples change from step to step.
+
+    Raises
+    ------
+    InputError
+        When the information is singular.
+    Refused
+        When the iteration does not settle.
+    """
+
+    def step_from(state: tuple[Place, Kept | None, float]) -> tuple[tuple[Place, Kept | None, float], bool]:
+        place, _, before = state
+        information, gradient, kept = normal_at(place)
+        step = _solve(information, gradient)
+        # Twice the fall of the likelihood that the step promises; below one it is part of a standard error.
+        decrement = float(step @ gradient)
+        # Newton's steps fall quadratically until rounding stops them, those with new weights by a constant factor.
+        is_rounding = not robust and decrement < 1e-2 and decrement > before / 4
+        return (moved(place, step), kept, decrement), is_rounding or decrement < (1e-5 if robust else 1e-6)
+
+    first: tuple[Place, Kept | None, float] = (start, None, np.inf)
+    (place, kept, _), is_settled = iterate(step_from, first, _MOST_STEPS)
+    if not is_settled or kept is None:
         raise Refused(
             f"the fit did not settle in {_MOST_STEPS} steps: the readings do not fit one calibration, "
             "look for a change of field or sensor during the recording"
         )
-    return end.point, end.information
-
-
-class _State(NamedTuple):
-    """A point, the information a step before it, and the decrement of that step."""
-
-    point: Point
-    information: FloatArray
-    decrement: float
+    return place, kept
 
 
 def _solve(information: FloatArray, gradient: FloatArray) -> FloatArray:

@@ -71,29 +71,47 @@ def parameter_covariance(
         Zero for the fixed misalignment of sensor 1, infinite on the diagonal where the data leave a parameter open.
     """
     count = errors.sensor_count
-    # Without a reference the rows of D Λ enter times the intensity F: d(F D Λ) = F d(D Λ) + D Λ dF.
-    factor = 1.0 if free_intensity_T is None else free_intensity_T / unit_T
-    jacobian: FloatArray = _by_parameters(errors.jacobian() * np.array([factor, factor, factor, 1 / unit_T])[:, None])
-    free = np.ones(12 * count, dtype=bool)
+    jacobian = rows_by_unknowns(errors, unit_T, free_intensity_T)
+    free = np.ones(jacobian.shape[1], dtype=bool)
     free[9:12] = False
-    basis: FloatArray = np.eye(12 * count)[:, free]
+    basis: FloatArray = np.eye(len(free))[:, free]
     if free_intensity_T is not None:
-        by_intensity = np.concatenate([errors.matrix, np.zeros((count, 3, 1))], axis=2).reshape(-1, 1)
-        jacobian = np.hstack([jacobian, by_intensity])
-        basis = _kept(np.append(free_scale_gradient(errors), 0.0), np.append(free, True))
-    covariance = _invert(jacobian.T @ information @ jacobian, basis)
+        basis = keeping(np.append(free_scale_gradient(errors), 0.0), free)
+    covariance = inverted(jacobian.T @ information @ jacobian, basis)
     return covariance[: 12 * count, : 12 * count]
 
 
-def _by_parameters(blocks: FloatArray) -> FloatArray:
-    count = len(blocks)
-    matrix = np.zeros((count, 12, count, 12))
-    for index, block in enumerate(blocks):
-        matrix[index, :, index] = block.reshape(12, 12)
-    return matrix.reshape(12 * count, 12 * count)
+def rows_by_unknowns(errors: SensorErrors, unit_T: float, free_intensity_T: float | None) -> FloatArray:
+    """Return the derivative of the rows [D Λ | o] of a fit by the errors of the sensors and the intensity.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Where it is taken.
+    unit_T : float
+        Unit of field of the rows, tesla.
+    free_intensity_T : float, optional
+        The constant intensity, where no scalar reference tells it.
+
+    Returns
+    -------
+    (12 K, 12 K or 12 K + 1) array
+        The last column by the intensity over its unit, where it is free.
+    """
+    count = errors.sensor_count
+    # Without a reference the rows of D Λ enter times the intensity F: d(F D Λ) = F d(D Λ) + D Λ dF.
+    factor = 1.0 if free_intensity_T is None else free_intensity_T / unit_T
+    derivative = np.zeros((count, 12, count, 12))
+    for index, block in enumerate(errors.jacobian() * np.array([factor, factor, factor, 1 / unit_T])[:, None]):
+        derivative[index, :, index] = block.reshape(12, 12)
+    by_errors = derivative.reshape(12 * count, 12 * count)
+    if free_intensity_T is None:
+        return by_errors
+    by_intensity = np.concatenate([errors.matrix, np.zeros((count, 3, 1))], axis=2).reshape(-1, 1)
+    return np.hstack([by_errors, by_intensity])
 
 
-def _kept(gradient: FloatArray, free: np.ndarray) -> FloatArray:
+def keeping(gradient: FloatArray, free: np.ndarray) -> FloatArray:
     """Return a basis of the free directions along which a constraint's gradient vanishes."""
     _, _, right = np.linalg.svd(np.where(free, gradient, 0.0)[None, free])
     basis = np.zeros((len(free), int(free.sum()) - 1))
@@ -101,7 +119,7 @@ def _kept(gradient: FloatArray, free: np.ndarray) -> FloatArray:
     return basis
 
 
-def _invert(information: FloatArray, basis: FloatArray) -> FloatArray:
+def inverted(information: FloatArray, basis: FloatArray) -> FloatArray:
     """Return basis (basisᵀ I basis)⁻¹ basisᵀ, with an infinite variance of what the information leaves open."""
     inside = basis.T @ information @ basis
     scale = 1 / np.sqrt(np.maximum(np.diag(inside), np.finfo(float).tiny))

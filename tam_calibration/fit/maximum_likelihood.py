@@ -170,11 +170,26 @@ def _errors(data: Normalized, point: Point) -> tuple[SensorErrors, float]:
 
 def _fit(recording: SampleSource, array: KnownNoiseArray, data: Normalized) -> tuple[Point, FloatArray]:
     """Return the estimate in a uniform field and its information, the intensity interpolated where it is slow."""
-    if _is_slow(recording):
-        return _fit_in_memory(recording.whole(), array, data, robust=False, ambient_gradient=False)
-    likelihood = UniformLikelihood(data, *_noise(array, data))
+    likelihood = likelihood_of(recording, array, data)
     point = Point(*closed_form(data, *_noise(array, data)))
     return gauss_newton(lambda there: likelihood.linearize(there.matrix, there.bias), point)
+
+
+def likelihood_of(recording: SampleSource, array: KnownNoiseArray, data: Normalized) -> Likelihood | UniformLikelihood:
+    """Return the likelihood of samples in a uniform field, the intensity interpolated where it is slow.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        The samples.
+    array : KnownNoiseArray
+        Of their sensors.
+    data : Normalized
+        The same samples.
+    """
+    if _is_slow(recording):
+        return _likelihood(recording.whole(), array, data, may_interpolate=True)
+    return UniformLikelihood(data, *_noise(array, data))
 
 
 def _is_slow(recording: SampleSource) -> bool:

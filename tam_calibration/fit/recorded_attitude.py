@@ -53,7 +53,7 @@ def into_array_frame(errors: SensorErrors, recording: Recording) -> SensorErrors
     return SensorErrors.from_matrix(errors.matrix @ turn.T, errors.bias_T)
 
 
-def find_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
+def find_turn(field: FloatArray, to_world: FloatArray, smallest_share: float = _SMALLEST_SHARE) -> FloatArray:
     """Return the rotation X with which the fields to_world X field are nearest to one vector w.
 
     The sum of |X b - Qᵀ w|² is quadratic in X and w together; w is eliminated, and the best X of unit norm is an
@@ -65,6 +65,8 @@ def find_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
         Uniform field b in a frame that is fixed to the array, in a unit in which it is of order one.
     to_world : (N, 3, 3) array
         Recorded attitude Q of each sample: rotation matrix from the array frame to the world.
+    smallest_share : float
+        How far the second best turn must be from the field standing still, as part of the field's square.
 
     Returns
     -------
@@ -79,7 +81,7 @@ def find_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
     mixed = np.einsum("naj,ni->jia", to_world, field).reshape(9, 3)
     residuals = np.kron(np.eye(3), field.T @ field) - mixed @ mixed.T / len(field)
     values, vectors = np.linalg.eigh(residuals)
-    if values[1] < _SMALLEST_SHARE * len(field):
+    if values[1] < smallest_share * len(field):
         raise InputError("the attitude does not determine the frame: turn the array about two axes at least")
     found = vectors[:, 0].reshape(3, 3)
     left, _, right = np.linalg.svd(found * np.sign(np.linalg.det(found)))

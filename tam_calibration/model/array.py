@@ -5,9 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
+from tam_calibration.model.change_rates import ChangeRates
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
-from tam_calibration.model.limits import BASELINE, DELAY, LENGTH, NOISE
+from tam_calibration.model.limits import ATTITUDE_NOISE, BASELINE, DELAY, LENGTH, MOUNTING_ERROR, NOISE
 from tam_calibration.model.mounting import NOT_TURNED, Mounting
 from tam_calibration.model.recording import require_sensor_count
 from tam_calibration.model.units import FloatArray
@@ -60,6 +61,14 @@ class Array:
         The same of the scalar magnetometer.
     mounting : Mounting
         How sensors and IMU are turned against the array's axes, in which a recording is once it is read.
+    change_rates : ChangeRates, optional
+        How fast the errors of the sensors change; None where the defaults hold.
+    attitude_noise : float, optional
+        Standard deviation of the recorded attitude about each axis, radians, its errors independent from sample to
+        sample; None where attitude is no data of a fit.
+    mounting_error : float, optional
+        Standard deviation of the turn, about each axis, of the attitude's frame against the array's, radians; None
+        where that turn may be any.
 
     Raises
     ------
@@ -92,6 +101,9 @@ class Array:
     delay_s: FloatArray | None = None
     scalar_delay_s: float = 0.0
     mounting: Mounting = NOT_TURNED
+    change_rates: ChangeRates | None = None
+    attitude_noise: float | None = None
+    mounting_error: float | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
@@ -147,6 +159,8 @@ class Array:
             ("the offset of an axis", LENGTH, self.axis_offsets_m),
             ("the delay of a sensor", DELAY, self.delay_s),
             ("the delay of the scalar magnetometer", DELAY, self.scalar_delay_s),
+            ("the noise of the attitude", ATTITUDE_NOISE, self.attitude_noise),
+            ("the error of the attitude's mounting", MOUNTING_ERROR, self.mounting_error),
         ):
             if values is not None:
                 limits.require(name, values)

@@ -78,3 +78,9 @@ lost to rounding; 1 mT is twenty times the field."""
 
 DELAY = Limits(0.0, 60.0, "s")
 """Of a stamp: topics are joined within such a time."""
+
+ATTITUDE_NOISE = Limits(1e-6, 0.5, "rad")
+"""Standard deviation of an attitude: star trackers are good to a second of arc, and beyond 30° it is none."""
+
+MOUNTING_ERROR = Limits(0.0, 0.5, "rad")
+"""Of how a sensor of attitude is mounted: what is not known to 30° is not known."""

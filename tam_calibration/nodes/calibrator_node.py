@@ -32,6 +32,7 @@ from tam_calibration.nodes.kept_samples import KEPT, SAVE_S, KeptSamples
 from tam_calibration.nodes.listening import LATCHED, RELIABLE_STREAM
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 from tam_calibration.nodes.work import Work
+from tam_calibration.report.update_rows import update_sentences
 
 RULES = (
     ARRAY_FILE,
@@ -48,6 +49,12 @@ RULES = (
     *COMPARED,
     Rule("accept", "", "Findings that refuse no calibration, separated by commas.", read_only=False),
     Rule("autosave", False, "Whether ~/calibrate writes calibration_file too.", read_only=False),
+    Rule(
+        "prior",
+        False,
+        "Whether ~/calibrate takes the calibration that was loaded from calibration_file for its prior.",
+        read_only=False,
+    ),
     *KEPT,
 )
 
@@ -79,6 +86,7 @@ class Calibrator(TamNode):
         self._store = self._kept.store
         self._problem, self._partial = "", 0
         self._calibration: Calibration | None = None
+        self._loaded: Calibration | None = None
         self._gap: Gap | None = None
         self._publisher = self.create_publisher(String, "calibration", LATCHED)
         self._load()
@@ -132,6 +140,7 @@ class Calibrator(TamNode):
         calibration = read_calibration(path)
         if not calibration.is_of(self._array):
             raise InputError(f"{path} is the calibration of another array: change calibration_file or array_file")
+        self._loaded = calibration
         self._hand_on(calibration)
 
     def _take(self, messages: list[bytes]) -> None:
@@ -172,13 +181,27 @@ class Calibrator(TamNode):
         warnings = usage.warnings() if usage else ()
         samples = self._store.recording()
         fitted = usage.with_each_reading_once(samples) if usage else samples
-        calibration = calibrate(fitted, self._array, self.value("method"), accept=names_in(self.value("accept")))
+        calibration = calibrate(
+            fitted, self._array, self.value("method"), accept=names_in(self.value("accept")), prior=self._prior()
+        )
         if usage:
             warnings += usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
         calibration = replace(calibration, warnings=(*warnings, *calibration.warnings))
         self._hand_on(calibration)
-        told = "; ".join([*([] if warnings else [_in_words(usage)]), *calibration.warnings, *self._autosave()])
+        update = [] if calibration.update is None else update_sentences(calibration.update)
+        told = "; ".join([*([] if warnings else [_in_words(usage)]), *update, *calibration.warnings, *self._autosave()])
         return f"{describe(calibration)}; {calibration.method} on {calibration.samples} samples; {told}"
+
+    def _prior(self) -> Calibration | None:
+        """Return the calibration that was loaded, where it shall be the prior.
+
+        One of the samples that are stored would count them twice: that loaded from the file is older.
+        """
+        if not self.value("prior"):
+            return None
+        if self._loaded is None:
+            raise Refused("there is no prior: name a calibration_file that exists, or set prior to false")
+        return self._loaded
 
     def _diagnose(self) -> str:
         if self.value("gap_report_file"):

@@ -47,6 +47,7 @@ from tam_calibration.report.recording_plots import (
     thinning_note,
 )
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR
+from tam_calibration.report.update_rows import share_rows, update_sentences
 from tam_calibration.report.verdict import best_evidence, judge
 
 
@@ -268,6 +269,23 @@ def _noise(calibration: Calibration) -> str:
     return f"Noise per axis: {vector}{scalar}; {origin} stated for the array."
 
 
+_SHARES = (
+    "Part of the information on each parameter that this recording gave; the rest is that of the prior. One less the "
+    "ratio of the variances after and before."
+)
+
+
+def prior_section(evidence: CalibrationView) -> Section | None:
+    """Return what came from an older calibration, and what moved since; None where there was no prior."""
+    update = evidence.calibration.update
+    if update is None:
+        return None
+    first, *others = update_sentences(update)
+    sensors = [f"sensor {sensor + 1}" for sensor in range(len(update.data_share))]
+    told = [Text(words, "doubt" if update.moved else "good") for words in others]
+    return Section("Prior and data", [Text(first), *told, Table(["parameter", *sensors], share_rows(update), _SHARES)])
+
+
 _INTRODUCTION = (
     "A uniform field sees neither the length of the baselines, nor a turn of all sensors together, nor where the "
     "elements of the axes sit. The field of a known source did; array and matrices on this page hold what it showed."
@@ -364,6 +382,7 @@ SECTIONS: tuple[Callable[[CalibrationView], Section | None], ...] = (
     coverage_section,
     histograms_section,
     parameters_section,
+    prior_section,
     known_source_section,
     quality_section,
     provenance_section,

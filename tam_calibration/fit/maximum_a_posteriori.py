@@ -1,0 +1,210 @@
+"""The calibration of a recording and of what is known beside it: a prior, attitude, a main field.
+
+What the recording contradicts the prior in is learned anew.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.linalg import inv
+
+from tam_calibration.core.noise import complete_noise
+from tam_calibration.correction.calibration import FRAME_STATEMENT as FIRST_SENSOR
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.update import Moved, Update
+from tam_calibration.fit.change_time import time_of_change
+from tam_calibration.fit.contradiction import Change, Difference, changes_that_explain
+from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
+from tam_calibration.fit.identifiability import FEWEST_SAMPLES
+from tam_calibration.fit.posterior import Known, Posterior, posterior_of
+from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.recorded_attitude import FRAME_STATEMENT
+from tam_calibration.model.array import Array, KnownNoiseArray
+from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+
+NAME = "maximum_a_posteriori"
+
+
+@dataclass(frozen=True, eq=False)
+class Resolved:
+    """A prior and the recording that it is used with, in no contradiction.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        The samples of the array as it is now: those after a change that the recording shows.
+    known : Known
+        Its prior widened where something moved.
+    difference : Difference
+        Of the data and the prior as given.
+    moved : tuple of Moved
+        What was found to have moved.
+    """
+
+    recording: SampleSource
+    known: Known
+    difference: Difference
+    moved: tuple[Moved, ...]
+
+
+def resolve(recording: SampleSource, array: Array, known: Known, prior: Prior) -> Resolved:
+    """Find what a recording contradicts a prior in, and widen the prior there.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors in a uniform field.
+    array : Array
+        Geometry and noise; a noise that is not stated is estimated.
+    known : Known
+        What is known beside it, the prior among it.
+    prior : Prior
+        Of the same sensors.
+
+    Raises
+    ------
+    Refused
+        When the iteration does not settle.
+    """
+    noisy, _ = complete_noise(array, recording)
+    posterior = posterior_of(recording, noisy, known)
+    difference = Difference.of(prior, posterior)
+    found = changes_that_explain(difference, prior)
+    since_s = None
+    if found:
+        since_s = time_of_change(recording.whole(), noisy, known, posterior, found[0][0])
+    if since_s is not None:
+        whole = recording.whole()
+        later = whole.take(whole.time_s >= since_s)
+        if later.sample_count >= FEWEST_SAMPLES:
+            difference = Difference.of(prior, posterior_of(later, noisy, known))
+            found, recording = changes_that_explain(difference, prior) or found, later
+    for change in (change for plausible in found for change in plausible):
+        prior = prior.widened(change.directions, change.variance)
+    return Resolved(
+        recording, replace(known, prior=prior), difference, tuple(_moved(plausible, since_s) for plausible in found)
+    )
+
+
+def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) -> Calibration:
+    """Return the most probable errors by a recording and what is known beside it.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors in a uniform field; without any scalar reading the intensity is an unknown constant.
+    array : Array
+        Geometry and noise; a noise that is not stated is estimated, and scaled to the residual before the fit that
+        weighs data and prior. Where it states the standard deviation of the attitude, the recorded attitude is data,
+        and where it states that of its mounting too, the array frame is that of the attitude.
+    known : Known
+        What is known beside it; it is taken as it is.
+
+    Returns
+    -------
+    Calibration
+        With the covariance of all together.
+
+    Raises
+    ------
+    InputError
+        When there is no prior, and the readings determine no ellipsoid to start from.
+    Refused
+        When the iteration does not settle.
+    """
+    noisy, is_estimated = complete_noise(array, recording)
+    posterior = posterior_of(recording, noisy, known)
+    if array.vector_noise_T is None:
+        noisy = _scaled_noise(recording, noisy, posterior)
+        posterior = posterior_of(recording, noisy, known)
+    frame = FIRST_SENSOR if known.prior is None else known.prior.calibration.frame
+    errors, covariance = posterior.errors, posterior.covariance
+    if posterior.view is not None and noisy.mounting_error is not None and not known.knows_frame:
+        frame = FRAME_STATEMENT
+        errors, covariance = _into_frame_of_attitude(posterior, noisy.mounting_error)
+    estimate = Estimate(errors, covariance, True, posterior.intensity_T, frame=frame)
+    calibration = make_calibration(NAME, recording, noisy, estimate)
+    has_scale = calibration.has_scalar_reference or known.knows_scale
+    return replace(calibration, noise_is_estimated=is_estimated, has_scalar_reference=has_scale)
+
+
+def _into_frame_of_attitude(posterior: Posterior, mounting_error: float) -> tuple[SensorErrors, FloatArray]:
+    """Return errors in the frame whose attitude was recorded, with their covariance.
+
+    There matrices are M Xᵀ; a turn δ of X changes them by -M [δ]× Xᵀ.
+    """
+    assert posterior.view is not None and posterior.with_mount is not None
+    mount, matrix = posterior.view.mount, posterior.errors.matrix
+    errors = SensorErrors.from_matrix(matrix @ mount.T, posterior.errors.bias_T)
+    count = len(matrix)
+    rows = np.zeros((count, 3, 4, count * 12 + 3))
+    for sensor, own in enumerate(posterior.errors.jacobian()):
+        columns = slice(12 * sensor, 12 * sensor + 12)
+        rows[sensor, :, :3, columns] = np.einsum("ijp,kj->ikp", own[:, :3], mount)
+        rows[sensor, :, 3, columns] = own[:, 3]
+    for axis, turn in enumerate(np.eye(3)):
+        rows[:, :, :3, 12 * count + axis] = -matrix @ np.cross(np.eye(3), -turn) @ mount.T
+    back = inv(errors.jacobian().reshape(count, 12, 12))
+    derivative = (back @ rows.reshape(count, 12, -1)).reshape(12 * count, -1)
+    joint = posterior.with_mount.copy()
+    joint[-3:, -3:] += mounting_error**2 * np.eye(3)
+    return errors, derivative @ joint @ derivative.T
+
+
+def _scaled_noise(recording: SampleSource, noisy: KnownNoiseArray, posterior: Posterior) -> KnownNoiseArray:
+    chi_square = measure_chi_square(recording, noisy, posterior.errors, posterior.intensity_T)
+    factor = np.sqrt(chi_square.get("differential", chi_square.get("common_mode", 1.0)))
+    return replace(noisy, vector_noise_T=factor * noisy.vector_noise_T)
+
+
+def update_of(calibration: Calibration, prior: Prior, resolved: Resolved) -> Update:
+    """Return how a calibration came from its prior.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the resolved recording and prior.
+    prior : Prior
+        As it was given.
+    resolved : Resolved
+        What was made of it.
+    """
+    source, difference = prior.calibration.source, resolved.difference
+    return Update(
+        prior=prior.calibration.method if source is None else source.name,
+        rates=prior.rates,
+        elapsed_s=prior.elapsed_s,
+        warming_K=prior.warming_K,
+        prior_standard_errors=prior.standard_errors,
+        data_share=_data_share(calibration, resolved.known.prior or prior),
+        chi_square=difference.chi_square,
+        freedom=difference.freedom,
+        probability=difference.probability,
+        moved=resolved.moved,
+    )
+
+
+def _data_share(calibration: Calibration, prior: Prior) -> FloatArray:
+    """Return the part of the information on each parameter that is not the prior's, (K, 12)."""
+    assert calibration.covariance is not None
+    _, derivative = prior.in_convention(calibration.errors)
+    after = np.diag(derivative @ calibration.covariance @ derivative.T)
+    before = np.diag(prior.covariance)
+    ratio = np.divide(after, before, out=np.full_like(before, np.nan), where=before > 0)
+    share: FloatArray = np.clip(1 - ratio, 0, 1).reshape(-1, 12)
+    return share
+
+
+def _moved(plausible: list[Change], since_s: float | None) -> Moved:
+    change, *rivals = plausible
+    return Moved(
+        change.kind,
+        change.sensor + 1,
+        change.estimate,
+        change.standard_errors,
+        change.probability,
+        tuple((rival.kind, rival.sensor + 1) for rival in rivals),
+        since_s,
+    )

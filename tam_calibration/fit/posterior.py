@@ -1,0 +1,271 @@
+"""The errors of the sensors that are most probable by what is known before and a recording together.
+
+Gauss-Newton over the errors θ themselves, in which the prior is a parabola: the information of the data, that of the
+rows [D Λ | o], is carried to them by the derivative of the rows, and that of the prior is added. What nothing tells is
+held as plain fits hold it: the frame of sensor 1, and the mean determinant where no reference tells the scale.
+
+Beside the errors there are unknowns that only some recordings have: the constant intensity where no scalar reads it,
+and where attitude is data, how it is mounted and where the world's field points.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
+from tam_calibration.fit.gauss_newton import descend
+from tam_calibration.fit.information import inverted, keeping, rows_by_unknowns
+from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
+from tam_calibration.fit.maximum_likelihood import estimate, likelihood_of
+from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.scale import Normalized, free_scale, free_scale_gradient, normalize
+from tam_calibration.model.array import KnownNoiseArray
+from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
+from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+
+_ANY_TURN = np.pi
+"""Standard deviation of an angle of which nothing is known, radians: it keeps the normal equations regular."""
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known before a recording.
+
+    Parameters
+    ----------
+    prior : Prior, optional
+        Of the errors of the sensors.
+    main_field_T : (3,) array, optional
+        The world's field where the recording was made, east, north, up, tesla: that of a model, with its error of
+        ``LOCAL_STANDARD_ERROR_T`` in each component.
+    """
+
+    prior: Prior | None = None
+    main_field_T: FloatArray | None = None
+
+    @property
+    def knows_frame(self) -> bool:
+        """Whether the common frame of the sensors is known."""
+        return self.prior is not None and self.prior.knows_frame
+
+    @property
+    def knows_scale(self) -> bool:
+        """Whether the absolute scale is known without a scalar reference."""
+        return self.main_field_T is not None or (self.prior is not None and self.prior.knows_scale)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What all of it tells together.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        The most probable ones.
+    covariance : (12 K, 12 K) array
+        Of the flattened errors, SI; zero for what is held.
+    intensity_T : float
+        Of the field: fitted where no scalar reference tells it; else that of the start, tesla.
+    view : WorldView, optional
+        Mounting of the attitude and direction of the world's field, where attitude is data.
+    with_mount : (12 K + 3, 12 K + 3) array, optional
+        Covariance of the errors and of the turn of the mounting, radians.
+    """
+
+    errors: SensorErrors
+    covariance: FloatArray
+    intensity_T: float
+    view: WorldView | None = None
+    with_mount: FloatArray | None = None
+
+
+def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known | Prior) -> Posterior:
+    """Return what is known of the errors of an array's sensors after a recording in a uniform field.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors; without any scalar reading the intensity is an unknown constant. Attitude counts
+        where the array states its standard deviation.
+    array : KnownNoiseArray
+        With every noise.
+    known : Known or Prior
+        What is known before.
+
+    Raises
+    ------
+    InputError
+        When nothing is known before, and the readings determine no ellipsoid to start from.
+    Refused
+        When the iteration does not settle.
+    """
+    problem = Problem.of(recording, array, known if isinstance(known, Known) else Known(known))
+
+    def normal_at(place: Place) -> tuple[FloatArray, FloatArray, tuple[FloatArray, FloatArray]]:
+        information, gradient = problem.data_at(place)
+        problem.add_known(place, information, gradient)
+        basis = problem.basis_at(place)
+        return basis.T @ information @ basis, basis.T @ gradient, (information, basis)
+
+    end, kept = descend(
+        normal_at, lambda place, step: problem.moved(place, problem.basis_at(place) @ step), problem.start
+    )
+    covariance, size = inverted(*kept), 12 * array.sensor_count
+    if end.view is None:
+        return Posterior(end.errors, covariance[:size, :size], end.intensity_T)
+    chosen = np.r_[:size, len(covariance) - 5 : len(covariance) - 2]
+    return Posterior(
+        end.errors, covariance[:size, :size], end.intensity_T, end.view, covariance[np.ix_(chosen, chosen)]
+    )
+
+
+class Place(NamedTuple):
+    """Errors, the intensity where no scalar reads it, tesla, and the view of the world where attitude is data."""
+
+    errors: SensorErrors
+    intensity_T: float
+    view: WorldView | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """The likelihood of a recording over the unknowns: errors, intensity over its unit, step of the view."""
+
+    known: Known
+    start_errors: SensorErrors
+    unit_T: float
+    likelihood: Likelihood | UniformLikelihood
+    has_scalar: bool
+    attitude: AttitudeLikelihood | None
+    mounting_error: float | None
+
+    @classmethod
+    def of(cls, recording: SampleSource, array: KnownNoiseArray, known: Known | Prior) -> "Problem":
+        """Return that of a recording, its readings taken about the biases of the start."""
+        known = known if isinstance(known, Known) else Known(known)
+        if known.prior is None:
+            start, unit_T = estimate(recording, array), normalize(recording).radius_T
+        else:
+            start, unit_T = known.prior.errors, known.prior.calibration.intensity_T
+        data = Normalized(recording, start.bias_T, unit_T)
+        likelihood = likelihood_of(recording, array, data)
+        attitude = _attitude_of(data, array)
+        return cls(
+            known,
+            start,
+            unit_T,
+            likelihood,
+            recording.scalar_count is not None,
+            attitude,
+            array.mounting_error if known.knows_frame else None,
+        )
+
+    @cached_property
+    def start(self) -> "Place":
+        """Where the iteration begins."""
+        errors = self.start_errors
+        view = None
+        if self.attitude is not None:
+            view = self.attitude.view(errors.matrix, np.zeros_like(errors.bias_T))
+        return Place(errors, self.unit_T, view)
+
+    def data_at(self, place: Place) -> tuple[FloatArray, FloatArray]:
+        """Return the information of the data over the unknowns at a place, and their downhill gradient."""
+        matrix, bias = self._rows_at(place)
+        here = self.likelihood.linearize(matrix, bias)
+        rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
+        information, gradient = rows.T @ here.information @ rows, rows.T @ here.gradient
+        if self.attitude is None or place.view is None:
+            return information, gradient
+        count = len(rows)
+        extended = np.zeros((count + 5, rows.shape[1] + 5))
+        extended[:count, :-5] = rows
+        extended[count:, -5:] = np.eye(5)
+        of_attitude, downhill = self.attitude.linearize(matrix, bias, place.view)
+        both, towards = extended.T @ of_attitude @ extended, extended.T @ downhill
+        both[:-5, :-5] += information
+        towards[:-5] += gradient
+        return both, towards
+
+    def add_known(self, place: Place, information: FloatArray, gradient: FloatArray) -> None:
+        """Add to normal equations what is known before."""
+        size = 12 * place.errors.sensor_count
+        if self.known.prior is not None:
+            terms = self.known.prior.terms(place.errors)
+            information[:size, :size] += terms.information
+            gradient[:size] += terms.gradient
+        main_field_T = self.known.main_field_T
+        if main_field_T is not None and not self.has_scalar:
+            precision = (self.unit_T / LOCAL_STANDARD_ERROR_T) ** 2
+            information[size, size] += precision
+            gradient[size] += precision * (float(norm(main_field_T)) - place.intensity_T) / self.unit_T
+        if place.view is not None:
+            self._add_known_view(place.view, information[-5:, -5:], gradient[-5:])
+
+    def _add_known_view(self, view: WorldView, information: FloatArray, gradient: FloatArray) -> None:
+        from scipy.spatial.transform import Rotation
+
+        information += np.eye(5) / _ANY_TURN**2
+        if self.mounting_error is not None:
+            precision = 1 / max(self.mounting_error, _LEAST_ANGLE) ** 2
+            information[:3, :3] += precision * np.eye(3)
+            gradient[:3] -= precision * Rotation.from_matrix(view.mount).as_rotvec()
+        if self.known.main_field_T is not None:
+            length = float(norm(self.known.main_field_T))
+            precision = (length / LOCAL_STANDARD_ERROR_T) ** 2
+            information[3:, 3:] += precision * np.eye(2)
+            gradient[3:] += precision * view.across.T @ self.known.main_field_T / length
+
+    def basis_at(self, place: Place) -> FloatArray:
+        """Return the directions of the unknowns that are free, as columns."""
+        size = 12 * place.errors.sensor_count + (not self.has_scalar) + (0 if place.view is None else 5)
+        free = np.ones(size, dtype=bool)
+        free[9:12] = self.known.knows_frame
+        if self.has_scalar or self.known.knows_scale:
+            columns: FloatArray = np.eye(size)[:, free]
+            return columns
+        gradient = np.zeros(size)
+        gradient[: 12 * place.errors.sensor_count] = free_scale_gradient(place.errors)
+        return keeping(gradient, free)
+
+    def moved(self, place: Place, step: FloatArray) -> Place:
+        """Return the place after a step of the unknowns."""
+        errors, count = place.errors, place.errors.sensor_count
+        vector = errors.to_vector() + step[: 12 * count].reshape(count, 12)
+        errors = SensorErrors.from_vector(vector, errors.orientation)
+        view = None if place.view is None else place.view.moved(step[-5:])
+        if self.has_scalar:
+            return Place(errors, place.intensity_T, view)
+        intensity_T = place.intensity_T + self.unit_T * float(step[12 * count])
+        if not self.known.knows_scale:
+            scale = float(free_scale(errors.matrix))
+            errors, intensity_T = replace(errors, scale_factor=scale * errors.scale_factor), intensity_T / scale
+        return Place(errors, intensity_T, view)
+
+    def _rows_at(self, place: Place) -> tuple[FloatArray, FloatArray]:
+        factor = place.intensity_T / self.unit_T
+        return factor * place.errors.matrix, (place.errors.bias_T - self.start_errors.bias_T) / self.unit_T
+
+
+_LEAST_ANGLE = 1e-8
+"""Of a mounting that is stated to be exact, radians."""
+
+
+def _attitude_of(data: Normalized, array: KnownNoiseArray) -> AttitudeLikelihood | None:
+    """Return the samples with attitude, where the array states how good that is."""
+    if array.attitude_noise is None:
+        return None
+    recording = data.source.whole()
+    if recording.attitude is None:
+        return None
+    from scipy.spatial.transform import Rotation
+
+    known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))
+    rows = data.points[known].reshape(len(known), -1).T
+    to_world = Rotation.from_quat(recording.attitude[known]).as_matrix()
+    return AttitudeLikelihood(rows, to_world, array.vector_noise_T / data.radius_T, array.attitude_noise)

@@ -1,0 +1,243 @@
+"""What is known before a fit: the last calibration, less certain by what its sensors may have changed since.
+
+The errors θ of the sensors are taken as normal about the last estimate, their covariance that of the calibration plus
+that of the changes. What a calibration holds by convention tells nothing: the frame of sensor 1, and without a scalar
+reference the scale. Errors are therefore compared in the prior's convention: θ' = convention(θ), with derivative L, has
+the energy (θ' - θ₀)ᵀ P⁻¹ (θ' - θ₀), which adds the information Lᵀ P⁻¹ L to that of the data.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.linalg import inv
+
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.scale import free_scale, free_scale_gradient
+from tam_calibration.model.change_rates import DAY_S, ChangeRates
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+
+__all__ = ["ChangeRates", "Prior", "PriorTerms", "has_date", "prior_of"]
+
+_FIRST_DATE_S = 1e8
+"""Since 1970: stamps before March 1973 count from the start of a recording, not from an epoch."""
+
+_ASSUMED_AGE_S = DAY_S
+"""Where a calibration or a recording has no date: the one of the pier is a day old at most when the vehicle dives."""
+
+_NULL = 1e-13
+"""Part of the largest eigenvalue of a scaled covariance below which a direction is held, and not uncertain."""
+
+_NEGATIVE = 1e-6
+"""Part of the largest eigenvalue of a scaled covariance that rounding may make negative in a file."""
+
+
+@dataclass(frozen=True, eq=False)
+class PriorTerms:
+    """What a prior adds to the normal equations of the errors at a point.
+
+    Parameters
+    ----------
+    information : (12 K, 12 K) array
+        Lᵀ P⁻¹ L.
+    gradient : (12 K,) array
+        Downhill: towards the prior.
+    energy : float
+        Squared distance from the prior in its standard deviations.
+    """
+
+    information: FloatArray
+    gradient: FloatArray
+    energy: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known of the errors of an array's sensors before a fit.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Where it comes from.
+    covariance : (12 K, 12 K) array
+        Of the flattened errors now, SI: that of the calibration, widened.
+    rates : ChangeRates
+        By which it was widened.
+    elapsed_s : float, optional
+        Time since the calibration, seconds; None where a date is missing, and a day was assumed.
+    warming_K : float, optional
+        Temperature less that of the calibration, kelvin; None where one is unknown, and none was assumed.
+    """
+
+    calibration: Calibration
+    covariance: FloatArray
+    rates: ChangeRates
+    elapsed_s: float | None
+    warming_K: float | None
+
+    @property
+    def errors(self) -> SensorErrors:
+        """The last estimate."""
+        return self.calibration.errors
+
+    @property
+    def knows_frame(self) -> bool:
+        """Whether the common frame is known, and not that of sensor 1 by convention."""
+        return not is_of_first_sensor(self.calibration)
+
+    @property
+    def knows_scale(self) -> bool:
+        """Whether the absolute scale is known."""
+        return self.calibration.has_scalar_reference
+
+    @cached_property
+    def standard_errors(self) -> FloatArray:
+        """(K, 12) standard errors now."""
+        return np.sqrt(np.diag(self.covariance)).reshape(-1, 12)
+
+    @cached_property
+    def whitening(self) -> FloatArray:
+        """(12 K, R) matrix W of the precision W Wᵀ: Wᵀ (θ' - θ₀) has unit variance; nothing along what is held."""
+        deviation = np.sqrt(np.diag(self.covariance))
+        scale = np.divide(1, deviation, out=np.zeros_like(deviation), where=deviation > 0)
+        values, vectors = np.linalg.eigh(self.covariance * np.outer(scale, scale))
+        known = values > _NULL * values[-1]
+        whitening: FloatArray = scale[:, None] * vectors[:, known] / np.sqrt(values[known])
+        return whitening
+
+    @cached_property
+    def precision(self) -> FloatArray:
+        """(12 K, 12 K) inverse of the covariance, zero along what is held."""
+        precision: FloatArray = self.whitening @ self.whitening.T
+        return precision
+
+    def widened(self, changes: FloatArray, variance: FloatArray) -> "Prior":
+        """Return the prior where errors may have changed along some directions by more.
+
+        Parameters
+        ----------
+        changes : (12 K, M) array
+            Changes of the errors in the prior's convention by M unknowns.
+        variance : (M,) array
+            Of the unknowns.
+        """
+        return replace(self, covariance=self.covariance + changes * variance @ changes.T)
+
+    def terms(self, errors: SensorErrors) -> PriorTerms:
+        """Return what the prior adds at given errors."""
+        comparable, derivative = self.in_convention(errors)
+        distance = (comparable.to_vector() - self.errors.to_vector()).ravel()
+        pull = self.precision @ distance
+        return PriorTerms(derivative.T @ self.precision @ derivative, -derivative.T @ pull, float(distance @ pull))
+
+    def in_convention(self, errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
+        """Return errors in the prior's frame and scale, and the (12 K, 12 K) derivative L by the errors given."""
+        derivative: FloatArray = np.eye(12 * errors.sensor_count)
+        if not self.knows_frame:
+            errors, derivative = in_first_frame(errors)
+        if not self.knows_scale:
+            scaled = SensorErrors.from_vector(errors.to_vector(), errors.orientation)
+            scaled = replace(scaled, scale_factor=float(free_scale(errors.matrix)) * errors.scale_factor)
+            derivative = _without_scale(scaled) @ derivative
+            errors = scaled
+        return errors, derivative
+
+
+def prior_of(
+    calibration: Calibration, time_s: float | None, temperature_C: float | None, rates: ChangeRates | None = None
+) -> Prior:
+    """Return what a calibration tells of the errors at another time and temperature.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        The last one, with a covariance.
+    time_s : float, optional
+        Now, seconds since 1970. Where it or the date of the calibration is unknown, a day has passed.
+    temperature_C : float, optional
+        Now. Where it or that of the calibration is unknown, it is the same.
+    rates : ChangeRates, optional
+        By which the errors change; those of the calibration's array, or the defaults, where they are not given.
+
+    Raises
+    ------
+    InputError
+        When the calibration has no covariance, or one that is none.
+    """
+    covariance = _covariance_of(calibration)
+    rates = rates or calibration.array.change_rates or ChangeRates()
+    elapsed_s = None
+    if time_s is not None and has_date(time_s) and has_date(calibration.time_span_s[1]):
+        elapsed_s = max(time_s - calibration.time_span_s[1], calibration.time_span_s[0] - time_s, 0.0)
+    warming_K = None
+    if temperature_C is not None and calibration.temperature_C is not None:
+        warming_K = temperature_C - calibration.temperature_C
+    age_s = _ASSUMED_AGE_S if elapsed_s is None else elapsed_s
+    change = np.tile(rates.variances(age_s, warming_K or 0.0), calibration.errors.sensor_count)
+    prior = Prior(calibration, covariance, rates, elapsed_s, warming_K)
+    # A sensor 1 that turns makes all others turn in its frame.
+    _, derivative = prior.in_convention(calibration.errors)
+    return prior.widened(derivative, change)
+
+
+def has_date(time_s: float) -> bool:
+    """Whether a stamp counts from 1970."""
+    return time_s > _FIRST_DATE_S
+
+
+def is_of_first_sensor(calibration: Calibration) -> bool:
+    """Whether the frame of a calibration is that of sensor 1, whose misalignment is then zero by convention."""
+    is_turned = calibration.errors.misalignment[0].any() or not np.array_equal(
+        calibration.errors.orientation[0], np.eye(3)
+    )
+    is_uncertain = calibration.covariance is not None and calibration.covariance[9:12, 9:12].any()
+    return not (is_turned or is_uncertain)
+
+
+def in_first_frame(errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
+    """Return errors turned into the frame of sensor 1, and the (12 K, 12 K) derivative by the errors given."""
+    first = errors.rotation[0]
+    turned = SensorErrors.from_matrix(errors.matrix @ first.T, errors.bias_T)
+    turned.misalignment[0] = 0
+    count = errors.sensor_count
+    rows = np.zeros((count, 3, 4, count, 12))
+    own = errors.jacobian()
+    by_turn = np.einsum("ij,jkp->ikp", inv(errors.measurement[0]), own[0, :, :3, 9:12])
+    for sensor in range(count):
+        rows[sensor, :, :3, sensor] = np.einsum("ijp,kj->ikp", own[sensor, :, :3], first)
+        rows[sensor, :, 3, sensor] = own[sensor, :, 3]
+        rows[sensor, :, :3, 0, 9:12] += np.einsum("ij,kjp->ikp", errors.matrix[sensor], by_turn)
+    back = inv(turned.jacobian().reshape(count, 12, 12))
+    derivative = (back @ rows.reshape(count, 12, 12 * count)).reshape(12 * count, 12 * count)
+    derivative[9:12] = 0
+    return turned, derivative
+
+
+def _without_scale(errors: SensorErrors) -> FloatArray:
+    """Return the (12 K, 12 K) projection of changes of the errors on those that keep the mean determinant."""
+    gradient, scale = free_scale_gradient(errors), errors.to_vector()
+    scale[:, 3:] = 0
+    projection: FloatArray = np.eye(gradient.size) - np.outer(scale, gradient) / (gradient @ scale.ravel())
+    return projection
+
+
+def _covariance_of(calibration: Calibration) -> FloatArray:
+    covariance = calibration.covariance
+    if covariance is None:
+        raise InputError(
+            f"the calibration by {calibration.method} has no covariance, and is no prior without: calibrate its "
+            "recording with maximum_likelihood"
+        )
+    if not np.isfinite(covariance).all():
+        raise InputError("the covariance of the calibration is not finite: calibrate its recording anew")
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0))
+    scale = np.divide(1, deviation, out=np.zeros_like(deviation), where=deviation > 0)
+    values = np.linalg.eigvalsh((covariance + covariance.T) / 2 * np.outer(scale, scale))
+    if values[0] < -_NEGATIVE * max(values[-1], 1.0) or (np.diag(covariance) < 0).any():
+        raise InputError(
+            "the covariance of the calibration is none: it gives a combination of the errors a negative variance; "
+            "calibrate its recording anew"
+        )
+    return (covariance + covariance.T) / 2

@@ -1,0 +1,70 @@
+"""What a calibration took from the one before it, in words and rows, for the page and for the terminal."""
+
+import numpy as np
+
+from tam_calibration.correction.update import Moved, Update
+from tam_calibration.model.change_rates import DAY_S
+from tam_calibration.model.sensor_errors import PARAMETER_NAMES
+from tam_calibration.model.units import to_degrees, to_nanotesla
+from tam_calibration.report.formatting import join, number, with_error
+
+_UNITS = {
+    "scale factor": (1e6, "ppm"),
+    "non-orthogonality": (to_degrees(1.0), "°"),
+    "bias": (to_nanotesla(1.0), "nT"),
+    "misalignment": (to_degrees(1.0), "°"),
+}
+"""Factor from SI and unit of a change of each kind."""
+
+_AXES = {"non-orthogonality": "θ φ ψ", "misalignment": "α β γ"}
+"""Names of the three errors of a kind, where they are not those of the axes."""
+
+
+def update_sentences(update: Update) -> list[str]:
+    """Return where the prior came from, whether the data contradict it, and what moved, one sentence each."""
+    chance = f"χ² {number(update.chi_square)} of {update.freedom} independent differences"
+    verdict = "Data and prior agree" if not update.moved else "The data contradict the prior"
+    return [
+        f"Prior: {update.prior}, {_age(update)}; {_warming(update)}.",
+        f"{verdict}: {chance}.",
+        *(_told(moved) for moved in update.moved),
+    ]
+
+
+def share_rows(update: Update) -> list[list[str]]:
+    """Return a row for each parameter: its name, then the share of the data in what is known of it, by sensor."""
+    return [
+        [name, *("–" if np.isnan(share) else f"{100 * share:.0f} %" for share in update.data_share[:, index].tolist())]
+        for index, name in enumerate(PARAMETER_NAMES)
+    ]
+
+
+def _age(update: Update) -> str:
+    if update.elapsed_s is None:
+        return "of unknown age, for which a day was assumed"
+    days = update.elapsed_s / DAY_S
+    return f"{number(days)} days old" if days >= 1 else f"{number(24 * days)} h old"
+
+
+def _warming(update: Update) -> str:
+    if update.warming_K is None:
+        return "temperatures are not known, and were taken for the same"
+    return f"warmer by {number(update.warming_K)} K since"
+
+
+def _told(moved: Moved) -> str:
+    factor, unit = _UNITS[moved.kind]
+    values = (
+        with_error(float(value), float(error), 2)
+        for value, error in zip(factor * moved.change, factor * moved.standard_errors, strict=True)
+    )
+    words = (
+        f"The {moved.kind} of sensor {moved.sensor} moved by {', '.join(values)} {unit} "
+        f"({_AXES.get(moved.kind, 'x y z')})"
+    )
+    if moved.since_s is not None:
+        words += f" at {moved.since_s:.1f} s of the recording; the calibration is that of the samples after it"
+    if moved.rivals:
+        others = join([f"the {kind} of sensor {sensor}" for kind, sensor in moved.rivals])
+        words += f"; with probability {number(1 - moved.probability, 2)} it was {others}"
+    return f"{words}. It was learned anew."
