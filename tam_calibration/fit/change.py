@@ -14,12 +14,10 @@ import numpy as np
 from scipy.special import chdtri
 
 from tam_calibration.core.least_squares import scaled
+from tam_calibration.correction.update import KINDS
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
-
-KINDS = {"scale factor": slice(0, 3), "non-orthogonality": slice(3, 6), "bias": slice(6, 9), "misalignment": slice(9, 12)}
-"""The kinds of errors of a sensor, and their places among its twelve."""
 
 CLEAR_RATIO = 2 * float(np.log(100.0))
 """By how much a ratio exceeds another that is ruled out: the data are then a hundred times less probable by that."""
@@ -91,13 +89,12 @@ def hypotheses(errors: SensorErrors, array: Array) -> tuple[Hypothesis, ...]:
     found = []
     for sensor in range(count):
         of_sensor = f"of sensor {sensor + 1}"
-        for kind, places in KINDS.items():
+        for place, kind in enumerate(KINDS):
             if kind == "misalignment" and count == 1:
                 continue
             unit = {"scale factor": "1", "bias": "T"}.get(kind, "rad")
-            found.append(
-                Hypothesis(f"{kind} {of_sensor}", kind, sensor + 1, every[:, sensor, places], _NAMES[kind], unit)
-            )
+            directions = every[:, sensor, 3 * place : 3 * place + 3]
+            found.append(Hypothesis(f"{kind} {of_sensor}", kind, sensor + 1, directions, _NAMES[kind], unit))
         found.append(Hypothesis(f"{SEVERAL} {of_sensor}", SEVERAL, sensor + 1, every[:, sensor], (), ""))
     if count == 1:
         return tuple(found)
@@ -229,12 +226,12 @@ class Weighing:
         scores = ratios - self._unknowns * np.log(max(count, 2))
         order = np.argsort(-scores)
         not_out = order[scores[order[0]] - scores[order] <= CLEAR_RATIO]
-        return tuple(self._evidence(index, of_changes, score, scores[index], excess) for index in not_out)
+        return tuple(
+            self._evidence(index, of_changes, score, float(scores[index]), excess) for index in not_out.tolist()
+        )
 
-    def _evidence(
-        self, index: int, of_changes: FloatArray, score: FloatArray, net: float, excess: float
-    ) -> Evidence:
-        hypothesis = self._among[index]
+    def _evidence(self, index: int, of_changes: FloatArray, score: FloatArray, net: float, excess: float) -> Evidence:
+        hypothesis = self._among[int(index)]
         directions = hypothesis.directions
         unit, scale = scaled(directions.T @ of_changes @ directions)
         values, vectors = np.linalg.eigh(unit)
@@ -245,12 +242,10 @@ class Weighing:
         is_open = np.abs(vectors[:, ~seen]).max(axis=1, initial=0.0) > np.sqrt(_UNSEEN)
         covariance[is_open, is_open] = np.inf
         ratio = float(size @ (directions.T @ score)) / excess
-        return Evidence(hypothesis, size, covariance, ratio, float(net))
+        return Evidence(hypothesis, size, covariance, ratio, net)
 
 
-def _marginal(
-    information: FloatArray, gradient: FloatArray, covariance: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _marginal(information: FloatArray, gradient: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return information (12 K, 12 K) and score (12 K,) of changes, the errors before them integrated out."""
     unit, scale = scaled(information)
     before = covariance * np.outer(scale, scale)

@@ -29,7 +29,7 @@ DECIDE_S = 20.0
 the blocks in which it begins and ends it is told within half a minute."""
 
 FEWEST_AFTER = 2
-"""Blocks after that in which a change comes from which it is told: the first may itself be the one in which it comes."""
+"""Blocks after that in which a change comes from which it is told: the first may be that in which it comes."""
 
 FALSE_ALARMS_A_DAY = 0.1
 """Bound of their expected number: the chance of each test is this over all tests of a day, as if all were independent.
@@ -146,8 +146,10 @@ def _is_decided(first: Step, after: tuple[Step, ...], end_s: float, found: tuple
 
 
 def _share(here: Linearization, change: FloatArray) -> float:
-    """Return by how much the likelihood of the block in which a change comes rises, if that part of it that fits best
-    has the change: without that the moment before it would be preferred, since it has more samples after it."""
+    """Return by how much the likelihood of the block in which a change comes rises, if a part of it has the change.
+
+    Without that the moment before it would be preferred, since it has more samples after it.
+    """
     along, square = float(change @ here.gradient), float(change @ here.information @ change)
     part = min(max(along / square, 0.0), 1.0) if square > 0 else 0.0
     return 2 * part * along - part**2 * square

@@ -152,13 +152,14 @@ class Live:
         told, stored, learned = self.state.published, self._calibration, self.state.learned
         if not learned:
             return stored
+        remark = f"updated with {learned} samples since its recording, whose residuals these are"
         return replace(
             stored,
             errors=told.errors,
             covariance=told.covariance,
             samples=stored.samples + learned,
             time_span_s=(stored.time_span_s[0], max(stored.time_span_s[1], told.time_s)),
-            warnings=(*stored.warnings, f"updated with {learned} samples since its recording, whose residuals these are"),
+            warnings=(*stored.warnings, remark),
         )
 
     @property

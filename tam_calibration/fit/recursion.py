@@ -129,9 +129,7 @@ class Recursion:
 
     def dated(self, time_s: float, temperature_C: float) -> "Recursion":
         """Return the recursion with a time and a temperature where it has none."""
-        return replace(
-            self, begin=self.begin.dated(time_s, temperature_C), now=self.now.dated(time_s, temperature_C)
-        )
+        return replace(self, begin=self.begin.dated(time_s, temperature_C), now=self.now.dated(time_s, temperature_C))
 
     def after(
         self, moments: SampleMoments, time_s: float, temperature_C: float, likelihood: MomentLikelihood, walk: Walk
@@ -210,7 +208,8 @@ def solve(
         moved[free] += step
         return (moved, covariance), float(step @ gradient) < _SETTLED
 
-    (vector, inside), is_settled = iterate(step_from, (start.to_vector().ravel(), np.empty(0)), _MOST_STEPS)
+    begin_with: tuple[FloatArray, FloatArray] = (start.to_vector().ravel(), certainty)
+    (vector, inside), is_settled = iterate(step_from, begin_with, _MOST_STEPS)
     if not is_settled:
         raise Refused(f"the update did not settle in {_MOST_STEPS} steps: the readings do not fit the calibration")
     covariance = np.zeros_like(begin.covariance)
