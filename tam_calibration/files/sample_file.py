@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tam_calibration.files.overwriting import name_aside
 from tam_calibration.messages.sample_store import StoredSample, Unsaved
 from tam_calibration.model.exceptions import InputError
 
@@ -80,8 +81,7 @@ class SampleFile:
         return found in (None, about)
 
     def _rename(self) -> Path:
-        names = (self._path.with_name(f"{self._path.name}.{number}") for number in range(1, 1_000_000))
-        aside = next(name for name in names if not name.exists())
+        aside = name_aside(self._path)
         for end in _BESIDE:
             if (part := Path(f"{self._path}{end}")).exists():
                 part.rename(f"{aside}{end}")

@@ -110,7 +110,7 @@ class Likelihood:
         channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
         moments = self._moments if weights is None else _second_moments(self._flat, weights)
         reference_count = int(np.isfinite(self.intensity).sum())
-        return _linearization(channels, moments, self._common_mode_moments(channels, weights), reference_count)
+        return normal_equations(channels, moments, self._common_mode_moments(channels, weights), reference_count)
 
     def energy(self, matrix: FloatArray, bias: FloatArray, ambient_gradient: FloatArray = UNIFORM) -> FloatArray:
         """Return the (N,) sums of the squares of each sample's whitened channels.
@@ -235,10 +235,22 @@ def whitened(there: CommonMode, features: FloatArray) -> FloatArray:
     return columns
 
 
-def _linearization(
+def normal_equations(
     channels: ChannelMaps, moments: FloatArray, common: FloatArray, reference_count: int
 ) -> Linearization:
-    """Return the normal equations from the second moments of the rows and of the ``whitened`` columns."""
+    """Return the normal equations from the second moments of the rows and of the ``whitened`` columns.
+
+    Parameters
+    ----------
+    channels : ChannelMaps
+        Maps at the errors of the sensors.
+    moments : (Z, Z) array
+        Sum of the outer products of the rows.
+    common : (3 F + 1, 3 F + 1) array
+        The same of the ``whitened`` columns.
+    reference_count : int
+        Number of samples with a reference intensity.
+    """
     information, gradient, differential = _differential(channels, moments)
     size = channels.response[0].size
     response = channels.response.reshape(-1, size)
@@ -315,4 +327,4 @@ class UniformLikelihood:
             columns = whitened(there, points[:0])
             common += gram(columns)
             count += columns.shape[1]
-        return _linearization(channels, self.data.moments, common, count)
+        return normal_equations(channels, self.data.moments, common, count)

@@ -30,6 +30,7 @@ from tam_calibration.nodes.cloud import CloudReader, Rows, from_stamp, layout_of
 from tam_calibration.nodes.comparing import COMPARED, WRITTEN_OF_COMPARISON, compare_with_simulation, require_comparable
 from tam_calibration.nodes.kept_samples import KEPT, SAVE_S, KeptSamples
 from tam_calibration.nodes.listening import LATCHED, RELIABLE_STREAM
+from tam_calibration.nodes.live_update import UPDATED, LiveUpdate
 from tam_calibration.nodes.node_parameters import ARRAY_FILE, FRAME_ID, Rule, array_of
 from tam_calibration.nodes.work import Work
 from tam_calibration.report.update_rows import update_sentences
@@ -56,6 +57,7 @@ RULES = (
         read_only=False,
     ),
     *KEPT,
+    *UPDATED,
 )
 
 _WRITTEN = ("calibration_file", "gap_file", "gap_report_file", *WRITTEN_OF_COMPARISON)
@@ -86,10 +88,12 @@ class Calibrator(TamNode):
         self._store = self._kept.store
         self._problem, self._partial = "", 0
         self._calibration: Calibration | None = None
-        self._loaded: Calibration | None = None
         self._gap: Gap | None = None
         self._publisher = self.create_publisher(String, "calibration", LATCHED)
-        self._load()
+        self._live = LiveUpdate(self, self._array, self._kept.path, self._publish)
+        self._loaded = self._stored()
+        if calibration := self._live.go_on(self._loaded):
+            self._publish(calibration)
         self._reader = CloudReader(self._refuse_samples)
         self.listen_in_turns([(PointCloud2, "samples", self._take)], _TURN_S, RELIABLE_STREAM)
         self._work = Work()
@@ -99,6 +103,7 @@ class Calibrator(TamNode):
         self.serve("save", partial(self._logged, self._save))
         self._collector = self.create_client(Trigger, "collector/usage")
         self.create_steady_timer(SAVE_S, self._kept.save)
+        self.create_steady_timer(SAVE_S, self._live.save)
         _check_accept(self.value("accept"))
         self.on_change({**dict.fromkeys(_WRITTEN, check_writable), "accept": _check_accept})
         told = introduce(self._calibration, self.value("calibration_file"), self.now_s)
@@ -107,6 +112,7 @@ class Calibrator(TamNode):
     def destroy_node(self) -> None:
         """Save what is not saved yet."""
         self._kept.close()
+        self._live.save()
         super().destroy_node()
 
     def health(self) -> Health:
@@ -120,6 +126,8 @@ class Calibrator(TamNode):
             level, message = (OK, f"{stored}; no calibration yet") if len(self._store) else (STALE, "no samples yet")
         if self._kept.problem:
             level, message = max(level, WARN), f"{message}; {self._kept.problem}"
+        if told := self._live.sentence():
+            level, message = max(level, self._live.level), f"{message}; {told}"
         gap = self._gap
         if gap is not None:
             level, message = max(level, _level_of(gap)), f"{message}; {gap.statement}"
@@ -129,19 +137,20 @@ class Calibrator(TamNode):
             "busy_with": self._work.busy_with,
             "partial": self._partial,
             **figures(self._calibration, self.now_s),
+            **self._live.figures(),
             **_figures_of(gap),
         }
         return Health(level, message, values)
 
-    def _load(self) -> None:
+    def _stored(self) -> Calibration | None:
+        """Return the calibration of calibration_file, where there is one."""
         path = Path(self.value("calibration_file"))
         if not path.is_file():
-            return
+            return None
         calibration = read_calibration(path)
         if not calibration.is_of(self._array):
             raise InputError(f"{path} is the calibration of another array: change calibration_file or array_file")
-        self._loaded = calibration
-        self._hand_on(calibration)
+        return calibration
 
     def _take(self, messages: list[bytes]) -> None:
         self._problem = ""
@@ -160,6 +169,7 @@ class Calibrator(TamNode):
         """Store the rows that are whole samples: one that is not is counted and costs no other."""
         values = self._store.layout.widened(rows.columns, rows.values)
         are_samples, are_partial = self._store.layout.are_samples(values), self._store.layout.are_partial(values)
+        self._live.add(values[are_samples])
         for stamp, row, is_sample, is_partial in zip(rows.stamps, values, are_samples, are_partial, strict=True):
             if is_sample:
                 self._store.add(from_stamp(stamp), row)
@@ -276,6 +286,10 @@ class Calibrator(TamNode):
             return [f"not saved: {problem}"]
 
     def _hand_on(self, calibration: Calibration) -> None:
+        self._live.begin(calibration)
+        self._publish(calibration)
+
+    def _publish(self, calibration: Calibration) -> None:
         self._calibration = calibration
         self._publisher.publish(String(data=calibration_to_yaml(calibration)))
 

@@ -48,6 +48,8 @@ class KeptSamples:
         On these, for people.
     saved : int
         How many samples are on disk.
+    path : Path or None
+        Of the file; None where nothing is kept.
     problem : str
         Why samples are not kept on disk; empty where they are, or shall not be.
     """
@@ -55,6 +57,7 @@ class KeptSamples:
     def __init__(self, node: TamNode, array: Array) -> None:
         self._node, self.problem, self.saved = node, "", 0
         self._file: SampleFile | None = None
+        self.path: Path | None = None
         self.store = SampleStore(SampleLayout.whole(array.sensor_count), node.value("max_samples"))
         try:
             self.remark = self._go_on(node.value("samples_file"), array)
@@ -72,6 +75,7 @@ class KeptSamples:
         if self._file.set_aside:
             self._node.get_logger().warning(f"{path} held no samples of this array: it is now {self._file.set_aside}")
         samples = self._file.read()
+        self.path = path
         if not samples:
             return f"keeps samples in {path}"
         self.store.resume(samples)

@@ -1,0 +1,254 @@
+"""Whether the sensors have changed since a moment, which of them and what: a generalised likelihood ratio.
+
+Before that moment the errors were x ~ N(x₀, P). Samples since then have at x₀ the information I and the gradient
+g ~ N(I (x - x₀ + B δ), I), where B δ is a change of the errors along the columns of B. With the unknown x integrated
+out, W = (1 + I P)⁻¹ I is the information that the samples give of changes, and s = (1 + I P)⁻¹ g its score: without a
+change Λ = sᵀ B (Bᵀ W B)⁻¹ Bᵀ s is a χ² of as many degrees of freedom as B has columns, and the most probable change
+is (Bᵀ W B)⁻¹ Bᵀ s (Willsky and Jones 1976).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtri
+
+from tam_calibration.core.least_squares import scaled
+from tam_calibration.correction.update import KINDS
+from tam_calibration.model.array import UNIT_TENSORS, Array
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
+
+CLEAR_RATIO = 2 * float(np.log(100.0))
+"""By how much a ratio exceeds another that is ruled out: the data are then a hundred times less probable by that."""
+
+_UNSEEN = 1e-9
+"""Information along a direction, over that of its unknowns known alone, below which it is not seen: above rounding."""
+
+_TOLD_FROM = 3.0
+"""Standard errors from which a component of a change is told."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """What may have changed.
+
+    Parameters
+    ----------
+    name : str
+        For people: "bias of sensor 2".
+    parameters : str
+        Kind of the errors: one of `KINDS`, "several errors", or what else it is.
+    sensor : int
+        Number of the sensor from 1; 0 where it is not one alone.
+    directions : (12 K, M) array
+        Changes of the errors by its M unknowns.
+    components : tuple of str
+        Names of the unknowns.
+    unit : str
+        Of the unknowns, SI.
+    """
+
+    name: str
+    parameters: str
+    sensor: int
+    directions: FloatArray
+    components: tuple[str, ...]
+    unit: str
+
+    @property
+    def is_of_sensors(self) -> bool:
+        """Whether it is a change of sensors, and not of the field that they are in."""
+        return self.parameters != GRADIENT
+
+
+COMMON_SCALE, ALL_BIASES, GRADIENT, SEVERAL = (
+    "scalar reading, or the scale factors",
+    "biases",
+    "gradient of the field",
+    "several errors",
+)
+
+
+def hypotheses(errors: SensorErrors, array: Array) -> tuple[Hypothesis, ...]:
+    """Return what may have changed in an array.
+
+    One kind of errors of one sensor, as when it is knocked; all errors of a sensor; the biases of all, as when a
+    battery is swapped; the scalar magnetometer against all. A source near the array is none of these, and is known by
+    the gradient of its field.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Of the K sensors.
+    array : Array
+        Where they are.
+    """
+    count = errors.sensor_count
+    every = np.eye(12 * count).reshape(12 * count, count, 12)
+    found = []
+    for sensor in range(count):
+        of_sensor = f"of sensor {sensor + 1}"
+        for place, kind in enumerate(KINDS):
+            if kind == "misalignment" and count == 1:
+                continue
+            unit = {"scale factor": "1", "bias": "T"}.get(kind, "rad")
+            directions = every[:, sensor, 3 * place : 3 * place + 3]
+            found.append(Hypothesis(f"{kind} {of_sensor}", kind, sensor + 1, directions, _NAMES[kind], unit))
+        found.append(Hypothesis(f"{SEVERAL} {of_sensor}", SEVERAL, sensor + 1, every[:, sensor], (), ""))
+    if count == 1:
+        return tuple(found)
+    biases = every[:, :, 6:9].reshape(12 * count, -1)
+    found.append(Hypothesis(f"{ALL_BIASES} of all sensors", ALL_BIASES, 0, biases, (), "T"))
+    scale = (every[:, :, :3] * errors.scale_factor).sum(axis=(1, 2))[:, None]
+    found.append(Hypothesis(f"{COMMON_SCALE} of all sensors", COMMON_SCALE, 0, scale, ("",), "1"))
+    if array.has_gradient:
+        fields = np.einsum("kij,cjl,kl->kic", errors.matrix, UNIT_TENSORS, array.positions_m).reshape(3 * count, 5)
+        found.append(Hypothesis(f"{GRADIENT}, as near a source", GRADIENT, 0, biases @ fields, (), "T/m"))
+    return tuple(found)
+
+
+_NAMES = {
+    "scale factor": ("x", "y", "z"),
+    "non-orthogonality": ("θ", "φ", "ψ"),
+    "bias": ("x", "y", "z"),
+    "misalignment": ("α", "β", "γ"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What samples say of a hypothesis.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        What may have changed.
+    size : (M,) array
+        Most probable change of its unknowns.
+    covariance : (M, M) array
+        Of these; infinite on the diagonal for what is not seen.
+    ratio : float
+        Twice the logarithm of the likelihood ratio against no change.
+    score : float
+        The ratio less what its unknowns gain by chance (Schwarz 1978).
+    """
+
+    hypothesis: Hypothesis
+    size: FloatArray
+    covariance: FloatArray
+    ratio: float
+    score: float
+
+    @property
+    def change(self) -> FloatArray:
+        """(12 K,) most probable change of the errors, SI."""
+        change: FloatArray = self.hypothesis.directions @ self.size
+        return change
+
+    def exceeds(self, chance: float) -> bool:
+        """Whether the ratio is larger than without a change it is with a given chance."""
+        return self.ratio > float(chdtri(len(self.size), chance))
+
+    @property
+    def reach(self) -> FloatArray:
+        """(M,) sizes that the change may have; of unknowns that are not seen that of the largest that is."""
+        variance = np.diag(self.covariance)
+        reach = np.sqrt(self.size**2 + np.where(np.isfinite(variance), variance, 0.0))
+        reach[~np.isfinite(variance)] = reach.max()
+        return reach
+
+    @property
+    def sentence(self) -> str:
+        """What has changed and by how much, for people."""
+        errors = np.sqrt(np.diag(self.covariance))
+        told = [
+            f"{name} {_told(value, self.hypothesis.unit)} ± {_told(error, self.hypothesis.unit, '')}".strip()
+            for name, value, error in zip(self.hypothesis.components, self.size, errors, strict=False)
+            if abs(value) > _TOLD_FROM * error
+        ]
+        unit = {"T": " nT", "rad": "°", "1": " ppm"}.get(self.hypothesis.unit, "")
+        return self.hypothesis.name + (f" by {', '.join(told)}{unit}" if told else "")
+
+
+def _told(value: float, unit: str, form: str = "+") -> str:
+    shown = {"T": to_nanotesla, "rad": to_degrees}.get(unit, _to_ppm)(float(value))
+    return f"{shown:{form}.3g}"
+
+
+def _to_ppm(part: float) -> float:
+    return 1e6 * part
+
+
+class Weighing:
+    """Weighs hypotheses against each other by samples.
+
+    Parameters
+    ----------
+    among : sequence of Hypothesis
+        The hypotheses.
+    """
+
+    def __init__(self, among: Sequence[Hypothesis]) -> None:
+        self._among = among
+        self._unknowns = np.array([each.directions.shape[1] for each in among])
+        self._alike = [np.flatnonzero(self._unknowns == unknowns) for unknowns in np.unique(self._unknowns)]
+        self._directions = [np.stack([among[index].directions for index in alike]) for alike in self._alike]
+
+    def __len__(self) -> int:
+        """Return the number of hypotheses."""
+        return len(self._among)
+
+    def weigh(
+        self, information: FloatArray, gradient: FloatArray, covariance: FloatArray, count: int, excess: float
+    ) -> tuple[Evidence, ...]:
+        """Return the most probable hypothesis and those that are not clearly less so, in this order.
+
+        Parameters
+        ----------
+        information, gradient : (12 K, 12 K) and (12 K,) arrays
+            Of the samples, at the errors before them, by the errors, SI.
+        covariance : (12 K, 12 K) array
+            Of the errors before the samples.
+        count : int
+            Number of the samples.
+        excess : float
+            Variance of the residuals over that which the noise is stated to have.
+        """
+        of_changes, score = _marginal(information, gradient, covariance)
+        ratios = np.empty(len(self))
+        for alike, directions in zip(self._alike, self._directions, strict=True):
+            turned = np.swapaxes(directions, 1, 2)
+            unit, scale = scaled(turned @ of_changes @ directions)
+            along = (turned @ score) / scale
+            solved = np.linalg.solve(unit + _UNSEEN * np.eye(unit.shape[-1]), along[..., None])[..., 0]
+            ratios[alike] = np.sum(along * solved, axis=1) / excess
+        scores = ratios - self._unknowns * np.log(max(count, 2))
+        order = np.argsort(-scores)
+        not_out = order[scores[order[0]] - scores[order] <= CLEAR_RATIO]
+        return tuple(
+            self._evidence(index, of_changes, score, float(scores[index]), excess) for index in not_out.tolist()
+        )
+
+    def _evidence(self, index: int, of_changes: FloatArray, score: FloatArray, net: float, excess: float) -> Evidence:
+        hypothesis = self._among[int(index)]
+        directions = hypothesis.directions
+        unit, scale = scaled(directions.T @ of_changes @ directions)
+        values, vectors = np.linalg.eigh(unit)
+        seen = values > _UNSEEN
+        along = vectors[:, seen] / scale[:, None]
+        size = along / values[seen] @ (along.T @ (directions.T @ score))
+        covariance = excess * along / values[seen] @ along.T
+        is_open = np.abs(vectors[:, ~seen]).max(axis=1, initial=0.0) > np.sqrt(_UNSEEN)
+        covariance[is_open, is_open] = np.inf
+        ratio = float(size @ (directions.T @ score)) / excess
+        return Evidence(hypothesis, size, covariance, ratio, net)
+
+
+def _marginal(information: FloatArray, gradient: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return information (12 K, 12 K) and score (12 K,) of changes, the errors before them integrated out."""
+    unit, scale = scaled(information)
+    before = covariance * np.outer(scale, scale)
+    right = np.column_stack([unit, gradient / scale])
+    solved = np.linalg.solve(np.eye(len(scale)) + unit @ before, right)
+    return (solved[:, :-1] + solved[:, :-1].T) / 2 * np.outer(scale, scale), solved[:, -1] * scale

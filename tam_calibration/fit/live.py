@@ -1,0 +1,271 @@
+"""A calibration that is kept up to date while samples arrive, and what is done when a sensor has changed.
+
+Samples are gathered to blocks. Each is weighed and then learned; where the sensors have changed, what was learned since
+is given up, and what is configured is done: the calibration of before stays (``tell``), the errors that have changed
+are taken for unknown and learned anew (``learn``), or the stored calibration comes back (``restore``). The gradient of
+a field that a source makes is no change of a sensor: while it lasts nothing is learned.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tam_calibration.core.normal_equations import ridged
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.change_window import BLOCK_S, ChangeWindow, Step, Suspicion
+from tam_calibration.fit.likelihood import Linearization
+from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.recursion import Belief, Recursion, Walk, solve
+from tam_calibration.fit.sample_moments import MomentLikelihood, SampleMoments
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.units import FloatArray
+
+ON_CHANGE = ("tell", "learn", "restore")
+"""What is done when a sensor has changed."""
+
+WIDENED = 3.0
+"""Standard deviation of a change over what is seen of it, so that the samples alone tell its size."""
+
+PUBLISHED_FROM = 0.5
+"""Part of the published standard errors, in root mean square over all directions, by which the calibration changes
+before it is published: it then has learned a third more than was published."""
+
+MOST_CHANGES = 100
+"""Changes that are kept, so that memory is bounded."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change that was decided on.
+
+    Parameters
+    ----------
+    since_s : float
+        Stamp of the block in which it came, seconds.
+    sentence : str
+        What has changed, by how much, and what was done.
+    sensor : int
+        Number of the sensor from 1; 0 where it is not one alone.
+    parameters : tuple of str
+        Kinds of errors, the most probable first, of which the samples cannot tell which has changed.
+    """
+
+    since_s: float
+    sentence: str
+    sensor: int
+    parameters: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class LiveState:
+    """All that a process needs to go on where another ended.
+
+    Parameters
+    ----------
+    recursion : Recursion
+        What is known.
+    published : Belief
+        What was told last.
+    paused_by : str
+        What keeps it from learning: "sensors", "field", or "" for nothing.
+    learned : int
+        Number of samples that were learned.
+    energy, freedom : float
+        Squared residuals of all blocks in units of the stated noise, and their degrees of freedom.
+    changes : tuple of Change
+        In the order of time.
+    """
+
+    recursion: Recursion
+    published: Belief
+    paused_by: str = ""
+    learned: int = 0
+    energy: float = 0.0
+    freedom: float = 0.0
+    changes: tuple[Change, ...] = ()
+
+    @property
+    def excess(self) -> float:
+        """Variance of the residuals over that which the noise is stated to have; at least 1."""
+        return max(1.0, self.energy / self.freedom) if self.freedom else 1.0
+
+
+class Live:
+    """Learns from samples as they arrive.
+
+    Parameters
+    ----------
+    prior : Prior
+        The stored calibration, widened by the time since.
+    on_change : str
+        One of `ON_CHANGE`.
+    state : LiveState, optional
+        Of a process that ended; by default it begins with the prior.
+
+    Raises
+    ------
+    InputError
+        When the scale of the calibration is arbitrary.
+    """
+
+    def __init__(self, prior: Prior, on_change: str, state: LiveState | None = None) -> None:
+        if not prior.knows_scale:
+            raise InputError(
+                "the calibration was made without a scalar magnetometer, its scale is arbitrary and cannot be kept up "
+                "to date: calibrate with one"
+            )
+        self.on_change, self._calibration = on_change, prior.calibration
+        self._likelihood = MomentLikelihood(prior.errors, self._calibration.array, self._calibration.intensity_T)
+        self._walk = Walk(prior)
+        self._stored = Belief(prior.errors, prior.covariance, np.nan, np.nan)
+        self._window = ChangeWindow(prior, self._walk)
+        self._suspicion: Suspicion | None = None
+        self._rows: list[FloatArray] = []
+        self._problem = ""
+        self.state = state or LiveState(Recursion.at(self._stored), self._stored)
+
+    def add(self, rows: FloatArray) -> None:
+        """Take samples.
+
+        Parameters
+        ----------
+        rows : (n, 3K + 3) array
+            Stamp, seconds; readings, tesla; intensity, tesla, and temperature, °C, each NaN where there is none.
+        """
+        for row in rows:
+            if self._rows and not 0 <= row[0] - self._rows[0][0] < BLOCK_S:
+                block, self._rows = np.array(self._rows), []
+                self._take(block)
+            self._rows.append(row)
+
+    def news(self) -> Calibration | None:
+        """Return the calibration once it has changed by `PUBLISHED_FROM` since this returned one; else None."""
+        now = self.state.recursion.now
+        if self._suspicion is not None or self.state.published.distance(now.errors) < PUBLISHED_FROM:
+            return None
+        self.state = replace(self.state, published=now)
+        return self.calibration
+
+    @property
+    def calibration(self) -> Calibration:
+        """As it was published last; its residuals are those of the recording of the stored calibration."""
+        told, stored, learned = self.state.published, self._calibration, self.state.learned
+        if not learned:
+            return stored
+        remark = f"updated with {learned} samples since its recording, whose residuals these are"
+        return replace(
+            stored,
+            errors=told.errors,
+            covariance=told.covariance,
+            samples=stored.samples + learned,
+            time_span_s=(stored.time_span_s[0], max(stored.time_span_s[1], told.time_s)),
+            warnings=(*stored.warnings, remark),
+        )
+
+    @property
+    def sentence(self) -> str:
+        """What it does, for people."""
+        if self._problem:
+            return self._problem
+        if self._suspicion is not None:
+            names = " or ".join(each.hypothesis.name for each in self._suspicion.found)
+            return f"a change is looked into: {names}"
+        learned = f"updated with {self.state.learned} samples"
+        return f"not updated any more, {learned} before" if self.state.paused_by else learned
+
+    def _take(self, rows: FloatArray) -> None:
+        """Weigh a block, learn it, and decide."""
+        begin_s, end_s = float(rows[0, 0]), float(rows[-1, 0])
+        known = rows[np.isfinite(rows[:, -1]), -1]
+        temperature_C = float(known.mean()) if known.size else np.nan
+        readings = rows[:, 1:-2].reshape(len(rows), -1, 3)
+        moments = self._likelihood.moments(readings, rows[:, -2])
+        recursion = self.state.recursion.dated(begin_s, temperature_C)
+        here = self._likelihood.linearize(moments, recursion.now.errors)
+        step = Step(recursion.now, self.state.excess, here, moments, begin_s)
+        self._suspicion = self._window.add(step, end_s, temperature_C)
+        energy, freedom = _own_energy(here, moments)
+        self.state = replace(
+            self.state, recursion=recursion, energy=self.state.energy + energy, freedom=self.state.freedom + freedom
+        )
+        if not self.state.paused_by:
+            self._learn(moments, end_s, temperature_C)
+        if self._suspicion is not None and self._suspicion.is_decided:
+            self._decide(self._suspicion, end_s, temperature_C)
+        elif self._suspicion is None and self.state.paused_by and self._window.is_full:
+            self._go_on(end_s, temperature_C)
+
+    def _learn(self, moments: SampleMoments, end_s: float, temperature_C: float) -> None:
+        try:
+            recursion = self.state.recursion.after(moments, end_s, temperature_C, self._likelihood, self._walk)
+        except Refused as problem:
+            self._problem = str(problem)
+            return
+        self._problem = ""
+        self.state = replace(self.state, recursion=recursion, learned=self.state.learned + moments.count)
+
+    def _decide(self, suspicion: Suspicion, end_s: float, temperature_C: float) -> None:
+        """Do what is configured; what was told already, or is no change of sensors while nothing is learned, stays."""
+        of_field = not suspicion.found[0].hypothesis.is_of_sensors
+        if self.state.paused_by == "sensors" or (self.state.paused_by and of_field):
+            return
+        recursion, paused_by, done = Recursion.at(suspicion.step.before), "sensors", "it is not learned"
+        if of_field:
+            paused_by, done = "field", "nothing is learned while it lasts"
+        elif self.on_change == "learn":
+            recursion, paused_by, done = self._anew(suspicion, end_s, temperature_C), "", "it is learned anew"
+        elif self.on_change == "restore":
+            recursion, done = Recursion.at(self._stored).dated(end_s, temperature_C), "the stored calibration is back"
+        change = _change(suspicion, done)
+        changes = (*self.state.changes, change)[-MOST_CHANGES:]
+        self.state = replace(self.state, recursion=recursion, paused_by=paused_by, changes=changes)
+        self._window.clear()
+        self._suspicion = None
+
+    def _anew(self, suspicion: Suspicion, end_s: float, temperature_C: float) -> Recursion:
+        """Return the recursion from before a change on, in which what has changed is unknown."""
+        before, after = suspicion.step.before, suspicion.after
+        covariance = before.covariance + self._walk.covariance(before, end_s, temperature_C)
+        for evidence in suspicion.found:
+            directions = self._walk.kept(evidence.hypothesis.directions) * (WIDENED * evidence.reach)
+            covariance = covariance + directions @ directions.T
+        begin = replace(before, covariance=covariance, time_s=end_s)
+        moments = sum((step.moments for step in after), SampleMoments.none(before.errors.sensor_count))
+        try:
+            now = solve(begin, moments, end_s, before.temperature_C, self._likelihood, before.errors)
+        except Refused as problem:
+            self._problem = str(problem)
+            return Recursion.at(begin)
+        return Recursion(begin, moments, now)
+
+    def _go_on(self, end_s: float, temperature_C: float) -> None:
+        """Learn again: half a minute has shown nothing of the change."""
+        now = self.state.recursion.now
+        covariance = now.covariance + self._walk.covariance(now, end_s, temperature_C)
+        recursion = Recursion.at(replace(now, covariance=covariance, time_s=end_s))
+        self.state = replace(self.state, recursion=recursion, paused_by="")
+        self._window.clear()
+
+
+def _change(suspicion: Suspicion, done: str) -> Change:
+    first, *others = (evidence.hypothesis for evidence in suspicion.found)
+    sentence = suspicion.found[0].sentence
+    if others:
+        names = " or ".join(each.name for each in others)
+        sentence = f"{sentence}; or, which the motion cannot tell apart: {names}"
+    sensors = {each.sensor for each in (first, *others)}
+    sensor = first.sensor if len(sensors) == 1 else 0
+    kinds = tuple(dict.fromkeys(each.parameters for each in (first, *others)))
+    return Change(suspicion.step.begin_s, f"{sentence}; {done}", sensor, kinds)
+
+
+def _own_energy(here: Linearization, moments: SampleMoments) -> tuple[float, float]:
+    """Return the squared residuals that a block leaves when it is fitted by itself, and their degrees of freedom."""
+    count = len(here.gradient) // 12
+    freedom = moments.count * (3 * count - 3) + moments.scalar_count - (12 * count - 3)
+    if freedom <= 0:
+        return 0.0, 0.0
+    scale = np.sqrt(np.maximum(np.diag(here.information), np.finfo(float).tiny))
+    unit, gradient = here.information / np.outer(scale, scale), here.gradient / scale
+    fall = gradient @ np.linalg.solve(ridged(unit), gradient)
+    return max(here.differential + here.common_mode - float(fall), 0.0), float(freedom)

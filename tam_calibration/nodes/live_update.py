@@ -1,0 +1,198 @@
+"""The calibrator's update on the running samples: its parameters, what it publishes, and its state on disk."""
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from threading import Lock
+
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.files import calibration_from_yaml, calibration_to_yaml
+from tam_calibration.files.live_state import read_live_state, write_live_state
+from tam_calibration.files.overwriting import name_aside
+from tam_calibration.fit.live import ON_CHANGE, Live, LiveState
+from tam_calibration.fit.prior import has_date, prior_of
+from tam_calibration.messages.point_cloud import SampleLayout
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import FloatArray
+from tam_calibration.nodes.base import OK, WARN, TamNode
+from tam_calibration.nodes.node_parameters import Rule
+
+UPDATED = (
+    Rule("update", False, "Whether the calibration is kept up to date with the samples as they arrive."),
+    Rule(
+        "on_change",
+        "tell",
+        "When a sensor has changed: tell, learn it anew, or restore the stored calibration.",
+        choices=ON_CHANGE,
+        read_only=False,
+    ),
+)
+
+_STATE = ".live"
+"""End of the name of the file of the state, beside that of the samples."""
+
+
+class LiveUpdate:
+    """Keeps a calibration up to date where the parameter ``update`` says so.
+
+    Parameters
+    ----------
+    node : TamNode
+        Whose parameters `UPDATED` say what is done.
+    array : Array
+        That the samples are of.
+    samples_file : Path or None
+        Beside which the state is kept; None where nothing is kept.
+    publish : callable
+        Takes a calibration that has changed.
+    """
+
+    def __init__(
+        self, node: TamNode, array: Array, samples_file: Path | None, publish: Callable[[Calibration], None]
+    ) -> None:
+        self._node, self._array, self._publish = node, array, publish
+        self._path = samples_file and samples_file.with_name(samples_file.name + _STATE)
+        self._layout = SampleLayout.whole(array.sensor_count)
+        self._columns = [self._layout.columns.index(name) for name in ("scalar_T", "temperature_C")]
+        self._lock = Lock()
+        self._is_on = bool(node.value("update"))
+        self._stored: Calibration | None = None
+        self._text = ""
+        self._live: Live | None = None
+        self._state: LiveState | None = None
+        self._saved: LiveState | None = None
+        self._told = 0
+        self.problem = ""
+
+    def go_on(self, stored: Calibration | None) -> Calibration | None:
+        """Take up what a process before this one learned, and return what it published last; else what is stored.
+
+        Parameters
+        ----------
+        stored : Calibration or None
+            The calibration that the node was given.
+        """
+        if not self._is_on:
+            return stored
+        state = self._read(calibration_to_yaml(stored) if stored else "")
+        if state is None:
+            self._stored = stored
+            return stored
+        self._begin(calibration_from_yaml(self._text, str(self._path)), state.recursion.now.time_s, state)
+        if self._live is None:
+            return self._stored
+        self._node.get_logger().info(f"goes on with what was learned from {state.learned} samples, in {self._path}")
+        return self._live.calibration
+
+    def begin(self, stored: Calibration) -> None:
+        """Begin anew, with the next sample, with a calibration that was fitted."""
+        with self._lock:
+            self._live, self._stored, self.problem = None, stored, ""
+
+    def add(self, rows: FloatArray) -> None:
+        """Take whole samples (n, columns of the whole layout), and publish the calibration where it has changed."""
+        if not (self._is_on and len(rows)):
+            return
+        last = 1 + 3 * self._array.sensor_count
+        with self._lock:
+            if self._live is None and self._stored is not None and not self.problem:
+                self._begin(self._stored, float(rows[0, 0]), None)
+            live = self._live
+            if live is None:
+                return
+            live.on_change = self._node.value("on_change")
+            live.add(rows[:, [*range(last), *self._columns]])
+            news = live.news()
+        for change in live.state.changes[self._told :]:
+            self._node.get_logger().warning(f"{_when(change.since_s)}: {change.sentence}")
+        self._told = len(live.state.changes)
+        if news is not None:
+            self._publish(news)
+
+    def save(self) -> None:
+        """Save what has changed."""
+        live = self._live
+        if live is None or self._path is None or live.state is self._saved:
+            return
+        state = live.state
+        try:
+            write_live_state(self._path, state, self._text)
+        except InputError as problem:
+            self._path, self.problem = None, f"what is learned is not kept: {problem}"
+            self._node.get_logger().warning(self.problem)
+        self._saved = state
+
+    def sentence(self) -> str:
+        """Return what it does, for people; empty where it is off."""
+        if not self._is_on:
+            return ""
+        if self._live is None:
+            return self.problem or "updates once there is a calibration"
+        told = f"{self._live.sentence}; {self.problem}" if self.problem else self._live.sentence
+        changes = self._live.state.changes
+        return f"{told}; {_when(changes[-1].since_s)}: {changes[-1].sentence}" if changes else told
+
+    def figures(self) -> dict[str, object]:
+        """Return the figures for /diagnostics; nothing where it is off."""
+        if self._live is None:
+            return {}
+        state = self._live.state
+        last = state.changes[-1] if state.changes else None
+        return {
+            "learned": state.learned,
+            "paused_by": state.paused_by,
+            "changes": len(state.changes),
+            "changed_sensor": last.sensor if last else "",
+            "changed_parameters": " or ".join(last.parameters) if last else "",
+        }
+
+    @property
+    def level(self) -> bytes:
+        """Level of the health: a warning while nothing is learned."""
+        is_paused = self._live is not None and self._live.state.paused_by
+        level: bytes = WARN if self.problem or is_paused else OK
+        return level
+
+    def _begin(self, stored: Calibration, time_s: float, state: LiveState | None) -> None:
+        self._stored, self._text = stored, calibration_to_yaml(stored)
+        self._told = len(state.changes) if state else 0
+        if stored.effects:
+            names = ", ".join(fitted.effect for fitted in stored.effects)
+            self.problem = f"not updated: the calibration has effects ({names}), which an update does not take off"
+            return
+        try:
+            prior = prior_of(stored, time_s, None, self._array.change_rates)
+            self._live = Live(prior, self._node.value("on_change"), state)
+        except InputError as problem:
+            self.problem = f"not updated: {problem}"
+
+    def _read(self, stored: str) -> LiveState | None:
+        """Return the state on disk; one that is damaged or of another array or calibration is set aside."""
+        if self._path is None or not self._path.exists():
+            return None
+        try:
+            state, text = read_live_state(self._path, self._array.sensor_count)
+            if not calibration_from_yaml(text, str(self._path)).is_of(self._array):
+                raise InputError(f"{self._path} is of another array")
+            if stored not in ("", text):
+                raise InputError(f"{self._path} was learned beside another calibration than calibration_file")
+        except InputError as problem:
+            try:
+                aside = self._path.rename(name_aside(self._path))
+            except OSError as refused:
+                self._path, self.problem = (
+                    None,
+                    f"what is learned is not kept: {problem}, and cannot be moved: {refused}",
+                )
+                return None
+            self._node.get_logger().warning(f"{problem}: it is now {aside}, and the update begins anew")
+            return None
+        self._text = text
+        return state
+
+
+def _when(stamp_s: float) -> str:
+    if has_date(stamp_s):
+        return f"{datetime.fromtimestamp(stamp_s, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    return f"at {stamp_s:.0f} s"
