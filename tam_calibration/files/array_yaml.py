@@ -1,7 +1,7 @@
 """The array file: positions, rotations and noise of the sensors, with units in the keys."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +65,8 @@ class ArrayFile:
         rotations are those of these frames in tf.
     imu_frame_id : str, optional
         The same of the IMU.
+    further_channels : list of str, optional
+        Currents and actuators beside ``current_A`` that the nodes listen to: ``current_2_A``, ``actuator_rudder``.
     notes, recording
         Anything; not read.
     """
@@ -84,6 +86,7 @@ class ArrayFile:
     imu_rotation_quaternion: _Quaternion | None = None
     frame_ids: list[str] | None = None
     imu_frame_id: str | None = None
+    further_channels: list[str] = field(default_factory=list)
     notes: Any = None
     recording: Any = None
 
@@ -133,20 +136,21 @@ class ArrayFile:
         if self.vector_noise_nT is not None:
             stated = np.asarray(self.vector_noise_nT, dtype=float)
             vector_noise_T = from_nanotesla(np.full(array.sensor_count, stated) if stated.ndim == 0 else stated)
-        field = EARTH_FIELD
+        bounds = EARTH_FIELD
         if self.intensity_nT is not None:
             low_nT, high_nT = self.intensity_nT
-            field = FieldBounds(from_nanotesla(low_nT), from_nanotesla(high_nT))
+            bounds = FieldBounds(from_nanotesla(low_nT), from_nanotesla(high_nT))
         return Array(
             array.positions_m,
             vector_noise_T,
             None if self.scalar_noise_nT is None else from_nanotesla(self.scalar_noise_nT),
             None if self.scalar_position_m is None else np.array(self.scalar_position_m),
             None if self.axis_offsets_m is None else np.array(self.axis_offsets_m),
-            field,
+            bounds,
             None if self.delay_s is None else np.array(self.delay_s),
             self.scalar_delay_s,
             self._mounting(),
+            tuple(self.further_channels),
         )
 
     def _mounting(self) -> Mounting:
@@ -237,6 +241,8 @@ def array_to_mapping(array: Array) -> dict[str, Any]:
     if array.scalar_delay_s:
         content["scalar_delay_s"] = float(array.scalar_delay_s)
     content |= _mounting_to_mapping(array.mounting)
+    if array.further_channels:
+        content["further_channels"] = list(array.further_channels)
     if array.field != EARTH_FIELD:
         content["intensity_nT"] = nanotesla_to_write(np.array([array.field.low_T, array.field.high_T])).tolist()
     return content

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.further_channels import require_further
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.limits import BASELINE, DELAY, LENGTH, NOISE
 from tam_calibration.model.mounting import NOT_TURNED, Mounting
@@ -60,6 +61,8 @@ class Array:
         The same of the scalar magnetometer.
     mounting : Mounting
         How sensors and IMU are turned against the array's axes, in which a recording is once it is read.
+    further_channels : tuple of str
+        Currents and actuators beside ``current_A`` that the nodes listen to, see ``further_channels``.
 
     Raises
     ------
@@ -92,6 +95,7 @@ class Array:
     delay_s: FloatArray | None = None
     scalar_delay_s: float = 0.0
     mounting: Mounting = NOT_TURNED
+    further_channels: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
@@ -136,6 +140,7 @@ class Array:
         if not np.isfinite(self.scalar_delay_s):
             raise InputError(f"scalar_delay_s must be a finite number of seconds, not {self.scalar_delay_s}")
         self.mounting.require_sensors(len(positions))
+        object.__setattr__(self, "further_channels", require_further(self.further_channels))
         self._check_sizes()
 
     def _check_sizes(self) -> None:
