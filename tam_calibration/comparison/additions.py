@@ -192,7 +192,9 @@ def _check(mend: Mend, recording: Recording) -> None:
 def _check_channels(fitted: FittedEffect, recording: Recording) -> None:
     effect = effect_named(fitted.effect)
     if isinstance(effect, LinearEffect) and (missing := effect.needs(fitted)[len(effect.channels) :]):
-        raise InputError(f"{fitted.effect} follows {missing[0]}, which samples of a simulator do not have: leave it out")
+        raise InputError(
+            f"{fitted.effect} follows {missing[0]}, which samples of a simulator do not have: leave it out"
+        )
     for channel in effect.channels:
         if getattr(recording, channel) is None:
             raise InputError(f"{fitted.effect} follows the {_STATED_AS[channel]}: give {channel} of the simulation")

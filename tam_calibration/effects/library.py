@@ -114,4 +114,13 @@ def _some_covariates(errors: SensorErrors, array: Array, channels: Iterable[str]
     time_s = np.arange(float(_SAMPLES))
     field = _FIELD_T * np.column_stack([np.cos(time_s), np.sin(time_s), np.ones(_SAMPLES)])
     attitude = np.tile([0.0, 0.0, 0.0, 1.0], (_SAMPLES, 1))
-    return Covariates(time_s, field, errors, array, time_s, time_s, attitude, further=dict.fromkeys(filter(is_further, channels), time_s))
+    return Covariates(
+        time_s,
+        field,
+        errors,
+        array,
+        time_s,
+        time_s,
+        attitude,
+        further=dict.fromkeys(filter(is_further, channels), time_s),
+    )

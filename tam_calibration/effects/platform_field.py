@@ -96,7 +96,7 @@ class PlatformField(LinearEffect):
         """
         if jumps(covariates) is not None:
             return ({},)
-        return [{"time_constant_s": constant} for constant in time_constants_s(covariates)]
+        return [{"time_constant_s": constant} for constant in time_constants_s(covariates)[::2]]
 
     def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
         """Yield the eighteen terms of the scalar, the gradients of its eddy currents, and what follows each channel.
@@ -181,9 +181,7 @@ def _of_channel(covariates: Covariates, name: str, values: FloatArray) -> Iterat
     for sensor in range(covariates.sensor_count):
         yield Term(sensor, None, f"{name}, {_INDUCED}", parts, features, 3 * sensor + columns // 3, columns)
     parts = tuple(Coefficient(f"{name}, induced {'xyz'[i]}{'xyz'[j]}", "1") for i, j in _PAIRS)
-    yield Term.of_row(
-        covariates, covariates.scalar_row, f"{name}, {_INDUCED}", parts, _squares(covariates) * column
-    )
+    yield Term.of_row(covariates, covariates.scalar_row, f"{name}, {_INDUCED}", parts, _squares(covariates) * column)
 
 
 def _followed(covariates: Covariates, time_constant_s: float) -> FloatArray:

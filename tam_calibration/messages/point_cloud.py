@@ -117,7 +117,9 @@ class SampleLayout:
     @classmethod
     def of(cls, recording: Recording) -> "SampleLayout":
         """Return the layout of the samples of a recording."""
-        return cls(recording.sensor_count, *(values is not None for values in _channels(recording)), tuple(recording.further))
+        return cls(
+            recording.sensor_count, *(values is not None for values in _channels(recording)), tuple(recording.further)
+        )
 
     @classmethod
     def from_columns(cls, columns: Sequence[str]) -> "SampleLayout":

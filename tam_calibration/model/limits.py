@@ -18,8 +18,8 @@ LARGEST = {
 }
 """Size of a value of each channel, SI. Nanoseconds in 64 bits end at 9.2e9 s, in the year 2262. A field in picotesla
 that is taken for tesla is 5e7, and told as such by the check of units. No sensor is as hot as 10 000 °C, and no current
-near it a million amperes; an actuator's angle, speed or power is no larger in its unit. A quaternion has length 1, and drivers that do not divide by it are near that."""
-
+near it a million amperes; an actuator's angle, speed or power is no larger in its unit. A quaternion has length 1, and
+drivers that do not divide by it are near that."""
 
 
 def largest_of(stream: str) -> float:

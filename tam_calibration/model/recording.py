@@ -1,7 +1,7 @@
 """The data of one run, checked, and what the fits need of any source of samples."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, NamedTuple, Protocol, cast
 
 import numpy as np
@@ -150,13 +150,13 @@ class Recording:
         self._check_time()
 
     def _check_shapes(self) -> None:
-        for name, value in self._values().items():
+        for name, value in self.values().items():
             shape: tuple[int, ...] = (self.sample_count, 4) if name == "attitude" else (self.sample_count,)
             if name != "readings_T" and value.shape != shape:
                 raise InputError(f"{name} must have the shape {shape} to match the readings, not {value.shape}")
 
     def _check_sizes(self) -> None:
-        for name, value in self._values().items():
+        for name, value in self.values().items():
             is_channel, largest = name not in ("time_s", "readings_T"), LARGEST[name.partition("_")[0]]
             bad = np.abs(value) > largest if is_channel else ~(np.abs(value) <= largest)
             if bad.any():
@@ -271,7 +271,7 @@ class Recording:
         InputError
             When no sample is selected, or the order of time is not kept.
         """
-        taken = {name: value[index] for name, value in self._values().items()}
+        taken = {name: value[index] for name, value in self.values().items()}
         return Recording.of_values(taken)
 
     def channel(self, name: str) -> FloatArray | None:
@@ -301,8 +301,14 @@ class Recording:
         own = {name: value for name, value in values.items() if name in _FIELDS}
         return cls(**own, further={name: value for name, value in values.items() if name not in _FIELDS})
 
-    def _values(self) -> dict[str, FloatArray]:
-        """Return the fields that are there, and the further channels, by name."""
+    def values(self) -> dict[str, FloatArray]:
+        """Return what there is by name, further channels among it, as ``of_values`` takes it.
+
+        Returns
+        -------
+        dict of str to array
+            ``time_s``, ``readings_T`` and the channels in the order of their columns.
+        """
         own = {name: value for name in _FIELDS if (value := getattr(self, name)) is not None}
         return own | dict(self.further)
 
@@ -329,7 +335,7 @@ class Recording:
         >>> list(frame.columns[:4])
         ['b1x_T', 'b1y_T', 'b1z_T', 'b2x_T']
         """
-        return conversion.to_pandas(self._values())
+        return conversion.to_pandas(self.values())
 
     @classmethod
     def from_pandas(cls, frame: "pandas.DataFrame") -> "Recording":
@@ -383,7 +389,7 @@ class Recording:
         >>> dataset["scalar_T"].attrs["units"]
         'T'
         """
-        return conversion.to_xarray(self._values())
+        return conversion.to_xarray(self.values())
 
     @classmethod
     def from_xarray(cls, dataset: "xarray.Dataset") -> "Recording":

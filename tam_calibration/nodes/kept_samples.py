@@ -55,7 +55,9 @@ class KeptSamples:
     def __init__(self, node: TamNode, array: Array) -> None:
         self._node, self.problem, self.saved = node, "", 0
         self._file: SampleFile | None = None
-        self.store = SampleStore(SampleLayout.whole(array.sensor_count, array.further_channels), node.value("max_samples"))
+        self.store = SampleStore(
+            SampleLayout.whole(array.sensor_count, array.further_channels), node.value("max_samples")
+        )
         try:
             self.remark = self._go_on(node.value("samples_file"), array)
         except InputError as problem:

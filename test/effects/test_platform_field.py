@@ -35,7 +35,9 @@ def terms_of(covariates, shape=SHAPE):
 def test_the_scalar_has_eighteen_terms(turning):
     """Three permanent, six induced, nine of eddy currents of the first mode; no current is needed."""
     covariates = replace(turning(), current_A=None)
-    counts = {name: len(term.coefficients) for (sensor, _, name), term in terms_of(covariates).items() if sensor == SCALAR}
+    counts = {
+        name: len(term.coefficients) for (sensor, _, name), term in terms_of(covariates).items() if sensor == SCALAR
+    }
     assert counts == {"permanent": 3, "induced": 6, "first mode": 9, "slower mode": 9}
 
 

@@ -1,4 +1,4 @@
-"""Further currents and actuators: one name tells column, topic and unit, and a recording keeps them through all it does."""
+"""Further currents and actuators: a name tells column, topic and unit, and a recording keeps them whatever it does."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,9 @@ def test_a_name_and_its_topic_tell_each_other(name, topic):
     assert named_by(topic) == name
 
 
-@pytest.mark.parametrize("name", ["current_A", "current_1_A", "current_02_A", "current_100_A", "rudder", "actuator_Rudder"])
+@pytest.mark.parametrize(
+    "name", ["current_A", "current_1_A", "current_02_A", "current_100_A", "rudder", "actuator_Rudder"]
+)
 def test_other_names_are_none(name):
     """The first current keeps its old name, and whoever names another channel so is told how it is done."""
     assert not is_further(name)
@@ -71,15 +73,3 @@ def test_values_that_are_none_are_refused(values, sentence):
     """By name, as those of other channels are."""
     with pytest.raises(InputError, match=sentence):
         recording(current_2_A=values)
-
-
-@pytest.mark.parametrize("library", ["pandas", "xarray"])
-def test_tables_and_datasets_hold_them(library):
-    """And give them back."""
-    pytest.importorskip(library)
-    made = recording(current_2_A=np.arange(4.0), actuator_rudder=np.arange(4.0) / 10)
-    table = getattr(made, f"to_{library}")()
-    back = getattr(Recording, f"from_{library}")(table)
-    assert list(back.further) == list(made.further)
-    for name, values in made.further.items():
-        assert_array_equal(back.further[name], values)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.random import Generator
 
-from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.model.units import FloatArray, from_degrees
 from tam_calibration.validation.blind.continuous_motion import about
 from tam_calibration.validation.blind.disturbance import ALL, Disturbance, Signal, draw_direction
 from tam_calibration.validation.blind.processes import draw_wander
@@ -137,13 +137,13 @@ def _shells(rng: Generator, scene: Scene, hull: list[Body], places: FloatArray) 
         fine_s = np.arange(-8 * own_s, scene.duration_s + scene.step_s, min(scene.step_s, own_s) / _FINE)
         field = scene.field_at(fine_s)
         answer = -1.5 * body.volume_m3 / _PERMEABILITY * body.tensor(*rng.uniform(0.5, 1.0, 2))
-        moment = _driven(np.diff(field, axis=0) @ answer.T, float(fine_s[1] - fine_s[0]), own_s)
+        moment = driven(np.diff(field, axis=0) @ answer.T, float(fine_s[1] - fine_s[0]), own_s)
         sampled = np.stack([np.interp(scene.time_s, fine_s, one) for one in moment.T], axis=1)
         total += np.einsum("pij,nj->npi", body.dipole(places), sampled)
     return total
 
 
-def _driven(steps: FloatArray, step_s: float, time_constant_s: float) -> FloatArray:
+def driven(steps: FloatArray, step_s: float, time_constant_s: float) -> FloatArray:
     """Return (n + 1, 3) what steps (n, 3) drive and a resistance damps, by the trapezoidal rule from nothing."""
     half = step_s / (2 * time_constant_s)
     keep, gain = (1 - half) / (1 + half), 1 / (1 + half)
