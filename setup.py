@@ -76,6 +76,7 @@ setup(
             f"nonlinearity = {NAME}.effects.nonlinearity:Nonlinearity",
             f"time_skew = {NAME}.effects.time_skew:TimeSkew",
             f"eddy_current = {NAME}.effects.eddy_current:EddyCurrent",
+            f"platform_field = {NAME}.effects.platform_field:PlatformField",
             f"ambient_gradient = {NAME}.effects.ambient_gradient:AmbientGradient",
             f"scalar_heading_error = {NAME}.effects.scalar_heading_error:ScalarHeadingError",
             f"geomagnetic_drift = {NAME}.effects.geomagnetic_drift:GeomagneticDrift",

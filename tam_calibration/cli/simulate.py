@@ -13,7 +13,8 @@ from numpy.linalg import norm
 from tam_calibration.cli.terminal import PATH, write_together
 from tam_calibration.files.bag_storages import DEFAULT, STORAGES, storage_alone
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.further_channels import channel_in_words
+from tam_calibration.model.recording import CHANNELS, Recording
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
 if TYPE_CHECKING:
@@ -203,14 +204,14 @@ def beside(output: Path, ending: str) -> Path:
 
 def _summary(recording: Recording, intensity_T: FloatArray, rate_hz: float, seed: int) -> dict[str, Any]:
     """Return what was made, for programs."""
-    optional = ("scalar_T", "temperature_C", "current_A", "attitude")
+    present = [name for name in CHANNELS if recording.channel(name) is not None]
     return {
         "samples": recording.sample_count,
         "sensors": recording.sensor_count,
         "rate_hz": rate_hz,
         "duration_s": float(np.ptp(recording.time_s)),
         "intensity_nT": float(to_nanotesla(intensity_T.mean())),
-        "channels": [name.partition("_")[0] for name in optional if getattr(recording, name) is not None],
+        "channels": [channel_in_words(name) for name in (*present, *recording.further)],
         "seed": seed,
     }
 

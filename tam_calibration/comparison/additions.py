@@ -190,7 +190,12 @@ def _check(mend: Mend, recording: Recording) -> None:
 
 
 def _check_channels(fitted: FittedEffect, recording: Recording) -> None:
-    for channel in effect_named(fitted.effect).channels:
+    effect = effect_named(fitted.effect)
+    if isinstance(effect, LinearEffect) and (missing := effect.needs(fitted)[len(effect.channels) :]):
+        raise InputError(
+            f"{fitted.effect} follows {missing[0]}, which samples of a simulator do not have: leave it out"
+        )
+    for channel in effect.channels:
         if getattr(recording, channel) is None:
             raise InputError(f"{fitted.effect} follows the {_STATED_AS[channel]}: give {channel} of the simulation")
 
@@ -212,6 +217,7 @@ def _covariates(mend: Mend, recording: Recording, errors: SensorErrors, first_s:
         recording.temperature_C,
         recording.current_A,
         recording.attitude,
+        further=recording.further,
     )
 
 

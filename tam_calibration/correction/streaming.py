@@ -1,5 +1,6 @@
 """Correcting samples as they arrive, in batches of any size, with what is known of them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +9,8 @@ from tam_calibration.correction.calibration import Calibration, Corrected
 from tam_calibration.correction.partial import PartialCorrection
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.effects.removal import EffectStream, linear_effect, on_sensors
+from tam_calibration.effects.removal import EffectStream, linear_effect, removable
+from tam_calibration.model.further_channels import channel_in_words
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -25,11 +27,14 @@ class CorrectedBatch:
         Of each; an effect that could not be taken off counts with its size over the recording of the calibration.
     left_in : tuple of str
         Names of the effects that could not be taken off some of the samples.
+    scalar_T : (N,) array, optional
+        The scalar's readings without the effects, tesla; None where there are none.
     """
 
     outputs: FloatArray
     standard_errors: FloatArray
     left_in: tuple[str, ...]
+    scalar_T: FloatArray | None = None
 
 
 def correct(recording: Recording, calibration: Calibration) -> Corrected:
@@ -66,13 +71,21 @@ def correct(recording: Recording, calibration: Calibration) -> Corrected:
     return calibration.correct(recording)
 
 
-def why_left_in(name: str) -> str:
-    """Return, in one clause, what keeps an effect from being taken off samples as they arrive."""
+def why_left_in(name: str, channels: Sequence[str] | None = None) -> str:
+    """Return, in one clause, what keeps an effect from being taken off samples as they arrive.
+
+    Parameters
+    ----------
+    name : str
+        Of the effect.
+    channels : sequence of str, optional
+        Names of the channels that it needs; by default those of its class.
+    """
     effect = effect_named(name)
     if isinstance(effect, LinearEffect) and not effect.is_causal:
         return f"{name} needs later samples, tam correct takes it off a recording"
-    channels = " and ".join(channel.partition("_")[0] for channel in effect.channels)
-    return f"{name} needs the {channels}, and none arrives"
+    needed = " and ".join(map(channel_in_words, effect.channels if channels is None else channels))
+    return f"{name} needs the {needed}, and none arrives"
 
 
 class Correction:
@@ -90,11 +103,12 @@ class Correction:
     def __init__(self, calibration: Calibration) -> None:
         self._calibration, self.partial = calibration, PartialCorrection(calibration)
         sizes = zip(calibration.effects, calibration.effect_sizes, strict=True)
-        own = [(on_sensors(fitted), size.rms) for fitted, size in sizes]
-        kept = [(fitted, rms) for fitted, rms in own if fitted is not None]
+        removed = {id(fitted) for fitted in removable(calibration.effects) if not linear_effect(fitted).is_of_site}
+        kept = [(fitted, size.rms) for fitted, size in sizes if id(fitted) in removed]
         kept.sort(key=lambda one: not linear_effect(one[0]).is_causal)
         live = [fitted for fitted, _ in kept if linear_effect(fitted).is_causal]
         self._names = tuple(fitted.effect for fitted, _ in kept)
+        self._needs = {fitted.effect: linear_effect(fitted).needs(fitted) for fitted, _ in kept}
         self._squares = np.array([rms**2 for _, rms in kept]).reshape(-1, 9)
         self._stream = EffectStream(live, calibration.errors, calibration.array) if live else None
 
@@ -102,6 +116,16 @@ class Correction:
     def takes_off(self) -> tuple[str, ...]:
         """Names of the effects that go with the array."""
         return self._names
+
+    def why_left_in(self, name: str) -> str:
+        """Return, in one clause, what keeps an effect of the calibration from being taken off.
+
+        Parameters
+        ----------
+        name : str
+            Of the effect.
+        """
+        return why_left_in(name, self._needs[name])
 
     def correct(self, recording: Recording, codes: IntArray | None = None) -> CorrectedBatch:
         """Return the results of the next samples.
@@ -114,10 +138,11 @@ class Correction:
             Which sensors are missing: see ``missing_codes``.
         """
         readings = recording.readings_T
-        is_left = np.ones((recording.sample_count, len(self._names)), dtype=bool)
+        is_left, scalar = np.ones((recording.sample_count, len(self._names)), dtype=bool), recording.scalar_T
         if self._stream is not None:
             added = self._stream.added(recording)
             readings = readings - added.rows_T[:, :-1].reshape(readings.shape)
+            scalar = None if scalar is None else scalar - added.rows_T[:, -1]
             is_left[:, : added.is_known.shape[1]] = ~added.is_known
         outputs, variance = self._calibration.apply(readings), is_left @ self._squares
         if codes is None:
@@ -126,4 +151,4 @@ class Correction:
             self.partial.put(outputs, readings, codes)
             variance = np.square(self.partial.standard_errors(codes)) + self.partial.growth(codes) * variance
         left_in = tuple(name for name, left in zip(self._names, is_left.T, strict=True) if left.any())
-        return CorrectedBatch(outputs, np.sqrt(variance), left_in)
+        return CorrectedBatch(outputs, np.sqrt(variance), left_in, scalar)

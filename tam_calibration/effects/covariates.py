@@ -1,6 +1,7 @@
 """Covariates: field, channels and attitude at each sample, of which effects are functions."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -40,6 +41,8 @@ class Covariates:
         State of the recursions, where these samples continue others.
     follows_attitude : bool
         Whether the field is a constant one of the world, rotated by the attitude, and not made of readings.
+    further : mapping of str to (N,) array
+        Further currents and actuators by name, finite.
     """
 
     time_s: FloatArray
@@ -51,6 +54,7 @@ class Covariates:
     attitude: FloatArray | None = None
     memory: Memory | None = None
     follows_attitude: bool = False
+    further: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def sample_count(self) -> int:
@@ -95,16 +99,16 @@ class Covariates:
         """Return the covariates at the samples that a slice, mask or index selects."""
         channels = (self.temperature_C, self.current_A, self.attitude)
         temperature, current, attitude = (None if channel is None else channel[index] for channel in channels)
-        field, time = self.field_T[index], self.time_s[index]
         return Covariates(
-            time,
-            field,
+            self.time_s[index],
+            self.field_T[index],
             self.errors,
             self.array,
             temperature,
             current,
             attitude,
             follows_attitude=self.follows_attitude,
+            further={name: values[index] for name, values in self.further.items()},
         )
 
 

@@ -33,6 +33,7 @@ class CurrentInterference(LinearEffect):
     excitation: ClassVar[str] = "switch or vary the current several times while the array turns"
     looks_like: ClassVar[dict[str, int]] = {"function_of_time": 2, "function_of_neighbours": 1}
     is_any_course: ClassVar[bool] = True
+    limit_of: ClassVar[tuple[str, ...]] = ("platform_field",)
     surrogates: ClassVar[SurrogateKind] = "of_channel"
     shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s", "reference_A": "A"}
     limits: ClassVar[Mapping[str, Limit]] = {

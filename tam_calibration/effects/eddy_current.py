@@ -22,10 +22,10 @@ _LONGEST_S = 10.0
 _COUNT = 7
 """Time constants that are tried, close enough for a refinement."""
 
-_SLOWER = 5.0
+SLOWER = 5.0
 """Ratio of the time constant of the slower mode to that of the first."""
 
-_LIMIT = Limit(
+LIMIT = Limit(
     1.0,
     "currents in a passive conductor at most keep its field: that of a sphere of perfect conductance is at its pole as "
     "large as the change; Jackson, Classical Electrodynamics, 3rd edition, Wiley, 1999, section 5.11",
@@ -49,7 +49,7 @@ class EddyCurrent(LinearEffect):
     looks_like: ClassVar[dict[str, int]] = {"function_of_neighbours": 4, "function_of_rate": 2}
     is_causal: ClassVar[bool] = False
     shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s"}
-    limits: ClassVar[Mapping[str, Limit]] = {"first mode": _LIMIT, "slower mode": _LIMIT}
+    limits: ClassVar[Mapping[str, Limit]] = {"first mode": LIMIT, "slower mode": LIMIT}
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no continuous motion, where there is none."""
@@ -67,13 +67,7 @@ class EddyCurrent(LinearEffect):
         residuals : WhitenedResiduals
             Not used: the constants follow from the motion.
         """
-        shortest = _SHORTEST * covariates.step_s
-        change = np.diff(covariates.field_T, axis=0)
-        turning = np.sum(change**2) / np.sum(np.diff(covariates.time_s)) / covariates.step_s
-        spread = np.mean(np.sum((covariates.field_T - covariates.field_T.mean(axis=0)) ** 2, axis=1))
-        slowest = float(np.sqrt(spread / turning))
-        longest = max(min(_LONGEST_S, slowest), 2 * shortest)
-        return [{"time_constant_s": float(constant)} for constant in np.geomspace(shortest, longest, _COUNT)]
+        return [{"time_constant_s": constant} for constant in time_constants_s(covariates)]
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return what each sensor gets of the currents, and of a second mode that decays more slowly.
@@ -88,7 +82,7 @@ class EddyCurrent(LinearEffect):
         constant = shape["time_constant_s"]
         columns = np.arange(9)
         terms = []
-        late, later = _late(covariates, constant), _late(covariates, _SLOWER * constant)
+        late, later = followed(covariates, constant), followed(covariates, SLOWER * constant)
         for name, change in (("first mode", covariates.field_T - late), ("slower mode", late - later)):
             features = np.tile(change, 3)
             parts = tuple(Coefficient(f"{name}, {of}", "1") for of in _NAMES)
@@ -97,8 +91,34 @@ class EddyCurrent(LinearEffect):
         return terms
 
 
-def _late(covariates: Covariates, time_constant_s: float) -> FloatArray:
-    """Return the field after a first-order lag, settled anew behind every hole."""
+def time_constants_s(covariates: Covariates) -> list[float]:
+    """Return the time constants to try, seconds: from part of a step of time to the time in which the field turns.
+
+    Parameters
+    ----------
+    covariates : Covariates
+        Time and field of the N samples.
+    """
+    shortest = _SHORTEST * covariates.step_s
+    change = np.diff(covariates.field_T, axis=0)
+    turning = np.sum(change**2) / np.sum(np.diff(covariates.time_s)) / covariates.step_s
+    spread = np.mean(np.sum((covariates.field_T - covariates.field_T.mean(axis=0)) ** 2, axis=1))
+    slowest = float(np.sqrt(spread / turning))
+    longest = max(min(_LONGEST_S, slowest), 2 * shortest)
+    constants: list[float] = np.geomspace(shortest, longest, _COUNT).tolist()
+    return constants
+
+
+def followed(covariates: Covariates, time_constant_s: float) -> FloatArray:
+    """Return the field (N, 3) after a first-order lag, tesla, settled anew behind every hole.
+
+    Parameters
+    ----------
+    covariates : Covariates
+        Time and field of the N samples.
+    time_constant_s : float
+        Of the lag, seconds.
+    """
     field, rate = covariates.field_T, rates(covariates)
     parts = [
         lagged_smooth(field[stretch], rate[stretch], covariates.time_s[stretch], time_constant_s)

@@ -297,6 +297,16 @@ class LinearEffect(Effect):
             return [*sizes, Sized("part of the field", size / intensity_T, self.largest_signal)]
         return [*sizes, Sized("size", size, self.largest_signal)]
 
+    def needs(self, fitted: FittedEffect) -> tuple[str, ...]:
+        """Return the names of the channels that tell what a fitted effect adds; by default those of the class.
+
+        Parameters
+        ----------
+        fitted : FittedEffect
+            With its numbers.
+        """
+        return self.channels
+
     def is_within(self, other: str) -> bool:
         """Whether the effect of another name explains all, or nearly all, that this one does."""
         return other in self.limit_of or other in self.nearly_within

@@ -1,6 +1,6 @@
 """All effects that are installed, ours and those that other packages bring by an entry point, and their numbers."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from functools import cache
 from importlib.metadata import entry_points
 
@@ -11,6 +11,7 @@ from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.further_channels import is_further
 from tam_calibration.model.sensor_errors import SensorErrors
 
 GROUP = "tam_calibration.effects"
@@ -82,7 +83,7 @@ def units_of(fitted: FittedEffect, errors: SensorErrors, array: Array) -> dict[s
     if not isinstance(effect, LinearEffect):
         units: dict[str, str] = dict(getattr(effect, "units", {}))
         return units
-    terms = effect.terms(_some_covariates(errors, array), fitted.shape)
+    terms = effect.terms(_some_covariates(errors, array, effect.needs(fitted)), fitted.shape)
     return dict(effect.shape_units) | {part.name: part.unit for term in terms for part in term.coefficients}
 
 
@@ -105,12 +106,21 @@ def check_numbers(fitted: FittedEffect, errors: SensorErrors, array: Array) -> N
     """
     effect = effect_named(fitted.effect)
     if isinstance(effect, LinearEffect):
-        effect.signal(_some_covariates(errors, array), fitted)
+        effect.signal(_some_covariates(errors, array, effect.needs(fitted)), fitted)
 
 
-def _some_covariates(errors: SensorErrors, array: Array) -> Covariates:
+def _some_covariates(errors: SensorErrors, array: Array, channels: Iterable[str]) -> Covariates:
     """Return arbitrary covariates with all channels: names and units of coefficients do not depend on them."""
     time_s = np.arange(float(_SAMPLES))
     field = _FIELD_T * np.column_stack([np.cos(time_s), np.sin(time_s), np.ones(_SAMPLES)])
     attitude = np.tile([0.0, 0.0, 0.0, 1.0], (_SAMPLES, 1))
-    return Covariates(time_s, field, errors, array, time_s, time_s, attitude)
+    return Covariates(
+        time_s,
+        field,
+        errors,
+        array,
+        time_s,
+        time_s,
+        attitude,
+        further=dict.fromkeys(filter(is_further, channels), time_s),
+    )

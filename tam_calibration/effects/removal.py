@@ -14,6 +14,7 @@ from tam_calibration.effects.recursions import Memory
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import SCALAR, FittedEffect
+from tam_calibration.model.further_channels import channel_in_words
 from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -70,7 +71,7 @@ class EffectStream:
         self._newest_s = float(recording.time_s[-1])
         unbiased = (recording.readings_T - self._errors.bias_T).reshape(recording.sample_count, -1)
         total = np.zeros((recording.sample_count, unbiased.shape[1] + 1))
-        is_known = np.column_stack([_knows(recording, effect.channels) for effect, _ in self._effects])
+        is_known = np.column_stack([_knows(recording, effect.needs(fitted)) for effect, fitted in self._effects])
         for memories in self._memories:
             covariates = Covariates(
                 recording.time_s,
@@ -80,6 +81,7 @@ class EffectStream:
                 recording.temperature_C,
                 recording.current_A,
                 recording.attitude,
+                further=recording.further,
             )
             total = np.zeros_like(total)
             for (effect, fitted), memory, known in zip(self._effects, memories, is_known.T, strict=True):
@@ -138,8 +140,8 @@ def require_channels(recording: Recording, effects: Iterable[FittedEffect]) -> N
         It names the effect and what is missing.
     """
     for fitted in effects:
-        needed = linear_effect(fitted).channels
-        missing = [name.partition("_")[0] for name in needed if getattr(recording, name) is None]
+        needed = linear_effect(fitted).needs(fitted)
+        missing = [channel_in_words(name) for name in needed if recording.channel(name) is None]
         if missing:
             channels = " and ".join(missing)
             raise InputError(
@@ -149,7 +151,7 @@ def require_channels(recording: Recording, effects: Iterable[FittedEffect]) -> N
 
 
 def filled(recording: Recording) -> Recording:
-    """Return the recording with holes in temperature, current and attitude filled from their neighbours."""
+    """Return the recording with holes in temperature, currents, actuators and attitude filled from their neighbours."""
     channels = {}
     for name in ("temperature_C", "current_A", "attitude"):
         values = getattr(recording, name)
@@ -161,7 +163,11 @@ def filled(recording: Recording) -> Recording:
             channels[name] = values[known][nearest.astype(int)]
         else:
             channels[name] = np.interp(recording.time_s, recording.time_s[known], values[known])
-    return replace(recording, **channels)
+    further = {
+        name: np.interp(recording.time_s, recording.time_s[np.isfinite(values)], values[np.isfinite(values)])
+        for name, values in recording.further.items()
+    }
+    return replace(recording, **channels, further=further)
 
 
 def attitude_known(recording: Recording) -> NDArray[np.bool_] | None:
@@ -202,7 +208,7 @@ def linear_effect(fitted: FittedEffect) -> LinearEffect:
 def _knows(recording: Recording, channels: Sequence[str]) -> NDArray[np.bool_]:
     known = np.ones(recording.sample_count, dtype=bool)
     for name in channels:
-        values = getattr(recording, name)
+        values = recording.channel(name)
         if values is None:
             return np.zeros_like(known)
         known &= np.isfinite(values).reshape(len(values), -1).all(axis=1)

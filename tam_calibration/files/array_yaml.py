@@ -1,7 +1,7 @@
 """The array file: positions, rotations and noise of the sensors, with units in the keys."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +74,8 @@ class ArrayFile:
     mounting_error_deg : float, optional
         Standard deviation of how the attitude's sensor is turned against the array beside what ``imu_rotation_deg``
         states; left out where that turn may be any.
+    further_channels : list of str, optional
+        Currents and actuators beside ``current_A`` that the nodes listen to: ``current_2_A``, ``actuator_rudder``.
     notes, recording
         Anything; not read.
     """
@@ -96,6 +98,7 @@ class ArrayFile:
     change_rates: RatesFile | None = None
     attitude_noise_deg: float | None = None
     mounting_error_deg: float | None = None
+    further_channels: list[str] = field(default_factory=list)
     notes: Any = None
     recording: Any = None
 
@@ -145,23 +148,24 @@ class ArrayFile:
         if self.vector_noise_nT is not None:
             stated = np.asarray(self.vector_noise_nT, dtype=float)
             vector_noise_T = from_nanotesla(np.full(array.sensor_count, stated) if stated.ndim == 0 else stated)
-        field = EARTH_FIELD
+        bounds = EARTH_FIELD
         if self.intensity_nT is not None:
             low_nT, high_nT = self.intensity_nT
-            field = FieldBounds(from_nanotesla(low_nT), from_nanotesla(high_nT))
+            bounds = FieldBounds(from_nanotesla(low_nT), from_nanotesla(high_nT))
         return Array(
             array.positions_m,
             vector_noise_T,
             None if self.scalar_noise_nT is None else from_nanotesla(self.scalar_noise_nT),
             None if self.scalar_position_m is None else np.array(self.scalar_position_m),
             None if self.axis_offsets_m is None else np.array(self.axis_offsets_m),
-            field,
+            bounds,
             None if self.delay_s is None else np.array(self.delay_s),
             self.scalar_delay_s,
             self._mounting(),
             None if self.change_rates is None else self.change_rates.to_rates(),
             None if self.attitude_noise_deg is None else from_degrees(self.attitude_noise_deg),
             None if self.mounting_error_deg is None else from_degrees(self.mounting_error_deg),
+            tuple(self.further_channels),
         )
 
     def _mounting(self) -> Mounting:
@@ -257,6 +261,8 @@ def array_to_mapping(array: Array) -> dict[str, Any]:
     for name, angle in (("attitude_noise_deg", array.attitude_noise), ("mounting_error_deg", array.mounting_error)):
         if angle is not None:
             content[name] = float(degrees_to_write(np.array(angle)))
+    if array.further_channels:
+        content["further_channels"] = list(array.further_channels)
     if array.field != EARTH_FIELD:
         content["intensity_nT"] = nanotesla_to_write(np.array([array.field.low_T, array.field.high_T])).tolist()
     return content

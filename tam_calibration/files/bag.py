@@ -21,7 +21,7 @@ from tam_calibration.files.text_files import in_file, require_regular
 from tam_calibration.messages.batch_stream import StreamMessages
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME, RawMessages
-from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS
+from tam_calibration.messages.point_cloud import is_channel
 from tam_calibration.messages.run import Run
 from tam_calibration.messages.samples import Progress, Samples, seconds_of
 from tam_calibration.messages.topics import StreamTopics, find_topics
@@ -29,7 +29,7 @@ from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused, quoted
-from tam_calibration.model.limits import LARGEST
+from tam_calibration.model.limits import largest_of
 from tam_calibration.model.units import FloatArray, IntArray
 
 PATIENCE_NS = 5_000_000_000
@@ -317,8 +317,8 @@ def _kept(
 
 def _usable(synchroniser: BatchSynchroniser, stream: str, messages: StreamMessages) -> StreamMessages:
     """Return the messages of a stream that have a time and values, as the collector takes them; the others count."""
-    is_beyond = np.abs(messages.values) > LARGEST.get(stream, LARGEST["readings"])
-    is_missing = is_beyond if stream in CHANNEL_COLUMNS else is_beyond | np.isnan(messages.values)
+    is_beyond = np.abs(messages.values) > largest_of(stream)
+    is_missing = is_beyond if is_channel(stream) else is_beyond | np.isnan(messages.values)
     usable = ~is_missing.any(axis=1)
     if messages.stamps_ns is not None:
         usable &= messages.stamps_ns != NO_TIME

@@ -19,6 +19,7 @@ from tam_calibration.messages.point_cloud import FRAME_ID
 from tam_calibration.messages.samples import pieces, stamps_of
 from tam_calibration.messages.topics import CHANNEL_TOPICS, FLOAT64, IMU, MAGNETIC_FIELD, TEMPERATURE, sensor_topic
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.further_channels import topic_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -132,6 +133,7 @@ def write_bag_recording(path: Path, recording: Recording, storage: str = DEFAULT
     ):
         if values is not None:
             topics.append((CHANNEL_TOPICS[channel], msgtype, values.reshape(len(values), -1)))
+    topics += [(topic_of(name), FLOAT64, values[:, None]) for name, values in recording.further.items()]
     with write_bag(path, storage) as writer:
         _write_rows(writer, stamps_ns, [(f"/{topic}", msgtype, values) for topic, msgtype, values in topics])
 

@@ -13,6 +13,7 @@ from tam_calibration.files.text_files import in_file, nanotesla_to_write, requir
 from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS, SampleLayout
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.exceptions import InputError, quoted
+from tam_calibration.model.further_channels import is_further, require_further
 from tam_calibration.model.recording import BLOCK, Recording, require_sensor_count
 from tam_calibration.model.units import NANOTESLA_PER_TESLA, TESLA_PER_FIELD_UNIT, FloatArray, from_nanotesla
 
@@ -143,7 +144,7 @@ _SHORTEST_STEP_S = 1e-6
 """From sample to sample in the mean: no array reads a million times a second."""
 
 _FIELD_COLUMN = re.compile(rf"(b([1-9]\d{{,8}})[xyz]|scalar)_({'|'.join(TESLA_PER_FIELD_UNIT)})")
-_EXPECTED = "time_s,b1x_nT,b1y_nT,b1z_nT,…[,scalar_nT][,temperature_C][,current_A][,qx,qy,qz,qw]"
+_EXPECTED = "time_s,b1x_nT,b1y_nT,b1z_nT,…[,scalar_nT][,temperature_C][,current_A][,qx,qy,qz,qw][,current_2_A,…][,actuator_NAME,…]"
 
 
 def read_csv_recording(path: Path) -> Recording:
@@ -223,7 +224,7 @@ def _standard_columns(names: list[str], table: FloatArray) -> dict[str, FloatArr
         if match := _FIELD_COLUMN.fullmatch(name):
             standard, values = f"{match[1]}_T", _to_tesla(values, match[3])
             _require_field(name, values)
-        elif name not in known:
+        elif name not in known and not is_further(name):
             raise InputError(f"column {quoted(name)} is not known: a recording has the columns {_EXPECTED}")
         if standard in columns:
             raise InputError(f"column {quoted(name)} is there twice")
@@ -260,7 +261,8 @@ def _layout(columns: dict[str, FloatArray]) -> SampleLayout:
     if not sensors:
         raise InputError(f"there is no sensor's column: a recording has the columns {_EXPECTED}")
     require_sensor_count(max(sensors))
-    layout = SampleLayout(max(sensors), *(any(name in columns for name in group) for group in CHANNEL_COLUMNS.values()))
+    channels = [any(name in columns for name in group) for group in CHANNEL_COLUMNS.values()]
+    layout = SampleLayout(max(sensors), *channels, require_further(filter(is_further, columns)))
     missing = [name for name in layout.columns if name not in columns]
     if missing:
         raise InputError(f"column {missing[0].replace('_T', '_nT')} is missing (of {max(sensors)} sensors)")

@@ -88,8 +88,9 @@ class RecordingStream:
             )
         self._columns["time_s"].append(piece.time_s)
         self._columns["readings_T"].append(piece.readings_T)
-        for name, shape in _CHANNELS.items():
-            values = getattr(piece, name)
+        further = dict.fromkeys([*self._columns, *piece.further]).keys() - {"time_s", "readings_T", *CHANNELS}
+        for name, shape in (_CHANNELS | dict.fromkeys(sorted(further), ())).items():
+            values = piece.channel(name)
             if values is None and name not in self._columns:
                 continue
             column = self._columns.setdefault(name, _Column(shape))
@@ -136,8 +137,8 @@ class RecordingStream:
         if stride == 1:
             return self.whole()
         places = self._places(np.arange(0, self.sample_count, stride))
-        return Recording(
-            **{
+        return Recording.of_values(
+            {
                 name: np.concatenate([column.read(place, 1) for place in places])
                 for name, column in self._columns.items()
             }
@@ -157,7 +158,7 @@ class RecordingStream:
         """Return all samples in memory, with all channels."""
         names = list(self._columns)
         parts = zip(*self._read(names), strict=True)
-        return Recording(**{name: np.concatenate(part) for name, part in zip(names, parts, strict=True)})
+        return Recording.of_values({name: np.concatenate(part) for name, part in zip(names, parts, strict=True)})
 
     def _places(self, index: "NDArray[np.integer] | list[int]") -> "NDArray[np.integer]":
         """Return where in the files some samples lie."""

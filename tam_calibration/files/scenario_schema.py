@@ -192,6 +192,17 @@ class _Current:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Switched:
+    low: Ampere
+    high: Ampere
+    period_s: Period
+    noise: _Spread = 0.0
+
+    def build(self) -> instruments.Current:
+        return instruments.Current(self.low, self.high, self.period_s, self.noise)
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Attitude:
     noise_deg: _Spread = 0.0
 
@@ -221,6 +232,7 @@ class ScenarioFile:
     scalar: _Scalar | None = None
     temperature: _Temperature | None = None
     current: _Current | None = None
+    further_channels: dict[str, _Switched] = field(default_factory=dict)
     attitude: _Attitude | None = None
     effects: list[EffectFile] = field(default_factory=list)
 
@@ -243,6 +255,7 @@ class ScenarioFile:
             current=None if self.current is None else instruments.Current(**asdict(self.current)),
             attitude=None if self.attitude is None else self.attitude.build(),
             effects=tuple(effect.to_fitted() for effect in self.effects),
+            further={name: channel.build() for name, channel in self.further_channels.items()},
         )
 
     def _site_gradient_T_per_m(self) -> FloatArray | None:

@@ -103,6 +103,10 @@ class Candidate:
             temperature if "temperature_C" in channels else None,
             current if "current_A" in channels else None,
             attitude if "attitude" in channels else None,
+            further={
+                name: np.interp(phase, np.linspace(0, 1, now.sample_count), values)
+                for name, values in now.further.items()
+            },
         )
 
     def _attitude(self, time_s: FloatArray) -> FloatArray:
@@ -220,6 +224,7 @@ class Setting:
             covariates.temperature_C,
             covariates.current_A,
             covariates.attitude,
+            covariates.further,
         )
         model = self.model
         world = None if covariates.attitude is None or model.world is None else model.world.aligned

@@ -134,6 +134,7 @@ class WhitenedChannels:
             recording.temperature_C,
             recording.current_A,
             recording.attitude,
+            further=recording.further,
         )
         return cls(
             recording,
@@ -200,6 +201,7 @@ class WhitenedChannels:
             recording.current_A,
             attitude,
             follows_attitude=True,
+            further=recording.further,
         )
         rows = (recording.readings_T - errors.bias_T).reshape(count, -1) - added[:, :-1] - covariates.sensed_T
         return cls(

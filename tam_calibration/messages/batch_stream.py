@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.interpolation import BEFORE, interpolated
-from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS
+from tam_calibration.messages.point_cloud import columns_of, is_channel
 from tam_calibration.messages.stream import HeldStream, IntensityStream, InterpolatedStream, Stream
 from tam_calibration.messages.timeline import STEP_NS
 from tam_calibration.model.mounting import Turn
@@ -381,4 +381,4 @@ class Between:
 
 def width_of(stream: Stream) -> int:
     """Return the number of columns of a stream."""
-    return len(CHANNEL_COLUMNS.get(stream.name, "xyz"))
+    return len(columns_of(stream.name)) if is_channel(stream.name) else 3

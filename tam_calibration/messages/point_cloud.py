@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.conversion import ATTITUDE_COLUMNS, reading_columns
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.limits import LARGEST, SHORTEST_ATTITUDE
+from tam_calibration.model.further_channels import is_further, require_further
+from tam_calibration.model.limits import LARGEST, SHORTEST_ATTITUDE, largest_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
@@ -32,7 +33,18 @@ CHANNEL_COLUMNS = {
     "current": ("current_A",),
     "attitude": ATTITUDE_COLUMNS,
 }
-"""Columns of the channels beside the sensors, in their order in a sample."""
+"""Columns of the channels beside the sensors, in their order in a sample; those of further channels follow."""
+
+
+def columns_of(channel: str) -> tuple[str, ...]:
+    """Return the columns of a channel; a further one is its own."""
+    return CHANNEL_COLUMNS.get(channel, (channel,))
+
+
+def is_channel(stream: str) -> bool:
+    """Whether a stream is a channel beside the sensors, or a further one."""
+    return stream in CHANNEL_COLUMNS or is_further(stream)
+
 
 FIELD_GRADIENT_COLUMNS = (*OUTPUT_NAMES, *(f"{name}_standard_error" for name in OUTPUT_NAMES))
 """Columns of ``field_gradient``: outputs in T and T/m, then their standard errors."""
@@ -75,6 +87,8 @@ class SampleLayout:
         Number of sensors K.
     scalar, temperature, current, attitude : bool
         Whether the channel has a column (the attitude four); a value that is missing is NaN.
+    further : tuple of str
+        Further currents and actuators by the names of their columns, in their order.
     """
 
     sensor_count: int
@@ -82,27 +96,30 @@ class SampleLayout:
     temperature: bool = False
     current: bool = False
     attitude: bool = False
+    further: tuple[str, ...] = ()
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns in SI: time_s, b1x_T … bKz_T, scalar_T, temperature_C, current_A, qx … qw."""
-        channels = (column for channel in self.channels for column in CHANNEL_COLUMNS[channel])
+        """Names of the columns in SI: time_s, b1x_T … bKz_T, scalar_T, temperature_C, current_A, qx … qw, further."""
+        channels = (column for channel in self.channels for column in columns_of(channel))
         return ("time_s", *reading_columns(self.sensor_count), *channels)
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels that there are, in the order of their columns."""
-        return tuple(channel for channel in CHANNEL_COLUMNS if getattr(self, channel))
+        return (*(channel for channel in CHANNEL_COLUMNS if getattr(self, channel)), *self.further)
 
     @classmethod
-    def whole(cls, sensor_count: int) -> "SampleLayout":
-        """Return the layout with all channels."""
-        return cls(sensor_count, scalar=True, temperature=True, current=True, attitude=True)
+    def whole(cls, sensor_count: int, further: tuple[str, ...] = ()) -> "SampleLayout":
+        """Return the layout with all channels, and some further ones."""
+        return cls(sensor_count, scalar=True, temperature=True, current=True, attitude=True, further=further)
 
     @classmethod
     def of(cls, recording: Recording) -> "SampleLayout":
         """Return the layout of the samples of a recording."""
-        return cls(recording.sensor_count, *(values is not None for values in _channels(recording)))
+        return cls(
+            recording.sensor_count, *(values is not None for values in _channels(recording)), tuple(recording.further)
+        )
 
     @classmethod
     def from_columns(cls, columns: Sequence[str]) -> "SampleLayout":
@@ -114,7 +131,8 @@ class SampleLayout:
             When no layout has them in this order.
         """
         sensor_count = sum(name.startswith("b") and name.endswith("x_T") for name in columns)
-        layout = cls(sensor_count, *(names[0] in columns for names in CHANNEL_COLUMNS.values()))
+        further = require_further(filter(is_further, columns))
+        layout = cls(sensor_count, *(names[0] in columns for names in CHANNEL_COLUMNS.values()), further)
         if layout.columns != tuple(columns) or sensor_count == 0:
             raise InputError(f"samples must have the columns {', '.join(layout.columns)}, not {', '.join(columns)}")
         return layout
@@ -129,13 +147,14 @@ class SampleLayout:
         """Return which of (N, columns) rows a recording can hold: of sizes that can be, the readings known."""
         first, sizes = 1 + 3 * self.sensor_count, np.abs(rows)
         has_readings = (sizes[:, :first] <= self._largest[:first]).all(axis=1)
-        has_attitude = ~(sizes[:, -4:] < SHORTEST_ATTITUDE).all(axis=1) | (not self.attitude)
+        last = len(self._largest) - len(self.further)
+        has_attitude = ~(sizes[:, last - 4 : last] < SHORTEST_ATTITUDE).all(axis=1) | (not self.attitude)
         return np.asarray(has_readings & has_attitude & ~(sizes[:, first:] > self._largest[first:]).any(axis=1))
 
     @cached_property
     def _largest(self) -> FloatArray:
         """(columns,) sizes that no value goes beyond."""
-        channels = [LARGEST[channel] for channel in self.channels for _ in CHANNEL_COLUMNS[channel]]
+        channels = [largest_of(channel) for channel in self.channels for _ in columns_of(channel)]
         return np.array([LARGEST["time"], *[LARGEST["readings"]] * 3 * self.sensor_count, *channels])
 
     def are_partial(self, rows: FloatArray) -> NDArray[np.bool_]:
@@ -150,7 +169,7 @@ class SampleLayout:
         """Return the (N, columns) rows of a recording."""
         readings = recording.readings_T.reshape(recording.sample_count, -1)
         present = [values for values in _channels(recording) if values is not None]
-        return np.column_stack([recording.time_s, readings, *present])
+        return np.column_stack([recording.time_s, readings, *present, *recording.further.values()])
 
     def recording(self, rows: FloatArray) -> Recording:
         """Return the recording of (N, columns) rows.
@@ -166,14 +185,15 @@ class SampleLayout:
         present = {}
         first = 1 + 3 * self.sensor_count
         for channel in self.channels:
-            last = first + len(CHANNEL_COLUMNS[channel])
+            last = first + len(columns_of(channel))
             if not np.isnan(rows[:, first:last]).all():
                 present[channel] = rows[:, first:last]
             first = last
         scalar, temperature, current = (
             present[channel][:, 0] if channel in present else None for channel in ("scalar", "temperature", "current")
         )
-        return Recording(rows[:, 0], readings, scalar, temperature, current, present.get("attitude"))
+        further = {name: present[name][:, 0] for name in self.further if name in present}
+        return Recording(rows[:, 0], readings, scalar, temperature, current, present.get("attitude"), further)
 
 
 def _channels(recording: Recording) -> tuple[FloatArray | None, ...]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS, SampleLayout
+from tam_calibration.messages.point_cloud import SampleLayout, columns_of, is_channel
 from tam_calibration.messages.silence import BEFORE_ALL, SILENCE_NS, Silence
 from tam_calibration.messages.stream import (
     HeldStream,
@@ -44,7 +44,6 @@ REMEMBERED = 16
 # Stamps of successive epochs are set apart by more than any stamp, so that one number orders all messages.
 _EPOCH = 1 << 64
 _NO_READING = (float("nan"),) * 3
-_NO_VALUE = {channel: (float("nan"),) * len(columns) for channel, columns in CHANNEL_COLUMNS.items()}
 
 
 class Sample(NamedTuple):
@@ -83,7 +82,7 @@ class Synchroniser:
     expected : collection of str
         Channels that are waited for from the first sample; others once they have been seen.
     maximum_age_ns : mapping
-        How old a held value may be, by channel.
+        How old a held value may be, by channel; that of a further one is that of the current.
     capacity : int
         Greatest number of waiting messages of a stream.
     delay_s : (K,) or (K + 1,) array, optional
@@ -120,10 +119,11 @@ class Synchroniser:
         channels: list[Stream] = [
             IntensityStream(name, tolerance_ns, name in expected)
             if name == "scalar" and not scalar_is_held
-            else HeldStream(name, maximum_age_ns[name], name in expected)
+            else HeldStream(name, maximum_age_ns.get(name, maximum_age_ns["current"]), name in expected)
             for name in layout.channels
         ]
         self._partners = [*self._sensors[1:], *channels]
+        self._no_value = {name: (float("nan"),) * len(columns_of(name)) for name in layout.channels}
         self._streams: dict[str, Stream] = {stream.name: stream for stream in [*self._sensors, *channels]}
         self._epoch = 0
         self._newest = self._horizon = self._hold_horizon = self._last_delivered = self._epoch_start = BEFORE_ALL
@@ -146,7 +146,7 @@ class Synchroniser:
     def usage(self) -> Usage:
         """How many of sensor 1's samples were used, and why not the others."""
         first, *others = self._sensors
-        channels = [stream for name, stream in self._streams.items() if name in CHANNEL_COLUMNS]
+        channels = [stream for name, stream in self._streams.items() if is_channel(name)]
         return Usage.of(self.delivered, first, others, self._patience_ns, channels)
 
     @property
@@ -307,7 +307,7 @@ class Synchroniser:
         if len(stream.buffer) > self._capacity:
             stream.buffer.popleft()
             stream.losses.unmatched += 1
-        if stream.name in CHANNEL_COLUMNS:
+        if stream.name in self._no_value:
             stream.awaited = True
         elif key > self._newest:
             if key - self._newest > self._silence.limit_ns:
@@ -411,7 +411,7 @@ class Synchroniser:
     def _join(self, key: int, values: Sequence[float], partners: list[Message | None]) -> Sample:
         joined = list(values)
         for stream, message in zip(self._partners, partners, strict=True):
-            joined += _NO_VALUE.get(stream.name, _NO_READING) if message is None else message[1]
+            joined += self._no_value.get(stream.name, _NO_READING) if message is None else message[1]
             if message is not None:
                 stream.take(message)
         self._last_delivered = key

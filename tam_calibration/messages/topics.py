@@ -11,6 +11,7 @@ from tam_calibration.messages.cdr import RawMessages, read_float64s, read_stampe
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.further_channels import is_further, named_by, require_further
 from tam_calibration.model.units import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ class StreamTopics:
         """Return for each stream the function that reads stamps and values of its messages."""
         decoders: dict[str, _Decoder] = dict.fromkeys(self.connections, _vectors)
         channels: dict[str, _Decoder] = {"temperature": _temperatures, "current": read_float64s, "attitude": _attitudes}
+        channels |= dict.fromkeys(self.layout.further, read_float64s)
         channels["scalar"] = read_float64s if self.scalar_is_held else _norms
         return decoders | {name: decoder for name, decoder in channels.items() if name in decoders}
 
@@ -99,7 +101,11 @@ def find_topics(connections: Sequence["Connection"], sensor_count: int | None) -
     for channel, topic in CHANNEL_TOPICS.items():
         if namespace + topic in by_topic:
             chosen[channel] = _require(by_topic, namespace + topic, _CHANNEL_TYPES[channel])
-    layout = SampleLayout(sensor_count or highest, *(channel in chosen for channel in CHANNEL_TOPICS))
+    for topic in sorted(by_topic):
+        if topic.startswith(namespace) and (name := named_by(topic.removeprefix(namespace))):
+            chosen[name] = _require(by_topic, topic, (FLOAT64,))
+    further = require_further(filter(is_further, chosen))
+    layout = SampleLayout(sensor_count or highest, *(channel in chosen for channel in CHANNEL_TOPICS), further)
     return StreamTopics(namespace, layout, chosen)
 
 

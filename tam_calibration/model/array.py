@@ -7,6 +7,7 @@ import numpy as np
 
 from tam_calibration.model.change_rates import ChangeRates
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.further_channels import require_further
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.limits import ATTITUDE_NOISE, BASELINE, DELAY, LENGTH, MOUNTING_ERROR, NOISE
 from tam_calibration.model.mounting import NOT_TURNED, Mounting
@@ -69,6 +70,8 @@ class Array:
     mounting_error : float, optional
         Standard deviation of the turn, about each axis, of the attitude's frame against the array's, radians; None
         where that turn may be any.
+    further_channels : tuple of str
+        Currents and actuators beside ``current_A`` that the nodes listen to, see ``further_channels``.
 
     Raises
     ------
@@ -104,6 +107,7 @@ class Array:
     change_rates: ChangeRates | None = None
     attitude_noise: float | None = None
     mounting_error: float | None = None
+    further_channels: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
@@ -148,6 +152,7 @@ class Array:
         if not np.isfinite(self.scalar_delay_s):
             raise InputError(f"scalar_delay_s must be a finite number of seconds, not {self.scalar_delay_s}")
         self.mounting.require_sensors(len(positions))
+        object.__setattr__(self, "further_channels", require_further(self.further_channels))
         self._check_sizes()
 
     def _check_sizes(self) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.further_channels import is_further, unit_of
 from tam_calibration.model.units import FloatArray
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ def to_pandas(values: Mapping[str, FloatArray]) -> "pandas.DataFrame":
     columns |= {name: values[name] for name in _SINGLE_CHANNELS if name in values}
     if "attitude" in values:
         columns |= zip(ATTITUDE_COLUMNS, values["attitude"].T, strict=True)
+    columns |= {name: channel for name, channel in values.items() if is_further(name)}
     frame: pandas.DataFrame = table.DataFrame(columns, index=table.Index(values["time_s"], name="time_s"))
     return frame
 
@@ -77,7 +79,8 @@ def from_pandas(frame: "pandas.DataFrame") -> dict[str, FloatArray]:
     if missing := [name for name in needed if name not in names]:
         raise InputError(f"column {missing[0]!r} is missing: a recording of {sensors} sensors has {', '.join(needed)}")
     allowed = [*needed, *_SINGLE_CHANNELS]
-    if others := [name for name in names if name not in allowed]:
+    further = [name for name in names if is_further(str(name))]
+    if others := [name for name in names if name not in allowed and name not in further]:
         raise InputError(f"column {others[0]!r} is not known: a recording has {', '.join(allowed)}")
     if len(set(names)) < len(names):
         raise InputError("a column is there twice")
@@ -87,7 +90,7 @@ def from_pandas(frame: "pandas.DataFrame") -> dict[str, FloatArray]:
         raise InputError(f"the table holds what is not a number: {problem}") from None
     readings = np.column_stack([columns[name] for name in reading_columns(sensors)]).reshape(-1, sensors, 3)
     values = {"time_s": columns["time_s"], "readings_T": readings}
-    values |= {name: columns[name] for name in _SINGLE_CHANNELS if name in columns}
+    values |= {name: columns[name] for name in (*_SINGLE_CHANNELS, *further) if name in columns}
     return values | ({"attitude": np.column_stack([columns[name] for name in attitude])} if attitude else {})
 
 
@@ -105,13 +108,10 @@ def to_xarray(values: Mapping[str, FloatArray]) -> "xarray.Dataset":
         When xarray is not installed.
     """
     numbers = np.arange(1, values["readings_T"].shape[1] + 1)
-    used = {dimension for name in values if name != "time_s" for dimension in _DIMENSIONS[name]}
+    used = {dimension for name in values if name != "time_s" for dimension in _dimensions(name)}
     labels = {name: label for name, label in _COMPONENTS.items() if name in used}
-    variables = {
-        name: (dimensions, values[name], {"units": _UNITS[name]})
-        for name, dimensions in _DIMENSIONS.items()
-        if name in values
-    }
+    order = [*_DIMENSIONS, *filter(is_further, values)]
+    variables = {name: (_dimensions(name), values[name], {"units": _unit(name)}) for name in order if name in values}
     time = ("time_s", values["time_s"], {"units": _UNITS["time_s"]})
     dataset: xarray.Dataset = _library("xarray").Dataset(variables, {"time_s": time, "sensor": numbers, **labels})
     return dataset
@@ -125,21 +125,31 @@ def from_xarray(dataset: "xarray.Dataset") -> dict[str, FloatArray]:
     InputError
         When a variable, dimension or label is missing, or a variable or unit is another.
     """
-    if others := [name for name in dataset.data_vars if name not in _DIMENSIONS]:
+    if others := [name for name in dataset.data_vars if name not in _DIMENSIONS and not is_further(str(name))]:
         raise InputError(f"variable {others[0]!r} is not known: a recording has {', '.join(_DIMENSIONS)}")
     if missing := [name for name in ("time_s", "readings_T") if name not in dataset.variables]:
         raise InputError(f"variable {missing[0]!r} is missing: a recording has {', '.join(('time_s', *_DIMENSIONS))}")
     values = {"time_s": np.asarray(dataset["time_s"], dtype=float)}
     for name in map(str, dataset.data_vars):
         variable = dataset[name]
-        if (unit := variable.attrs.get("units", _UNITS[name])) != _UNITS[name]:
-            raise InputError(f"variable {name} is in {unit!r} and must be in {_UNITS[name]!r}")
+        dimensions, own_unit = _dimensions(name), _unit(name)
+        if (unit := variable.attrs.get("units", own_unit)) != own_unit:
+            raise InputError(f"variable {name} is in {unit!r} and must be in {own_unit!r}")
         try:
-            chosen = {each: _COMPONENTS[each] for each in _DIMENSIONS[name] if each in _COMPONENTS}
-            values[name] = np.asarray(variable.transpose(*_DIMENSIONS[name]).sel(chosen), dtype=float)
+            chosen = {each: _COMPONENTS[each] for each in dimensions if each in _COMPONENTS}
+            values[name] = np.asarray(variable.transpose(*dimensions).sel(chosen), dtype=float)
         except (KeyError, ValueError) as problem:
-            raise InputError(f"variable {name} must have the dimensions {_DIMENSIONS[name]}: {problem}") from None
+            raise InputError(f"variable {name} must have the dimensions {dimensions}: {problem}") from None
     return values
+
+
+def _dimensions(name: str) -> tuple[str, ...]:
+    """Return the dimensions of a variable; a further channel is one number for each time."""
+    return _DIMENSIONS.get(name, ("time_s",))
+
+
+def _unit(name: str) -> str:
+    return _UNITS[name] if name in _UNITS else unit_of(name)
 
 
 def _library(name: str) -> Any:

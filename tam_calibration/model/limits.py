@@ -13,11 +13,19 @@ LARGEST = {
     "scalar": 1e9,
     "temperature": 1e4,
     "current": 1e6,
+    "actuator": 1e6,
     "attitude": 10.0,
 }
 """Size of a value of each channel, SI. Nanoseconds in 64 bits end at 9.2e9 s, in the year 2262. A field in picotesla
 that is taken for tesla is 5e7, and told as such by the check of units. No sensor is as hot as 10 000 °C, and no current
-near it a million amperes. A quaternion has length 1, and drivers that do not divide by it are near that."""
+near it a million amperes; an actuator's angle, speed or power is no larger in its unit. A quaternion has length 1, and
+drivers that do not divide by it are near that."""
+
+
+def largest_of(stream: str) -> float:
+    """Return the size that no value of a stream goes beyond: of a channel, a further channel or a sensor."""
+    return LARGEST.get(stream.partition("_")[0], LARGEST["readings"])
+
 
 LEAST_SPREAD_T = 1e-15
 """Of the readings of an axis that is turned in a field: the noise of the best SQUIDs alone is more."""

@@ -1,13 +1,14 @@
 """The data of one run, checked, and what the fits need of any source of samples."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, NamedTuple, Protocol, cast
 
 import numpy as np
 
 from tam_calibration.model import conversion
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.further_channels import require_further
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.limits import LARGEST, LEAST_SPREAD_T, SHORTEST_ATTITUDE
 from tam_calibration.model.units import FloatArray
@@ -100,6 +101,8 @@ class Recording:
         Current that may disturb the sensors, ampere; NaN where there is none.
     attitude : (N, 4) array, optional
         Quaternion x, y, z, w that turns vectors of the array frame into the world's; NaN where there is none.
+    further : mapping of str to (N,) array
+        Further currents and actuators by their names, see ``further_channels``; NaN where there is none.
 
     Raises
     ------
@@ -123,15 +126,19 @@ class Recording:
     temperature_C: FloatArray | None = None
     current_A: FloatArray | None = None
     attitude: FloatArray | None = None
+    further: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check shapes, finiteness and the order of time."""
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for name in _FIELDS:
+            value = getattr(self, name)
             if value is not None:
                 array = np.asarray(value, dtype=float)
-                is_absent = field.name in CHANNELS and bool(np.isnan(array).all())
-                object.__setattr__(self, field.name, None if is_absent else array)
+                is_absent = name in CHANNELS and bool(np.isnan(array).all())
+                object.__setattr__(self, name, None if is_absent else array)
+        further = {name: np.asarray(self.further[name], dtype=float) for name in require_further(self.further)}
+        present = {name: values for name, values in further.items() if not np.isnan(values).all()}
+        object.__setattr__(self, "further", present)
         if self.readings_T.ndim != 3 or self.readings_T.shape[2] != 3 or self.readings_T.shape[1] < 1:
             raise InputError(f"readings must have the shape (samples, sensors, 3), not {self.readings_T.shape}")
         require_sensor_count(self.sensor_count)
@@ -143,15 +150,14 @@ class Recording:
         self._check_time()
 
     def _check_shapes(self) -> None:
-        for name in ("time_s", *CHANNELS):
-            value = getattr(self, name)
+        for name, value in self.values().items():
             shape: tuple[int, ...] = (self.sample_count, 4) if name == "attitude" else (self.sample_count,)
-            if value is not None and value.shape != shape:
+            if name != "readings_T" and value.shape != shape:
                 raise InputError(f"{name} must have the shape {shape} to match the readings, not {value.shape}")
 
     def _check_sizes(self) -> None:
-        for name, value in self._values().items():
-            is_channel, largest = name in CHANNELS, LARGEST[name.partition("_")[0]]
+        for name, value in self.values().items():
+            is_channel, largest = name not in ("time_s", "readings_T"), LARGEST[name.partition("_")[0]]
             bad = np.abs(value) > largest if is_channel else ~(np.abs(value) <= largest)
             if bad.any():
                 index = np.argwhere(bad)[0]
@@ -265,11 +271,46 @@ class Recording:
         InputError
             When no sample is selected, or the order of time is not kept.
         """
-        return replace(self, **{name: value[index] for name, value in self._values().items()})
+        taken = {name: value[index] for name, value in self.values().items()}
+        return Recording.of_values(taken)
 
-    def _values(self) -> dict[str, FloatArray]:
-        """Return the fields that are there, by name."""
-        return {field.name: value for field in fields(self) if (value := getattr(self, field.name)) is not None}
+    def channel(self, name: str) -> FloatArray | None:
+        """Return the values of a channel, or of a further one, by its name; None where it was not recorded.
+
+        Parameters
+        ----------
+        name : str
+            One of ``CHANNELS``, or of ``further``.
+        """
+        return cast("FloatArray | None", getattr(self, name)) if name in CHANNELS else self.further.get(name)
+
+    @classmethod
+    def of_values(cls, values: Mapping[str, FloatArray]) -> "Recording":
+        """Make a recording of its values by their names, further channels among them.
+
+        Parameters
+        ----------
+        values : mapping of str to array
+            The fields that are there, and each further channel, as in the class.
+
+        Raises
+        ------
+        InputError
+            As the class does, and when a name is not known.
+        """
+        own = {name: value for name, value in values.items() if name in _FIELDS}
+        return cls(**own, further={name: value for name, value in values.items() if name not in _FIELDS})
+
+    def values(self) -> dict[str, FloatArray]:
+        """Return what there is by name, further channels among it, as ``of_values`` takes it.
+
+        Returns
+        -------
+        dict of str to array
+            ``time_s``, ``readings_T`` and the channels in the order of their columns.
+        """
+        own = {name: value for name in _FIELDS if (value := getattr(self, name)) is not None}
+        return own | dict(self.further)
 
     def to_pandas(self) -> "pandas.DataFrame":
         """Return the samples as a table, one row each.
@@ -278,7 +319,7 @@ class Recording:
         -------
         pandas.DataFrame
             Index ``time_s``; columns as in a CSV file but SI: b1x_T, b1y_T, b1z_T … bKz_T along the sensors' own axes,
-            then what there is of scalar_T, temperature_C, current_A, qx, qy, qz, qw.
+            then what there is of scalar_T, temperature_C, current_A, qx, qy, qz, qw, and the further channels.
 
         Raises
         ------
@@ -294,7 +335,7 @@ class Recording:
         >>> list(frame.columns[:4])
         ['b1x_T', 'b1y_T', 'b1z_T', 'b2x_T']
         """
-        return conversion.to_pandas(self._values())
+        return conversion.to_pandas(self.values())
 
     @classmethod
     def from_pandas(cls, frame: "pandas.DataFrame") -> "Recording":
@@ -322,7 +363,7 @@ class Recording:
         >>> Recording.from_pandas(frame[frame.index < 100]).readings_T.shape
         (100, 4, 3)
         """
-        return cls(**conversion.from_pandas(frame))
+        return cls.of_values(conversion.from_pandas(frame))
 
     def to_xarray(self) -> "xarray.Dataset":
         """Return the samples as a dataset with labelled dimensions.
@@ -348,7 +389,7 @@ class Recording:
         >>> dataset["scalar_T"].attrs["units"]
         'T'
         """
-        return conversion.to_xarray(self._values())
+        return conversion.to_xarray(self.values())
 
     @classmethod
     def from_xarray(cls, dataset: "xarray.Dataset") -> "Recording":
@@ -377,7 +418,7 @@ class Recording:
         >>> Recording.from_xarray(dataset.isel(time_s=slice(100))).readings_T.shape
         (100, 4, 3)
         """
-        return cls(**conversion.from_xarray(dataset))
+        return cls.of_values(conversion.from_xarray(dataset))
 
     def check_plausible(self, field: FieldBounds = EARTH_FIELD) -> None:
         """Check that readings and scalar can be those of a field in tesla that the array was turned in.
@@ -417,3 +458,7 @@ class Recording:
         if self.scalar_T is not None:
             field.require_intensity(float(np.nanmedian(self.scalar_T)))
         field.require_readings(np.median(np.linalg.norm(self.readings_T, axis=2), axis=0))
+
+
+_FIELDS = tuple(each.name for each in fields(Recording) if each.name != "further")
+"""Names of the values that have a field of their own."""

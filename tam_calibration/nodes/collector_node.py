@@ -26,7 +26,8 @@ from tam_calibration.messages.topics import CHANNEL_TOPICS, sensor_topic
 from tam_calibration.messages.turning import turns_of
 from tam_calibration.messages.usage import Usage
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.limits import LARGEST, SHORTEST_ATTITUDE
+from tam_calibration.model.further_channels import topic_of
+from tam_calibration.model.limits import SHORTEST_ATTITUDE, largest_of
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.cloud import cloud_writer, make_cloud, to_stamp
 from tam_calibration.nodes.frames import FrameCheck
@@ -73,7 +74,7 @@ class Collector(TamNode):
         sensor_count = self._array.sensor_count
         self._turns = turns_of(self._array.mounting)
         self._frames = FrameCheck(self._array.mounting, self.get_logger().warning)
-        self._layout = SampleLayout.whole(sensor_count)
+        self._layout = SampleLayout.whole(sensor_count, self._array.further_channels)
         self._sensors = [sensor_stream(sensor + 1) for sensor in range(sensor_count)]
         self._frame_id: str = self.value("frame_id")
         self._coverage = LiveCoverage()
@@ -198,6 +199,7 @@ class Collector(TamNode):
             (Imu, CHANNEL_TOPICS["attitude"], "attitude", self._take_attitude),
             (Temperature, CHANNEL_TOPICS["temperature"], "temperature", self._take_temperature),
             (Float64, CHANNEL_TOPICS["current"], "current", partial(self._take_number, "current")),
+            *((Float64, topic_of(name), name, partial(self._take_number, name)) for name in self._layout.further),
         ]
         topics = [
             (kind, topic, partial(self._take, topic, stream, take)) for kind, topic, stream, take in sensors + channels
@@ -238,7 +240,7 @@ class Collector(TamNode):
         self._push(stream, None, (read_float64(message),))
 
     def _push(self, stream: str, stamp_ns: int | None, values: Sequence[float]) -> None:
-        largest = LARGEST.get(stream, LARGEST["readings"])
+        largest = largest_of(stream)
         if any(abs(value) > largest for value in values):
             raise InputError(f"a value is infinite, or beyond {largest:g}")
         if self._synchroniser is None:

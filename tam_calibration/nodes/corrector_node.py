@@ -15,7 +15,7 @@ from visualization_msgs.msg import Marker
 from tam_calibration.correction.agreement import ScalarAgreement
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.partial import missing_codes, sensors_of
-from tam_calibration.correction.streaming import Correction, why_left_in
+from tam_calibration.correction.streaming import Correction
 from tam_calibration.files import calibration_from_yaml, read_calibration
 from tam_calibration.messages.point_cloud import (
     FIELD_GRADIENT_COLUMNS,
@@ -114,8 +114,8 @@ class Corrector(TamNode):
             return STALE, "no samples arrive: see the collector"
         if self._missing:
             return self._judge_partial()
-        if self._left_in:
-            reasons = "; ".join(map(why_left_in, self._left_in))
+        if self._left_in and self._correction is not None:
+            reasons = "; ".join(map(self._correction.why_left_in, self._left_in))
             return WARN, f"an effect stays in, the standard errors hold its size: {reasons}"
         if not agreement.samples:
             return OK, "samples are corrected; no scalar reference to compare with"
@@ -187,7 +187,7 @@ class Corrector(TamNode):
         readings = rows.values[:, 1:last].reshape(len(rows.values), -1, 3)
         outputs = calibration.apply(readings)
         errors = [calibration.output_standard_errors] * len(outputs)
-        codes = None
+        codes, scalar = None, rows.values[:, last] if layout.scalar else np.empty(0)
         if math.isnan(sum(outputs[:, 0].tolist())):  # a third of the time of isnan and any
             codes = missing_codes(readings)
             correction.partial.put(outputs, readings, codes)
@@ -195,6 +195,7 @@ class Corrector(TamNode):
             self._partial_count += int(np.count_nonzero(codes))
         self._missing = 0 if codes is None else int(codes[-1])
         if correction.takes_off:
+            scalar = scalar.copy()
             values = self._in_run_time(rows, last)
             if codes is not None:
                 readings = correction.partial.filled(readings, codes)
@@ -202,9 +203,9 @@ class Corrector(TamNode):
             usable = np.flatnonzero(np.isfinite(readings).all(axis=(1, 2)))
             for run in np.split(usable, np.flatnonzero(np.diff(values[usable, 0]) <= 0) + 1):
                 own = None if codes is None else codes[run]
-                self._take_off_effects(correction, layout, values, run, own, outputs, errors)
+                self._take_off_effects(correction, layout, values, run, own, outputs, errors, scalar)
         if layout.scalar:
-            self._lengths.append((outputs[:, :3], rows.values[:, last]))
+            self._lengths.append((outputs[:, :3], scalar))
         self._newest_s = float(rows.values[-1, 0])
         self._corrected += len(outputs)
         centers = {}
@@ -233,8 +234,9 @@ class Corrector(TamNode):
         codes: IntArray | None,
         outputs: FloatArray,
         errors: list[FloatArray],
+        scalar: FloatArray,
     ) -> None:
-        """Put in outputs and standard errors of some samples, whose time rises; NaN where they are none."""
+        """Put in outputs, standard errors and scalar of some samples, whose time rises; NaN where they are none."""
         if not len(run):
             return
         values = rows[run]
@@ -246,6 +248,8 @@ class Corrector(TamNode):
             return
         self._left_in = batch.left_in
         outputs[run] = batch.outputs
+        if batch.scalar_T is not None:
+            scalar[run] = batch.scalar_T
         for index, own in zip(run, batch.standard_errors, strict=True):
             errors[index] = own
 

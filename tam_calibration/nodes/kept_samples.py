@@ -58,7 +58,9 @@ class KeptSamples:
         self._node, self.problem, self.saved = node, "", 0
         self._file: SampleFile | None = None
         self.path: Path | None = None
-        self.store = SampleStore(SampleLayout.whole(array.sensor_count), node.value("max_samples"))
+        self.store = SampleStore(
+            SampleLayout.whole(array.sensor_count, array.further_channels), node.value("max_samples")
+        )
         try:
             self.remark = self._go_on(node.value("samples_file"), array)
         except InputError as problem:

@@ -84,7 +84,7 @@ class Temperature:
 
 @dataclass(frozen=True)
 class Current:
-    """A current that is switched on and off: low for half a period, then high.
+    """A current that is switched on and off: low for half a period, then high; so may an actuator, in its own unit.
 
     Parameters
     ----------

@@ -12,6 +12,7 @@ from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.further_channels import is_further
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -67,6 +68,10 @@ def _check(effect: Effect, fitted: FittedEffect, covariates: Covariates) -> None
     for channel, key in _CHANNELS.items():
         if channel in effect.channels and getattr(covariates, channel) is None:
             raise InputError(f"the effect {effect.name} follows the {key}: add {key} to the scenario")
+    if isinstance(effect, LinearEffect):
+        for name in filter(is_further, effect.needs(fitted)):
+            if name not in covariates.further:
+                raise InputError(f"the effect {effect.name} follows {name}: add it to further_channels")
     for part in fitted.contributions:
         if part.sensor >= covariates.sensor_count:
             raise InputError(
@@ -74,7 +79,7 @@ def _check(effect: Effect, fitted: FittedEffect, covariates: Covariates) -> None
             )
 
 
-_RANDOM_PARTS = ("motion", "vector", "scalar", "temperature", "current", "attitude", "effect")
+_RANDOM_PARTS = ("motion", "vector", "scalar", "temperature", "current", "attitude", "effect", "further")
 """What draws random numbers; each has a generator of its own, so that one more channel changes no other's noise."""
 
 
@@ -162,6 +167,10 @@ def simulate(scenario: Scenario) -> Simulation:
         else scenario.temperature.readings(time_s, _generator(scenario, "temperature")),
         None if scenario.current is None else scenario.current.readings(time_s, _generator(scenario, "current")),
         None if scenario.attitude is None else scenario.attitude.readings(attitude, _generator(scenario, "attitude")),
+        {
+            name: channel.readings(time_s, _generator(scenario, "further", number))
+            for number, (name, channel) in enumerate(sorted(scenario.further.items()))
+        },
     )
     return Simulation(scenario, recording, attitude, center, _gradient(scenario, rotation))
 
@@ -218,6 +227,7 @@ def _covariates(scenario: Scenario, center_T: FloatArray, attitude: FloatArray) 
         None if temperature is None else temperature.course(time_s),
         None if current is None else current.course(time_s),
         attitude,
+        further={name: channel.course(time_s) for name, channel in scenario.further.items()},
     )
 
 

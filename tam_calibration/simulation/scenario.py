@@ -1,12 +1,14 @@
 """What is simulated: array, errors, field, motion, channels and seed."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.further_channels import require_further
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation.attitude import Motion
@@ -50,6 +52,8 @@ class Scenario:
         Gradient of the site's field, symmetric and trace-free, east, north, up, T/m.
     effects : tuple of FittedEffect
         Physical effects beyond the sensors' errors.
+    further : mapping of str to Current
+        Further currents and actuators by name, see ``further_channels``.
 
     Raises
     ------
@@ -82,9 +86,11 @@ class Scenario:
     attitude: AttitudeChannel | None = None
     site_gradient_T_per_m: FloatArray | None = None
     effects: tuple[FittedEffect, ...] = ()
+    further: Mapping[str, Current] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check counts and values."""
+        """Check counts, names and values."""
+        require_further(self.further)
         sensors, errors = self.array.sensor_count, self.errors.sensor_count
         if sensors != errors:
             raise InputError(f"the scenario has errors of {errors} sensors and an array of {sensors}: make them match")

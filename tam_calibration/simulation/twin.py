@@ -37,7 +37,9 @@ def twin(calibration: Calibration, recording: Recording, seed: int) -> Recording
     array, errors, effects = calibration.array, calibration.errors, calibration.effects
     field = agreed_field(calibration.without_effects(recording).readings_T, errors, array, _is_trusted(calibration))
     run = filled(recording)
-    covariates = Covariates(run.time_s, field, errors, array, run.temperature_C, run.current_A, run.attitude)
+    covariates = Covariates(
+        run.time_s, field, errors, array, run.temperature_C, run.current_A, run.attitude, further=run.further
+    )
     vector_noise, scalar_noise, *of_effects = np.random.default_rng(seed).spawn(2 + len(effects))
     rows = np.column_stack([errors.distort(field).reshape(len(field), -1), covariates.intensity_T])
     rows = add_effects(rows, covariates, effects, of_effects, "field")

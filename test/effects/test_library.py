@@ -39,6 +39,7 @@ NAMES = {
     "gain_switching",
     "crosstalk",
     "ringing",
+    "platform_field",
 }
 
 THIRD_PARTY = """

@@ -34,6 +34,7 @@ NATURAL = {
     "ringing": ({"frequency_hz": 2.0, "damping": 0.2}, (0, None, "response", {"amplitude": 1.0, "delay": 0.03})),
     "gain_switching": ({"on_1_s": 20.0, "off_1_s": 21.0}, (0, 0, "gain", {"gain": -0.5})),
     "timing_jitter": ({}, (0, None, "jitter", {"standard deviation": 2e-3})),
+    "platform_field": ({}, (SCALAR, None, "permanent", {"permanent x": 2e-6})),
 }
 """Shape and values that have been seen."""
 
@@ -86,6 +87,12 @@ ABSURD = [
      "its delay of 2 s", "buses"),
     ("timing_jitter", {}, (0, None, "jitter", {"standard deviation": 0.5}),
      "its standard deviation of 0.5 s is more than the 0.1 s known", "ticks"),
+    ("platform_field", {}, (SCALAR, None, "permanent", {"permanent x": 2e-4}), "its permanent x of 200000 nT", "hull"),
+    ("platform_field", {}, (SCALAR, None, "induced", {"induced xy": 4.0}), "its induced xy of 4", "sphere"),
+    ("platform_field", {"time_constant_s": 0.2}, (SCALAR, None, "first mode", {"first mode, x of the field on x": 2.0}),
+     "its first mode, x of the field on x of 2 is more than the 1 known", "Jackson"),
+    ("platform_field", {"time_constant_s": 0.2},
+     (ALL, None, "slower mode, gradient", {"slower mode, gradient xy, x of the field": 60.0}), "60 1/m", "decimetre"),
 ]  # fmt: skip
 """Values that were claimed, or twice what the limits allow, and what is told of them."""
 

@@ -29,6 +29,7 @@ SHAPES = {
     "nonlinearity": {"full_scale_T": 5e-5},
     "bias_jump": {"time_s": 2.0, "end_s": 5.0},
     "periodic_interference": {"frequency_hz": 3.3, "start_s": 0.0},
+    "platform_field": {"time_constant_s": 0.04},
 }
 
 
@@ -56,7 +57,9 @@ def recording_of_motion():
     current = 1 + (phase % 2 > 1) + 0.1 * rng.normal(size=COUNT)
     attitude = rng.normal(size=(COUNT, 4))
     attitude /= np.linalg.norm(attitude, axis=1)[:, None]
-    return Recording(time_s, ERRORS.distort(field), np.linalg.norm(field, axis=1), temperature, current, attitude)
+    further = {"current_2_A": current[::-1], "actuator_rudder": np.sin(2 * phase)}
+    scalar = np.linalg.norm(field, axis=1)
+    return Recording(time_s, ERRORS.distort(field), scalar, temperature, current, attitude, further)
 
 
 RECORDING = recording_of_motion()
@@ -67,7 +70,7 @@ def everything_of(name):
     effect = effect_named(name)
     channels = (RECORDING.temperature_C, RECORDING.current_A, RECORDING.attitude)
     field = agreed_field(RECORDING.readings_T, ERRORS, ARRAY)
-    covariates = Covariates(RECORDING.time_s, field, ERRORS, ARRAY, *channels)
+    covariates = Covariates(RECORDING.time_s, field, ERRORS, ARRAY, *channels, further=RECORDING.further)
     shape = {key: value + (100.0 if key in ("time_s", "end_s") else 0.0) for key, value in SHAPES.get(name, {}).items()}
     rng = np.random.default_rng(7)
     contributions = []

@@ -185,8 +185,9 @@ def check_equal(samples, plain):
     """Check that samples have the stamps, values and channels of a plain reading."""
     stamps, recording, _ = plain
     assert samples.stamps_ns.tolist() == stamps
-    for name, value in vars(recording).items():
-        assert_array_max_ulp(getattr(samples.recording, name), value, maxulp=1)
+    assert list(samples.recording.values()) == list(recording.values())
+    for name, value in recording.values().items():
+        assert_array_max_ulp(samples.recording.values()[name], value, maxulp=1)
     assert_array_equal(samples.recording.time_s, recording.time_s)
     assert_array_equal(samples.recording.readings_T, recording.readings_T)
 

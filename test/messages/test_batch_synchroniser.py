@@ -16,8 +16,8 @@ MS = 1_000_000
 PERIOD = 10 * MS
 PATIENCE = 100 * MS
 SILENCE = 150 * MS
-ALL = SampleLayout(3, scalar=True, temperature=True, current=True, attitude=True)
-WIDTH = {"scalar": 1, "temperature": 1, "current": 1, "attitude": 4}
+ALL = SampleLayout(3, scalar=True, temperature=True, current=True, attitude=True, further=("actuator_rudder",))
+WIDTH = {"scalar": 1, "temperature": 1, "current": 1, "attitude": 4, "actuator_rudder": 1}
 
 
 def make(kind, tolerance_ns, **options):

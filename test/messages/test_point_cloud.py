@@ -22,7 +22,15 @@ def test_columns_are_in_the_order_of_the_design():
 
 
 @pytest.mark.parametrize(
-    "layout", [FULL, SampleLayout(1), SampleLayout(4, scalar=True), SampleLayout(11, attitude=True)]
+    "layout",
+    [
+        FULL,
+        SampleLayout(1),
+        SampleLayout(4, scalar=True),
+        SampleLayout(11, attitude=True),
+        SampleLayout(2, current=True, attitude=True, further=("current_2_A", "actuator_rudder")),
+        SampleLayout(3, further=("actuator_rudder",)),
+    ],
 )
 def test_a_layout_is_known_by_its_columns(layout):
     """Columns give the layout back, and rows the recording."""

@@ -22,14 +22,16 @@ FULL = recording(
     temperature_C=np.linspace(10, 11, COUNT),
     current_A=np.linspace(0, 1, COUNT),
     attitude=np.array([[1.0, 2, 3, 4 + index] for index in range(COUNT)]),
+    further={"current_2_A": np.linspace(1, 2, COUNT), "actuator_rudder": np.linspace(-1, 1, COUNT)},
 )
 CASES = pytest.mark.parametrize("case", [FULL, recording()], ids=["every channel", "no channel"])
 
 
 def assert_same(one, other):
     """Check that two recordings hold the same, to the last bit."""
-    for name in ("time_s", "readings_T", "scalar_T", "temperature_C", "current_A", "attitude"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert list(one.values()) == list(other.values())
+    for name, values in one.values().items():
+        np.testing.assert_array_equal(values, other.values()[name])
 
 
 @CASES

@@ -14,8 +14,9 @@ def with_value(name, value):
     rng = np.random.default_rng(1)
     values = {"time_s": np.arange(4.0), "readings_T": 5e-5 * rng.normal(size=(4, 2, 3)), "attitude": np.eye(4)}
     values |= {channel: np.ones(4) for channel in CHANNELS if channel != "attitude"}
+    values["actuator_rudder"] = np.ones(4)
     values[name].reshape(-1)[-1] = value
-    return Recording(**values)
+    return Recording.of_values(values)
 
 
 LIMITS = {
@@ -24,6 +25,7 @@ LIMITS = {
     "scalar_T": 1e9,
     "temperature_C": 1e4,
     "current_A": 1e6,
+    "actuator_rudder": 1e6,
     "attitude": 10.0,
 }
 

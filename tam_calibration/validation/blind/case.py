@@ -161,8 +161,9 @@ def _try(rng: Generator, plan: CasePlan) -> Case | None:
     recorded = with_causes(seen, causes)
     signal = (recorded[0] - seen[0], recorded[1] - seen[1])
     sheet = draw_sheet(rng)
+    own = {name: values for cause in causes for name, values in cause.disturbance.columns.items()}
     return Case(
-        columns_of(rng, scene, plan, recorded),
+        columns_of(rng, scene, plan, recorded) | own,
         array_of(scene, sheet),
         key_of(plan, scene, causes, model.visible_gap(signal), sheet),
     )

@@ -27,7 +27,7 @@ _SHARES = {
 }
 """Of the kinds in a set: of 600 cases three or four are of each effect and gap, and 36 to 72 of each other kind."""
 
-_EVERYWHERE = ("ambient_gradient",)
+_EVERYWHERE = ("ambient_gradient", "platform_field")
 """What disturbs all sensors leaves none to an unknown cause."""
 
 OF_SCALAR = ("geomagnetic_drift", "scalar_heading_error")

@@ -24,6 +24,7 @@ from tam_calibration.validation.blind.surroundings import (
     geomagnetic_drift,
     scalar_heading_error,
 )
+from tam_calibration.validation.blind.vehicle import platform_field
 
 _ANY = (1, 2, 3, 4, 6)
 
@@ -57,6 +58,9 @@ CATALOGUE = {
     "scale_step": Entry(scale_step, "gain", sensor_counts=SEVERAL),
     "crosstalk": Entry(crosstalk, "gain", sensor_counts=SEVERAL),
     "ringing": Entry(ringing, "motion", motions=("turntable",), sensor_counts=SEVERAL),
+    "platform_field": Entry(
+        platform_field, "motion", motions=MOVING, sensor_counts=(4, 6), scalar_needed=True, large=(30.0,)
+    ),
 }
 """The effects of the library. ``most_nT`` has a reason each: 0.3 %/°C of a magnetoresistor's gain over 30 °C; a few
 per cent of the field in a core's loops, its transfer function and a plate's currents; a heading error of the

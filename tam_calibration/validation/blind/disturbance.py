@@ -44,6 +44,8 @@ class Disturbance:
     coefficients : dict
         Coefficients that a diagnosis states too, for an amplitude of one: from names such as "sensor 2 x offset" to
         values in nT, nT/A, nT/°C or s.
+    columns : dict
+        What is recorded beside the fields because of it: from names of columns to values (N,).
     """
 
     effect: str
@@ -54,6 +56,7 @@ class Disturbance:
     parameters: dict[str, Any]
     after_noise: bool = False
     coefficients: dict[str, float] = field(default_factory=dict)
+    columns: dict[str, FloatArray] = field(default_factory=dict)
 
 
 Draw = Callable[[Generator, Scene], Disturbance]

@@ -1,0 +1,213 @@
+"""The field of the vehicle itself, beyond what the errors of its sensors hold."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from tam_calibration.core.harmonics import derivatives, fields
+from tam_calibration.effects.covariates import Covariates
+from tam_calibration.effects.eddy_current import LIMIT, SLOWER, followed, time_constants_s
+from tam_calibration.effects.effect import Limit, LinearEffect
+from tam_calibration.effects.motion import jumps
+from tam_calibration.effects.recursions import Memory, mode
+from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
+from tam_calibration.model.fitted_effect import ALL, SCALAR, FittedEffect, Shape
+from tam_calibration.model.further_channels import is_further, unit_of
+from tam_calibration.model.units import FloatArray
+
+_FEWEST_SENSORS = 4
+"""Sensors between which the field of distant currents differs otherwise than that of currents at one of them."""
+
+_NEAREST_M = 0.1
+"""Distance of the nearest iron or conductor that is still the vehicle's and not a sensor's, metres."""
+
+_GRADIENT = Limit(
+    3 / _NEAREST_M,
+    "the field of a sphere of perfect conductance falls with the third power of the distance; Jackson 1999, section "
+    "5.11, at a decimetre",
+    "1/m",
+)
+"""Limit of the gradient of a mode, as a part of the change of the field."""
+
+_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Axes of the six elements of a symmetric matrix."""
+
+_INDUCED = "induced"
+
+
+class PlatformField(LinearEffect):
+    """Eighteen terms at the scalar, the gradient of eddy currents between the sensors, and currents and actuators.
+
+    What a sensor reads of the vehicle's permanent and induced field is a bias and a matrix, which are its own errors
+    already; so are those at the scalar, where all sensors have errors: they are calibrated to the field at its place.
+    These three and six stand here for simulations and for fits of the scalar alone.
+    """
+
+    name: ClassVar[str] = "platform_field"
+    title: ClassVar[str] = "the vehicle's own field"
+    physics: ClassVar[str] = (
+        "A vehicle's remanence, the iron that the field magnetises and the currents that its change induces add three "
+        "times three, nine and nine coefficients to a field and 3 + 6 + 9 to its intensity (Tolles and Lawson, "
+        "Magnetic compensation of MAD equipped aircraft, Airborne Instruments Lab. 201-1, 1950; Leliak, IRE Trans. "
+        "ANE-8, 1961, p. 95); further currents, and iron on rudders and motors, add what follows their channels."
+    )
+    excitation: ClassVar[str] = "turn the vehicle about all axes at different rates, and move each actuator meanwhile"
+    looks_like: ClassVar[dict[str, int]] = {"function_of_rate": 3, "function_of_neighbours": 5}
+    nearly_within: ClassVar[tuple[str, ...]] = ("eddy_current",)
+    may_be: ClassVar[tuple[str, ...]] = ("scalar_heading_error", "current_interference")
+    shape_units: ClassVar[dict[str, str]] = {"time_constant_s": "s"}
+    limits: ClassVar[Mapping[str, Limit]] = {
+        "permanent": Limit(1e-4, "a hull that was never degaussed, at a decimetre; Leliak 1961", "T"),
+        _INDUCED: Limit(2.0, "iron at most triples the field at the pole of a sphere; Jackson 1999, section 5.11"),
+        "first mode": LIMIT,
+        "slower mode": LIMIT,
+        "first mode, gradient": _GRADIENT,
+        "slower mode, gradient": _GRADIENT,
+    }
+    largest_signal: ClassVar[Limit | None] = Limit(
+        2.0, "iron at most triples the field at the pole of a sphere; Jackson 1999, section 5.11"
+    )
+
+    def needs(self, fitted: FittedEffect) -> tuple[str, ...]:
+        """Return the names of the currents and actuators that have a part in a fitted effect.
+
+        Parameters
+        ----------
+        fitted : FittedEffect
+            With its numbers.
+        """
+        names = (one.term.partition(",")[0] for one in fitted.contributions)
+        return tuple(dict.fromkeys(name for name in names if is_further(name) or name == "current_A"))
+
+    def obstacle(self, covariates: Covariates) -> str | None:
+        """Return that there is no continuous motion, where there is none and no actuator is recorded either."""
+        return None if covariates.further else jumps(covariates)
+
+    def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
+        """Return the time constants of eddy currents; none where the field jumps from pose to pose.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        residuals : WhitenedResiduals
+            Not used: the constants follow from the motion.
+        """
+        if jumps(covariates) is not None:
+            return ({},)
+        return [{"time_constant_s": constant} for constant in time_constants_s(covariates)[::2]]
+
+    def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
+        """Yield the eighteen terms of the scalar, the gradients of its eddy currents, and what follows each channel.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        shape : Shape
+            ``time_constant_s`` of the first mode of the eddy currents, seconds; without it there are none.
+        """
+        yield from _of_scalar_iron(covariates)
+        if "time_constant_s" in shape:
+            late = _followed(covariates, shape["time_constant_s"])
+            later = _followed(covariates, SLOWER * shape["time_constant_s"])
+            for name, change in (("first mode", covariates.field_T - late), ("slower mode", late - later)):
+                yield _at_scalar(covariates, name, change)
+                if covariates.sensor_count >= _FEWEST_SENSORS:
+                    yield _gradient(covariates, f"{name}, gradient", change)
+        channels = {} if covariates.current_A is None else {"current_A": covariates.current_A}
+        for name, values in (channels | dict(covariates.further)).items():
+            yield from _of_channel(covariates, name, values)
+
+
+def _direction(covariates: Covariates) -> FloatArray:
+    direction: FloatArray = covariates.field_T / covariates.intensity_T[:, None]
+    return direction
+
+
+def _of_scalar_iron(covariates: Covariates) -> list[Term]:
+    """Return what the permanent field (3) and the induced one (6) add to the intensity."""
+    row = covariates.scalar_row
+    permanent = [Coefficient(f"permanent {axis}", "T") for axis in "xyz"]
+    induced = [Coefficient(f"induced {'xyz'[i]}{'xyz'[j]}", "1") for i, j in _PAIRS]
+    return [
+        Term.of_row(covariates, row, "permanent", permanent, _direction(covariates)),
+        Term.of_row(covariates, row, _INDUCED, induced, _squares(covariates)),
+    ]
+
+
+def _squares(covariates: Covariates) -> FloatArray:
+    """Return the six products (N, 6) of the field with its direction, tesla."""
+    direction = _direction(covariates)
+    return np.column_stack([direction[:, i] * covariates.field_T[:, j] for i, j in _PAIRS])
+
+
+def _at_scalar(covariates: Covariates, name: str, change_T: FloatArray) -> Term:
+    """Return what eddy currents that answer to a change of the field (N, 3) add to the intensity, nine elements."""
+    along = (_direction(covariates)[:, :, None] * change_T[:, None, :]).reshape(len(change_T), 9)
+    parts = [Coefficient(f"{name}, {axis} of the field on {row}", "1") for row in "xyz" for axis in "xyz"]
+    return Term.of_row(covariates, covariates.scalar_row, name, parts, along)
+
+
+def _gradient(covariates: Covariates, name: str, change_T: FloatArray) -> Term:
+    """Return what the uniform gradients (5) of the eddy currents of each axis (3) add to the sensors."""
+    at_sensors = fields(2, covariates.array.positions_m.T)
+    read = np.einsum("kij,pjk->kip", covariates.errors.matrix, at_sensors).reshape(-1, 5)
+    weights = np.repeat(read, 3, axis=1)
+    features = (weights.reshape(-1)[:, None] * np.tile(change_T.T, (5 * len(read), 1))).T
+    names = ["".join(np.repeat(list("xyz"), orders)) for orders in derivatives(2)]
+    parts = tuple(Coefficient(f"{name} {pair}, {axis} of the field", "1/m") for pair in names for axis in "xyz")
+    rows, columns = np.divmod(np.arange(weights.size), weights.shape[1])
+    return Term(ALL, None, name, parts, features, rows, columns)
+
+
+def _of_channel(covariates: Covariates, name: str, values: FloatArray) -> Iterator[Term]:
+    """Yield the field in proportion to a channel, and of an actuator what it makes of the field by its iron."""
+    unit = "A" if name == "current_A" else unit_of(name)
+    per_unit = "T/A" if unit == "A" else "T"
+    column, axes = values[:, None], np.arange(3)
+    parts = tuple(Coefficient(f"{name} {axis}", per_unit) for axis in "xyz")
+    features = np.tile(column, 3)
+    for sensor in range(covariates.sensor_count):
+        yield Term(sensor, None, name, parts, features, 3 * sensor + axes, axes)
+    along = _direction(covariates) * column
+    yield Term(SCALAR, None, name, parts, along, np.full(3, covariates.scalar_row), axes)
+    if unit == "A":
+        return
+    columns = np.arange(9)
+    parts = tuple(Coefficient(f"{name}, {axis} of the field on {row}", "1") for row in "xyz" for axis in "xyz")
+    features = np.tile(covariates.field_T * column, 3)
+    for sensor in range(covariates.sensor_count):
+        yield Term(sensor, None, f"{name}, {_INDUCED}", parts, features, 3 * sensor + columns // 3, columns)
+    parts = tuple(Coefficient(f"{name}, induced {'xyz'[i]}{'xyz'[j]}", "1") for i, j in _PAIRS)
+    yield Term.of_row(covariates, covariates.scalar_row, f"{name}, {_INDUCED}", parts, _squares(covariates) * column)
+
+
+def _followed(covariates: Covariates, time_constant_s: float) -> FloatArray:
+    """Return the field (N, 3) after a first-order lag; as samples arrive, from those that have."""
+    if covariates.memory is None:
+        return followed(covariates, time_constant_s)
+    return _followed_live(covariates, time_constant_s, covariates.memory)
+
+
+def _followed_live(covariates: Covariates, time_constant_s: float, memory: Memory) -> FloatArray:
+    """Return the lagged field by the slope at the end of a parabola through a sample and the two before it."""
+    before = memory.recall()
+    time, field, state = before or (np.zeros(0), np.zeros((0, 3)), None)
+    seen = len(time)
+    time, field = np.concatenate([time, covariates.time_s]), np.concatenate([field, covariates.field_T])
+    rate = np.zeros_like(field)
+    slope = np.diff(field, axis=0) / np.diff(time)[:, None]
+    rate[1:] = slope
+    bend = np.diff(slope, axis=0) / (time[2:] - time[:-2])[:, None]
+    rate[2:] += bend * np.diff(time)[1:, None]
+    if before is not None:
+        rate[: len(before[3])] = before[3]
+    start = max(seen - 1, 0)
+    late = mode(field[start:], rate[start:], time[start:], time_constant_s)
+    if state is not None:
+        decay = np.exp(-(time[start:] - time[start]) / time_constant_s)
+        late = late + decay[:, None] * (state - late[0])
+    memory.keep((time[-2:], field[-2:], late[-1], rate[-2:]))
+    return late[seen - start :]

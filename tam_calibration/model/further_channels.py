@@ -1,0 +1,64 @@
+"""Further channels of a vehicle by name: the currents of its circuits, and what its actuators do.
+
+A name is that of a column, and tells the topic: ``current_2_A``, the second current, is ``currents/2``, and
+``actuator_rudder`` is ``actuators/rudder``: an angle, a speed or a power in whatever unit. The first current is the
+channel ``current_A`` of old.
+"""
+
+import re
+from collections.abc import Iterable
+
+from tam_calibration.model.exceptions import InputError, quoted
+
+_TOPICS = {"current": "currents", "actuator": "actuators"}
+_COLUMN = re.compile(r"(current)_([2-9]|[1-9]\d)_A|(actuator)_([a-z][a-z0-9_]{0,40})")
+_TOPIC = re.compile(r"currents/([2-9]|[1-9]\d)|actuators/([a-z][a-z0-9_]{0,40})")
+
+
+def is_further(name: str) -> bool:
+    """Whether a name is that of a further channel."""
+    return _COLUMN.fullmatch(name) is not None
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of a further channel: A of a current, 1 of an actuator."""
+    return "A" if name.startswith("current") else "1"
+
+
+def topic_of(name: str) -> str:
+    """Return the relative topic of a further channel, messages of which hold one number."""
+    match = _COLUMN.fullmatch(name)
+    assert match is not None
+    kind, own = (part for part in match.groups() if part is not None)
+    return f"{_TOPICS[kind]}/{own}"
+
+
+def named_by(topic: str) -> str | None:
+    """Return the name of the further channel with a relative topic; None where it is another topic."""
+    match = _TOPIC.fullmatch(topic)
+    if match is None:
+        return None
+    return f"current_{match[1]}_A" if match[1] else f"actuator_{match[2]}"
+
+
+def require_further(names: Iterable[str]) -> tuple[str, ...]:
+    """Return names of further channels, each once, in the order of columns.
+
+    Raises
+    ------
+    InputError
+        When one is none.
+    """
+    given = list(names)
+    for name in given:
+        if not is_further(name):
+            raise InputError(
+                f"{quoted(name)} is no further channel: one is named current_2_A to current_99_A, or actuator_ and a "
+                "name in small letters"
+            )
+    return tuple(sorted(set(given), key=lambda name: (not name.startswith("current"), len(name), name)))
+
+
+def channel_in_words(name: str) -> str:
+    """Return a channel as sentences name it: "current" of current_A, and a further one by its column."""
+    return name if is_further(name) else name.partition("_")[0]
