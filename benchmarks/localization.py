@@ -37,7 +37,7 @@ from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.localization.direct_fit import fit_loop
 from tam_calibration.localization.euler import locate
-from tam_calibration.localization.finite_baseline import locate_dipole
+from tam_calibration.localization.finite_baseline import locate_with_baselines
 from tam_calibration.localization.solutions import EulerSolutions
 from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation import simulate
@@ -77,7 +77,7 @@ def dipole_at_the_coil(generator: np.random.Generator, runs: int) -> Iterable[Fi
     case = "dipole at 2.64 m, baseline 0.21 m"
     for name, found_of, asked in (
         ("Euler, constrained", lambda outputs: locate(outputs), ANYTHING),
-        ("true baselines", lambda outputs: locate_dipole(outputs, ARRAY), (0.0, 0.003)),
+        ("true baselines", lambda outputs: locate_with_baselines(outputs, ARRAY), (0.0, 0.003)),
     ):
         for figure, error in (("r", _error_of_range), ("position", _error_of_position)):
             value = _worst(found_of, error, generator, runs)
@@ -131,7 +131,7 @@ def coil(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
         source = Loop(POSITION_M, MOMENT_AM2 * axis, RADIUS_M)
         fields = in_array(source)
         outputs = fields.reshape(len(fields), -1) @ ARRAY.operator.T
-        for name, solutions in zip(found, (locate(outputs), locate_dipole(outputs, ARRAY)), strict=True):
+        for name, solutions in zip(found, (locate(outputs), locate_with_baselines(outputs, ARRAY)), strict=True):
             found[name].append(solutions.distance_m - RANGE_M)
         fit = fit_loop(fields + AMPLITUDE_NOISE_T * generator.standard_normal(fields.shape), ARRAY, RADIUS_M, POSES)
         fitted.append(norm(fit.source.position_m - POSITION_M))
@@ -168,7 +168,7 @@ def calibrated(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
                 euler = [_square_of_distance(locate(outputs)) for outputs in pair]
                 squares.setdefault((f"{kind}, {size}", "Euler, constrained"), []).append((euler[0], euler[1]))
                 if kind == "dipole":
-                    better = [_square_of_distance(locate_dipole(outputs, ARRAY)) for outputs in pair]
+                    better = [_square_of_distance(locate_with_baselines(outputs, ARRAY)) for outputs in pair]
                     squares.setdefault((f"{kind}, {size}", "true baselines"), []).append((better[0], better[1]))
     for (case, method), each in squares.items():
         after, perfect = np.array(each).mean(axis=2).T

@@ -1,14 +1,17 @@
 """Whether the intervals of located sources hold what they say, beside all that a pass may bring.
 
-Run ``python benchmarks/localization_grid.py [--runs 500]``: a platform of 1 m/s that sways by 6° passes dipoles of 30
-to 500 A m² at 2.5 to 5 m with a cross of 0.5 m, 150 samples at 2.5 Hz. From a middle cell each condition is changed by
-itself, then all at once. In each cell the dipoles are located by ``track_dipole``, with the velocity's standard error
-that `tam locate --velocity` takes where none is stated, and, where the reckoned places are true, by each sample. Lines
-of current and of dipoles, structural index 1 and 2, are crossed at the same distances and located by each sample; the
-nearest point of the line is what is sought. What is refused counts as refused, and is told.
+Run ``python benchmarks/localization_grid.py [--runs 500] [--sweep 400]``: a platform of 1 m/s that sways by 6° passes
+dipoles of 30 to 500 A m² at 2.5 to 5 m with a cross of 0.5 m, 150 samples at 2.5 Hz. From a middle cell each condition
+is changed by itself, then all at once. Then passes are drawn from the whole product of noise 0.03 to 3 nT, attitude 0
+to 0.3°, gradient 0 to 5 nT/m, velocity error 0 to 3 %, one or two sources and structural index 1 to 3; attitude,
+gradient and velocity are each exact in a third of them, and figures are pooled. The dipoles of a pass are located by
+``track_dipole``, with the velocity's standard error that `tam locate --velocity` takes where none is stated, and by
+each sample. Lines of current and of dipoles, structural index 1 and 2, are crossed at the same distances and located by
+each sample; the nearest point of the line is what is sought. Of dipoles and currents the regional field of samples by
+themselves is that of the run, of lines of dipoles it is known to 140 nT as IGRF is. What is refused counts as refused.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -22,11 +25,20 @@ from rich.progress import track
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.files.text_files import write_whole
+from tam_calibration.localization.common_field import regional_beside_current
 from tam_calibration.localization.euler import DIPOLE_INDEX
-from tam_calibration.localization.sample_by_sample import locate_samples, regional_of, turned
+from tam_calibration.localization.line_fit import CURRENT_INDEX
+from tam_calibration.localization.sample_by_sample import (
+    Regional,
+    locate_samples,
+    regional_of,
+    require_one_source,
+    turned,
+)
 from tam_calibration.localization.steady import DEFAULT_VELOCITY_ERROR, straight_track, track_dipole
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.sources.dipole import Dipole
 from tam_calibration.sources.poses import Poses
@@ -108,8 +120,10 @@ class Pass:
     fields_T: FloatArray
     array: Array
     poses: Poses
+    path_m: FloatArray
     sources: list[Dipole | Line]
     index: int
+    known: Regional
 
     @classmethod
     def of(cls, cell: Cell, generator: np.random.Generator) -> "Pass":
@@ -128,7 +142,10 @@ class Pass:
         world = _REGIONAL_T + points @ tensor + sum(each.field_T(points) for each in sources)
         fields = np.einsum("nji,nkj->nki", sway.as_matrix(), world) + noise * generator.standard_normal(world.shape)
         reported = sway * Rotation.from_rotvec(attitude_noise * generator.standard_normal((len(_TIME_S), 3)))
-        return cls(fields, array, Poses(reported.as_quat(), reckoned, attitude_noise), sources, cell.index)
+        stated_T = _REGIONAL_T + generator.multivariate_normal(np.zeros(3), 1e18 * LOCAL_VARIANCE_T2) / 1e9
+        known = Regional(stated_T, attitude_noise, LOCAL_VARIANCE_T2)
+        poses = Poses(reported.as_quat(), reckoned, attitude_noise)
+        return cls(fields, array, poses, path, sources, cell.index, known)
 
     def together(self) -> FloatArray:
         """Return the pulls (S, 3) of the dipoles that all samples show."""
@@ -140,17 +157,25 @@ class Pass:
         return self._pulls(places, errors, places)
 
     def one_by_one(self) -> FloatArray:
-        """Return the pulls (n, 3) of the samples that are located by themselves, at the reckoned places."""
+        """Return the pulls (n, 3) of the samples that are located by themselves, at the true places."""
         attitude, noise = self.poses.attitude, self.poses.attitude_noise
         outputs = self.fields_T.reshape(len(self.fields_T), -1) @ self.array.operator.T
         assert self.array.vector_noise_T is not None
         covariance = self.array.operator * np.repeat(self.array.vector_noise_T**2, 3) @ self.array.operator.T
-        regional = regional_of(outputs, attitude, noise)
+        regional = self.known
+        if self.index == DIPOLE_INDEX:
+            regional = regional_of(outputs, attitude, noise)
+        elif noise:
+            raise Refused("lines are located with an exact attitude alone")
+        elif self.index == CURRENT_INDEX:
+            beside = regional_of(outputs, attitude)
+            regional = regional_beside_current(outputs, self.array, covariance, attitude, beside)
         own = locate_samples(outputs, self.array, covariance, index=self.index, regional=regional, attitude=attitude)
+        require_one_source(own, self.index)
         world = turned(own, attitude, noise)
         at = world.is_located
         errors = np.sqrt(np.diagonal(world.position_covariance_m2[at], axis1=1, axis2=2))
-        return self._pulls(world.position_m[at] + self.poses.position_m[at], errors, self.poses.position_m[at])
+        return self._pulls(world.position_m[at] + self.path_m[at], errors, self.path_m[at])
 
     def _pulls(self, places_m: FloatArray, errors_m: FloatArray, seen_from_m: FloatArray) -> FloatArray:
         """Return the errors over standard errors of places (n, 3), each of the nearest source as it is seen."""
@@ -181,37 +206,66 @@ def _judged(cell: Cell, seed: tuple[int, int], run: int) -> tuple[FloatArray | N
     if cell.index == DIPOLE_INDEX:
         with suppress(Refused):
             together = made.together()
-    if cell.velocity_error == 0.0:
+    with suppress(Refused):
         one_by_one = made.one_by_one()
     return together, one_by_one
 
 
-def _figures(cell: Cell, number: int, runs: int, seed: int) -> Iterator[Figure]:
+def _swept(seed: int, run: int) -> tuple[str, tuple[FloatArray | None, FloatArray | None]]:
+    """Return what is passed, and the pulls of one pass that is drawn from the whole product."""
+    generator = np.random.default_rng((seed, run))
+    attitude, gradient, velocity = generator.uniform(0, [0.3, 5.0, 0.03]) * (generator.uniform(size=3) > 1 / 3)
+    noise, index = 10 ** generator.uniform(np.log10(0.03), np.log10(3)), int(generator.choice([1, 2, 3, 3]))
+    cell = Cell(noise, attitude, gradient, velocity, int(generator.choice([1, 2])), index)
+    what = f"the whole product, {cell.sources} {_KINDS[index]}{'s' * (cell.sources > 1)}"
+    return what, _judged(cell, (seed, len(CELLS)), run)
+
+
+def _cell_figures(cell: Cell, number: int, runs: int, seed: int) -> Iterator[Figure]:
     with ProcessPoolExecutor() as pool:
         results = pool.map(partial(_judged, cell, (seed, number)), range(runs))
         together, one_by_one = zip(*track(results, description=cell.words, total=runs), strict=True)
     if cell.index == DIPOLE_INDEX:
-        yield Figure(cell.words, "track", "refused", sum(each is None for each in together) / runs)
-    for method, each_run in (("track", together), ("each sample", one_by_one)):
-        parts = [part for part in each_run if part is not None and len(part)]
-        if parts:
-            pulls = np.concatenate(parts)
-            covered = float((np.abs(pulls) < _NINETY_FIVE).mean())
-            error = float(np.std([(np.abs(part) < _NINETY_FIVE).mean() for part in parts]) / np.sqrt(len(parts)))
-            yield Figure(cell.words, method, "95 % intervals that cover", covered, error, (0.93, 0.97))
-            yield Figure(cell.words, method, "beyond 5 σ", float((np.abs(pulls) > _FAR_OFF).mean()), asked=(0.0, 0.001))
+        yield from _figures(cell.words, "track", together)
+    yield from _figures(cell.words, "each sample", one_by_one)
+
+
+def _sweep_figures(runs: int, seed: int) -> Iterator[Figure]:
+    with ProcessPoolExecutor() as pool:
+        results = list(track(pool.map(partial(_swept, seed), range(runs)), description="sweep", total=runs))
+    for what in sorted({what for what, _ in results}):
+        together, one_by_one = zip(*(each for own, each in results if own == what), strict=True)
+        if what.rstrip("s").endswith(_KINDS[3]) and "line" not in what:
+            yield from _figures(what, "track", together)
+        yield from _figures(what, "each sample", one_by_one)
+
+
+def _figures(what: str, method: str, each_run: Sequence[FloatArray | None]) -> Iterator[Figure]:
+    """Yield how many passes are refused, or have no sample that is located, and the figures of the others."""
+    parts = [part for part in each_run if part is not None and len(part)]
+    yield Figure(what, method, "passes", len(each_run))
+    yield Figure(what, method, "refused", 1 - len(parts) / len(each_run))
+    if parts:
+        pulls = np.concatenate(parts)
+        covered = float((np.abs(pulls) < _NINETY_FIVE).mean())
+        error = float(np.std([(np.abs(part) < _NINETY_FIVE).mean() for part in parts]) / np.sqrt(len(parts)))
+        yield Figure(what, method, "95 % intervals that cover", covered, error, (0.93, 0.97))
+        yield Figure(what, method, "beyond 5 σ", float((np.abs(pulls) > _FAR_OFF).mean()), asked=(0.0, 0.001))
 
 
 @click.command(help=__doc__)
-@click.option("--runs", default=500, show_default=True, help="Of each cell.")
+@click.option("--runs", default=500, show_default=True, help="Of each cell; 0 leaves the cells out.")
+@click.option("--sweep", default=400, show_default=True, help="Passes drawn from the whole product.")
 @click.option("--seed", default=17, show_default=True, help="Of all random numbers.")
-def main(runs: int, seed: int) -> None:
+def main(runs: int, sweep: int, seed: int) -> None:
     """Run the benchmark."""
-    figures = [figure for number, cell in enumerate(CELLS) for figure in _figures(cell, number, runs, seed)]
-    show(figures, f"Intervals of located sources, {runs} runs", "method")
+    cells = enumerate(CELLS if runs else ())
+    figures = [figure for number, cell in cells for figure in _cell_figures(cell, number, runs, seed)]
+    figures += _sweep_figures(sweep, seed)
+    show(figures, f"Intervals of located sources, {runs} runs of each cell, {sweep} of the sweep", "method")
     with write_whole(RESULTS) as path:
         lines = [
-            f"# python benchmarks/localization_grid.py --runs {runs} --seed {seed}",
+            f"# python benchmarks/localization_grid.py --runs {runs} --sweep {sweep} --seed {seed}",
             "case,method,figure,value,standard_error,asked,met",
         ]
         path.write_text("\n".join([*lines, *(figure.line for figure in figures)]) + "\n")

@@ -9,27 +9,35 @@ from functools import partial
 
 import numpy as np
 
-from tam_calibration.core.least_squares import Solution
-from tam_calibration.localization.euler import locate
+from tam_calibration.localization.euler import DIPOLE_INDEX, locate
+from tam_calibration.localization.line_fit import CURRENT_INDEX, DIPOLES_INDEX, directions_of, fit_lines
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
-from tam_calibration.localization.source_problem import Problem, solve
+from tam_calibration.localization.source_problem import OutputFit, Problem, solve
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import dipole_field
 
+_MOST_UNCERTAIN = 0.2
+"""Standard error of a place over its distance: beyond, intervals of first order no longer hold what they say."""
 
-def locate_dipole(outputs: FloatArray, array: Array, covariance: FloatArray | None = None) -> EulerSolutions:
-    """Locate the dipole of each sample: the constrained Euler solution, then a fit with the array's true baselines.
+
+def locate_with_baselines(
+    outputs: FloatArray, array: Array, covariance: FloatArray | None = None, *, index: float = DIPOLE_INDEX
+) -> EulerSolutions:
+    """Locate the source of each sample: the constrained Euler solution, then a fit with the array's true baselines.
 
     Parameters
     ----------
     outputs : (N, 9) or (N, 8) array
-        Field and gradient of the dipole alone, in the order of ``array.OUTPUT_NAMES``, array frame, tesla and T/m.
+        Field and gradient of the source alone, in the order of ``array.OUTPUT_NAMES``, array frame, tesla and T/m.
     array : Array
         Whose outputs they are.
     covariance : (9, 9) or (8, 8) or (N, …) array, optional
         Of the outputs. Without it they are weighted as by equal noise of all sensors.
+    index : float
+        Structural index: 3 of a dipole, 2 of a line of dipoles, 1 of a line of current; of a line its nearest point is
+        located.
 
     Returns
     -------
@@ -39,15 +47,20 @@ def locate_dipole(outputs: FloatArray, array: Array, covariance: FloatArray | No
     Raises
     ------
     InputError
-        When a shape is wrong, or the array has no gradient.
+        When a shape or the structural index is wrong, or the array has no gradient.
     """
     if not array.has_gradient:
         raise InputError("the array's geometry determines no gradient: locate with the direct fit to its readings")
-    return in_pieces(partial(_locate_dipole, array), np.asarray(outputs, dtype=float), covariance)
+    if index not in (CURRENT_INDEX, DIPOLES_INDEX, DIPOLE_INDEX):
+        raise InputError(
+            f"the structural index must be a positive number: 3 of a dipole, 2 of a line of dipoles, 1 of a line of "
+            f"current, not {index:g}"
+        )
+    return in_pieces(partial(_locate, array, index), np.asarray(outputs, dtype=float), covariance)
 
 
-def _locate_dipole(array: Array, outputs: FloatArray, covariance: FloatArray | None) -> EulerSolutions:
-    euler = locate(outputs, covariance)
+def _locate(array: Array, index: float, outputs: FloatArray, covariance: FloatArray | None) -> EulerSolutions:
+    euler = locate(outputs, covariance, index=index)
     at = np.flatnonzero(euler.is_located)
     if not len(at):
         return euler
@@ -55,31 +68,61 @@ def _locate_dipole(array: Array, outputs: FloatArray, covariance: FloatArray | N
     noise = operator @ operator.T if covariance is None else np.asarray(covariance, dtype=float)[..., :8, :8]
     if noise.ndim == 3:
         noise = noise[at]
-    start = np.concatenate([euler.position_m[at], euler.moment_Am2[at]], axis=1)
-    solution = fit_dipoles(outputs[at, :8], array, noise, start)
-    found = at[solution.is_found]
+    start = start_of(euler, outputs, index)[at]
+    fit = fit_outputs(outputs[at, :8], array, noise, start, index)
+    solution = fit.solution
+    is_sure = solution.is_found & is_certain(solution.unknowns, solution.covariance, covariance is not None)
+    found = at[is_sure]
     status = euler.status.copy()
-    status[at[~solution.is_found]] = Status.UNCERTAIN
+    status[at[~is_sure]] = Status.UNCERTAIN
+    chi_square = np.full(len(outputs), np.nan)
     unknowns, spread = np.full((len(outputs), 6), np.nan), np.full((len(outputs), 6, 6), np.nan)
-    unknowns[found] = solution.unknowns[solution.is_found]
+    unknowns[found] = solution.unknowns[is_sure]
     if covariance is not None:
-        spread[found] = solution.covariance[solution.is_found]
-    return EulerSolutions(unknowns[:, :3], spread[:, :3, :3], unknowns[:, 3:], spread[:, 3:, 3:], status)
+        spread[found], chi_square[found] = solution.covariance[is_sure], solution.chi_square[is_sure]
+    if index != DIPOLE_INDEX:
+        unknowns[:, 3:] = spread[:, 3:] = np.nan
+    return EulerSolutions(unknowns[:, :3], spread[:, :3, :3], unknowns[:, 3:], spread[:, 3:, 3:], status, chi_square)
 
 
-def fit_dipoles(outputs: FloatArray, array: Array, noise: FloatArray, start: FloatArray) -> Solution:
-    """Return the dipoles that fit the outputs of an array with its true baselines, each sample a problem of its own.
+def is_certain(unknowns: FloatArray, covariance: FloatArray, is_known: bool = True) -> np.ndarray:
+    """Return of which sources (N, 6) with covariances (N, 6, 6) the intervals of first order hold what they say.
+
+    Where the noise is not known, those of all.
+    """
+    variance = np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
+    certain: np.ndarray = (variance <= _MOST_UNCERTAIN**2 * np.sum(unknowns[:, :3] ** 2, axis=1)) | (not is_known)
+    return certain
+
+
+def start_of(euler: EulerSolutions, outputs: FloatArray, index: float) -> FloatArray:
+    """Return where fits begin (N, 6): Euler's places, and the moments of dipoles or vectors along lines."""
+    vectors = euler.moment_Am2 if index == DIPOLE_INDEX else directions_of(outputs)
+    return np.concatenate([euler.position_m, vectors], axis=1)
+
+
+def fit_outputs(
+    outputs: FloatArray, array: Array, noise: FloatArray, start: FloatArray, index: float = DIPOLE_INDEX
+) -> OutputFit:
+    """Return the sources that fit the outputs of an array with its true baselines, each sample a problem of its own.
 
     Parameters
     ----------
     outputs : (N, 8) array
-        Field and gradient of the dipole alone, array frame, tesla and T/m.
+        Field and gradient of the source alone, array frame, tesla and T/m.
     array : Array
         Whose outputs they are.
     noise : (8, 8) or (N, 8, 8) array
         Covariance of the outputs, for all samples or each.
     start : (N, 6) array
-        Places and moments to begin with, metres and A m².
+        Places to begin with [m], and moments [A m²] or vectors along lines.
+    index : float
+        Structural index.
+
+    Returns
+    -------
+    OutputFit
+        Unknowns (N, 6) are places and moments, or nearest points of lines and unit vectors along them.
 
     Raises
     ------
@@ -87,10 +130,17 @@ def fit_dipoles(outputs: FloatArray, array: Array, noise: FloatArray, start: Flo
         When a covariance has no inverse.
     """
     points, by_points = _elements(array)
-    whitening = _whitening(noise)
-    weights = (whitening @ by_points)[..., None, :, :]
+    whitening = whitening_of(noise)
+    weights: FloatArray = whitening @ by_points
     data = (whitening @ outputs[..., None])[..., 0]
-    return solve(Problem(dipole_field, points[None], weights, np.zeros((1, 8, 0))), data, start)
+    if index != DIPOLE_INDEX:
+        return fit_lines(data, points, weights, start, index)
+    problem = Problem(dipole_field, points[None], weights[..., None, :, :], np.zeros((1, 8, 0)))
+    solution = solve(problem, data, start)
+    with np.errstate(over="ignore", invalid="ignore"):
+        field_T = dipole_field(-solution.unknowns[:, :3], solution.unknowns[:, 3:])[0]
+        predicted, slopes = problem.predict(solution.unknowns)
+    return OutputFit(solution, field_T, data - predicted, slopes)
 
 
 def _elements(array: Array) -> tuple[FloatArray, FloatArray]:
@@ -103,7 +153,7 @@ def _elements(array: Array) -> tuple[FloatArray, FloatArray]:
     return array.element_positions_m.reshape(-1, 3), by_elements.reshape(8, -1)
 
 
-def _whitening(noise: FloatArray) -> FloatArray:
+def whitening_of(noise: FloatArray) -> FloatArray:
     """Return a square root (…, 8, 8) of the inverse of covariances (…, 8, 8) of field and gradient.
 
     Raises

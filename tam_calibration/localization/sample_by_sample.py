@@ -3,14 +3,14 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.linalg import norm
 
-from tam_calibration.localization.euler import DIPOLE_INDEX, locate
-from tam_calibration.localization.finite_baseline import locate_dipole
+from tam_calibration.localization.euler import DIPOLE_INDEX
+from tam_calibration.localization.finite_baseline import locate_with_baselines
+from tam_calibration.localization.line_fit import CURRENT_INDEX, DIPOLES_INDEX
 from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.turned_samples import across_field, locate_turned
+from tam_calibration.localization.turned_samples import locate_turned
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray
 
 _TENTHS = 10
@@ -19,9 +19,18 @@ _TENTHS = 10
 _TO_DEVIATION = 1.4826
 """Standard deviation of normal numbers over their median absolute deviation."""
 
-_BEND = 0.29
-"""Error of each component of a line's place over index × arm² / distance, root mean square over all directions: the
-tensor of an array is a slope over its baselines, over which the field of a line bends."""
+_CHANCE = 1e-3
+"""Probability with which the noise of one source leaves as much of a run as is refused."""
+
+_FEWEST_LOCATED = 10
+"""Samples of a run: of fewer, what is left does not tell a second source that moves them by ten standard errors."""
+
+_MEND = (
+    "Take a longer stretch about one source, or of dipoles give the velocity of a straight track, along which several "
+    "of them and a gradient of the field are found"
+)
+
+SOURCES = {CURRENT_INDEX: "line of current", DIPOLES_INDEX: "line of dipoles", DIPOLE_INDEX: "dipole"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +96,7 @@ def locate_samples(
 ) -> EulerSolutions:
     """Locate the source of each sample; a sample's result does not depend on its neighbours.
 
-    A dipole is located with the array's true baselines, any other source by Euler's equation.
+    It is located with the array's true baselines.
 
     Parameters
     ----------
@@ -115,22 +124,55 @@ def locate_samples(
     InputError
         When a shape or the structural index is wrong, the covariance is none, or there is no attitude.
     """
+    if not array.has_gradient:
+        return EulerSolutions.refused(len(outputs), Status.NOT_FINITE)
     if regional is None:
-        return _locate(outputs, array, covariance, index)
+        return locate_with_baselines(outputs, array, covariance, index=index)
     if attitude is None:
         raise InputError("without an attitude the regional field cannot be taken off")
-    matrices = _matrices(attitude)
+    matrices = matrices_of(attitude)
     field_T = np.einsum("nji,j->ni", matrices, regional.field_T)
     spread = np.zeros((3, 3)) if regional.covariance_T2 is None else regional.covariance_T2
     own = np.swapaxes(matrices, 1, 2) @ spread @ matrices
-    is_exact = regional.attitude_noise == 0 and regional.covariance_T2 is None
-    if index == DIPOLE_INDEX and array.has_gradient and not is_exact:
-        solutions = locate_turned(outputs, field_T, array, covariance, own, regional.attitude_noise)
+    if regional.attitude_noise or regional.covariance_T2 is not None:
+        solutions = locate_turned(outputs, field_T, array, covariance, own, regional.attitude_noise, index)
     else:
         source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
-        widened = across_field(covariance, own, field_T, regional.attitude_noise)
-        solutions = _locate(source, array, widened, index)
+        solutions = locate_with_baselines(source, array, covariance, index=index)
     return _unless_unknown(solutions, attitude)
+
+
+def require_one_source(solutions: EulerSolutions, index: float = DIPOLE_INDEX) -> None:
+    """Refuse the samples of a run that several sources, or a field that is not uniform, have made.
+
+    Parameters
+    ----------
+    solutions : EulerSolutions
+        Of all samples.
+    index : float
+        Structural index.
+
+    Raises
+    ------
+    Refused
+        When all samples together leave more than noise beside one source and a uniform regional field, known as it is,
+        or too few are located to tell.
+    """
+    from scipy.stats import chi2
+
+    assert solutions.chi_square is not None
+    left = solutions.chi_square[solutions.is_located]
+    if 0 < len(left) < _FEWEST_LOCATED:
+        raise Refused(
+            f"{len(left)} samples can be located, of which {_FEWEST_LOCATED} are needed to tell one source from "
+            f"several. {_MEND}"
+        )
+    freedom, total = len(left) * (3 if index == CURRENT_INDEX else 2), float(left.sum())
+    if len(left) and chi2.sf(total, freedom) < _CHANCE:
+        raise Refused(
+            f"the samples are not those of one {SOURCES[index]} beside a uniform regional field: what is left is "
+            f"{np.sqrt(total / freedom):.3g} times the noise. {_MEND}"
+        )
 
 
 def turned(solutions: EulerSolutions, attitude: FloatArray, attitude_noise: float = 0.0) -> EulerSolutions:
@@ -147,7 +189,7 @@ def turned(solutions: EulerSolutions, attitude: FloatArray, attitude_noise: floa
     attitude_noise : float
         Standard deviation of the attitude about each axis, radians.
     """
-    matrix, variance = _matrices(attitude), attitude_noise**2
+    matrix, variance = matrices_of(attitude), attitude_noise**2
     back = np.swapaxes(matrix, 1, 2)
     world = EulerSolutions(
         (matrix @ solutions.position_m[..., None])[..., 0],
@@ -155,6 +197,7 @@ def turned(solutions: EulerSolutions, attitude: FloatArray, attitude_noise: floa
         (matrix @ solutions.moment_Am2[..., None])[..., 0],
         matrix @ _turning(solutions.moment_covariance_A2m4, solutions.moment_Am2, variance) @ back,
         solutions.status,
+        solutions.chi_square,
     )
     return _unless_unknown(world, attitude)
 
@@ -167,23 +210,14 @@ def _turning(covariance: FloatArray, vectors: FloatArray, variance: float) -> Fl
     return widened
 
 
-def _locate(outputs: FloatArray, array: Array, covariance: FloatArray, index: float) -> EulerSolutions:
-    if index == DIPOLE_INDEX and array.has_gradient:
-        return locate_dipole(outputs, array, covariance)
-    solutions = locate(outputs, covariance, index=index)
-    arm_m = norm(array.positions_m - array.positions_m.mean(axis=0), axis=1).max()
-    bend_m = _BEND * index * arm_m**2 / norm(solutions.position_m, axis=1)
-    widened = solutions.position_covariance_m2 + bend_m[:, None, None] ** 2 * np.eye(3)
-    return replace(solutions, position_covariance_m2=widened)
-
-
 def _unless_unknown(solutions: EulerSolutions, attitude: FloatArray) -> EulerSolutions:
     """Name the attitude as the reason where it is unknown."""
     status = np.where(np.isfinite(attitude).all(axis=1), solutions.status, Status.NO_ATTITUDE)
     return replace(solutions, status=status)
 
 
-def _matrices(attitude: FloatArray) -> FloatArray:
+def matrices_of(attitude: FloatArray) -> FloatArray:
+    """Return the rotations (N, 3, 3) of quaternions (N, 4), NaN where they are unknown."""
     from scipy.spatial.transform import Rotation
 
     known = np.isfinite(attitude).all(axis=1)

@@ -63,6 +63,8 @@ class EulerSolutions:
         Likewise.
     status : (N,) array of int
         A ``Status`` for each sample.
+    chi_square : (N,) array, optional
+        Squares that the source leaves of the outputs over their covariance: NaN where nothing was fitted.
     """
 
     position_m: FloatArray
@@ -70,6 +72,12 @@ class EulerSolutions:
     moment_Am2: FloatArray
     moment_covariance_A2m4: FloatArray
     status: np.ndarray
+    chi_square: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        """Fill in what is not known."""
+        if self.chi_square is None:
+            object.__setattr__(self, "chi_square", np.full(len(self.status), np.nan))
 
     @classmethod
     def refused(cls, count: int, status: Status) -> "EulerSolutions":

@@ -81,6 +81,28 @@ class Problem:
         return np.concatenate([positions_m, found], axis=1)
 
 
+@dataclass(frozen=True, eq=False)
+class OutputFit:
+    """Sources that were fitted to the outputs of N samples, each by itself.
+
+    Parameters
+    ----------
+    solution : Solution
+        Of each sample.
+    field_T : (N, 3) array
+        Of the sources at the array's centre, tesla.
+    residuals : (N, 8) array
+        Whitened.
+    slopes : (N, 8, P) array
+        Derivatives of the whitened outputs by what was fitted.
+    """
+
+    solution: Solution
+    field_T: FloatArray
+    residuals: FloatArray
+    slopes: FloatArray
+
+
 def solve(problem: Problem, data: FloatArray, start: FloatArray) -> Solution:
     """Return the solutions of M problems; each takes its own steps and does not depend on its neighbours.
 

@@ -6,15 +6,24 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.localization.common_field import regional_beside_current
 from tam_calibration.localization.direct_fit import passage_of
 from tam_calibration.localization.euler import DIPOLE_INDEX
+from tam_calibration.localization.line_fit import CURRENT_INDEX
 from tam_calibration.localization.passage import GRADIENT, OF_SOURCE, UNIFORM, VELOCITY, Known, Passage
-from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
+from tam_calibration.localization.sample_by_sample import (
+    SOURCES,
+    Regional,
+    locate_samples,
+    regional_of,
+    require_one_source,
+    turned,
+)
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.survey import TRACK_FRAME, WORLD_FRAME, Overall, Survey, Track, standard_errors
 from tam_calibration.localization.track_fit import TrackFit, fit_track
 from tam_calibration.model.array import UNIT_TENSORS, Array
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import Dipole, dipole_field
@@ -220,7 +229,10 @@ def locate_steady(
     if velocity_m_per_s is None:
         return _sample_by_sample(recording, calibration, index, regional, attitude_noise)
     if index != DIPOLE_INDEX:
-        raise InputError(f"along a track a dipole is located: its structural index is 3, not {index:g}")
+        raise InputError(
+            f"along a track a dipole is located: its structural index is 3, not {index:g}; leave out the velocity, and "
+            "each sample is located by itself"
+        )
     speed = float(norm(velocity_m_per_s))
     error = DEFAULT_VELOCITY_ERROR * speed if velocity_error_m_per_s is None else velocity_error_m_per_s
     return _along_track(recording, calibration, regional, attitude_noise, velocity_m_per_s, error)
@@ -235,7 +247,7 @@ def _sample_by_sample(
 ) -> Survey:
     assert recording.attitude is not None
     outputs = calibration.correct(recording).outputs
-    known = regional_of(outputs, recording.attitude, attitude_noise) if regional is None else regional
+    known = _regional(outputs, recording.attitude, calibration, index, regional, attitude_noise)
     solutions = locate_samples(
         outputs,
         calibration.array,
@@ -244,9 +256,35 @@ def _sample_by_sample(
         regional=known,
         attitude=recording.attitude,
     )
+    require_one_source(solutions, index)
     center = np.zeros((recording.sample_count, 3))
     world = turned(solutions, recording.attitude, attitude_noise)
     return Survey(WORLD_FRAME, recording.time_s, world, center, regional_T=known.field_T)
+
+
+def _regional(
+    outputs: FloatArray,
+    attitude: FloatArray,
+    calibration: Calibration,
+    index: float,
+    known: Regional | None,
+    attitude_noise: float,
+) -> Regional:
+    """Return the field beside the source's: of dipoles most samples are far, of lines none are."""
+    prior = regional_of(outputs, attitude, attitude_noise) if known is None else known
+    if index != DIPOLE_INDEX and attitude_noise:
+        raise Refused(
+            f"a {SOURCES.get(index, 'line')} is located with an exact attitude alone: the regional field, turned by an "
+            "error of it, hides what tells one line from several"
+        )
+    if index == CURRENT_INDEX and prior.covariance_T2 is not None:
+        return regional_beside_current(outputs, calibration.array, calibration.output_covariance, attitude, prior)
+    if index != DIPOLE_INDEX and known is None:
+        raise Refused(
+            f"beside a {SOURCES.get(index, 'line')} the regional field cannot be found from the samples: give the "
+            "place, at which it is that of IGRF"
+        )
+    return prior
 
 
 def _along_track(

@@ -1,4 +1,4 @@
-"""The dipole of each sample beside a regional field that is uncertain, or known but for a turn.
+"""The source of each sample beside a regional field that is uncertain, or known but for a turn.
 
 An error of the attitude of 0.1° turns 87 nT of 50 µT across the field, and a regional field that was fitted to the run
 is uncertain by tens of nT: more than most sources make. What is left is the gradient and a component or two, six
@@ -16,12 +16,11 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Solution
-from tam_calibration.localization.euler import locate
-from tam_calibration.localization.finite_baseline import fit_dipoles
+from tam_calibration.localization.euler import DIPOLE_INDEX, locate
+from tam_calibration.localization.finite_baseline import fit_outputs, is_certain, start_of
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.model.array import Array
 from tam_calibration.model.units import FloatArray
-from tam_calibration.sources.dipole import dipole_field
 
 _ANGLES = np.pi / 4 * np.arange(8)
 _SHIFTS = np.array(
@@ -42,9 +41,6 @@ _FARTHEST_M = 1e4
 
 _LARGEST_TURN = 0.5
 """Radians: no error of the attitude is as large, and what a wild fit leaves of the field was not made by one."""
-
-_MOST_UNCERTAIN = 0.2
-"""Standard error of a place over its distance: beyond, intervals of first order no longer hold what they say."""
 
 _AS_GOOD = 9.0
 """χ² by which another dipole may be worse and still explain the sample: three standard deviations."""
@@ -83,8 +79,9 @@ def locate_turned(
     covariance: FloatArray,
     own: FloatArray,
     attitude_noise: float,
+    index: float = DIPOLE_INDEX,
 ) -> EulerSolutions:
-    """Locate the dipole of each sample beside a field that is uncertain, or known but for a turn.
+    """Locate the source of each sample beside a field that is uncertain, or known but for a turn.
 
     Parameters
     ----------
@@ -100,6 +97,8 @@ def locate_turned(
         Of the regional field in the array frame, T².
     attitude_noise : float
         Standard deviation of the attitude about each axis, radians.
+    index : float
+        Structural index.
 
     Returns
     -------
@@ -107,43 +106,48 @@ def locate_turned(
         With the reason of each sample that was not located.
     """
     source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
-    euler = locate(source, across_field(covariance, own, field_T, attitude_noise))
+    euler = locate(source, across_field(covariance, own, field_T, attitude_noise), index=index)
     result = EulerSolutions.refused(len(outputs), Status.UNCERTAIN)
     result.status[:] = euler.status
     at = np.flatnonzero(euler.is_located)
     if not len(at):
         return result
-    samples = _Samples(outputs[at], field_T[at], array, covariance, own[at], attitude_noise)
+    samples = _Samples(outputs[at], field_T[at], array, covariance, own[at], attitude_noise, index)
     found = samples.best(_SHIFTS[:1])
-    is_seen, is_alone = (samples.is_above(times, found.unknowns) for times in (_LEAST_FIELD, _SURE_FIELD))
+    is_seen, is_alone = (samples.is_above(times, found.field_T) for times in (_LEAST_FIELD, _SURE_FIELD))
     doubtful = np.flatnonzero(~found.is_settled | is_seen & ~is_alone)
     if len(doubtful):
         found.put(doubtful, samples.take(doubtful).best(_SHIFTS))
-    variance = np.trace(found.covariance[:, :3, :3], axis1=1, axis2=2)
-    is_sure = variance <= _MOST_UNCERTAIN**2 * np.sum(found.unknowns[:, :3] ** 2, axis=1)
+    is_sure = is_certain(found.unknowns, found.covariance)
     status = np.where(found.is_ambiguous, Status.AMBIGUOUS, Status.LOCATED)
     status = np.where(found.is_settled & is_sure, status, Status.UNCERTAIN)
-    is_hidden = (status == Status.LOCATED) & ~samples.is_above(_LEAST_FIELD, found.unknowns)
+    is_hidden = (status == Status.LOCATED) & ~samples.is_above(_LEAST_FIELD, found.field_T)
     result.status[at] = status = np.where(is_hidden, Status.NO_FIELD, status)
     located, kept = at[status == Status.LOCATED], status == Status.LOCATED
-    result.position_m[located], result.moment_Am2[located] = np.split(found.unknowns[kept], 2, axis=1)
+    result.position_m[located] = found.unknowns[kept, :3]
+    assert result.chi_square is not None
+    result.chi_square[located] = found.chi_square[kept]
     result.position_covariance_m2[located] = found.covariance[kept, :3, :3]
-    result.moment_covariance_A2m4[located] = found.covariance[kept, 3:, 3:]
+    if index == DIPOLE_INDEX:
+        result.moment_Am2[located] = found.unknowns[kept, 3:]
+        result.moment_covariance_A2m4[located] = found.covariance[kept, 3:, 3:]
     return result
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """Dipoles (N, 6), their covariances (N, 6, 6), and of which samples they settled and of which there are others."""
+    """Sources (N, 6), their fields (N, 3) and covariances (N, 6, 6), which samples settled, which have other ones."""
 
     unknowns: FloatArray
+    field_T: FloatArray
     covariance: FloatArray
+    chi_square: FloatArray
     is_settled: np.ndarray
     is_ambiguous: np.ndarray
 
     def put(self, at: np.ndarray, other: "_Found") -> None:
         """Take those of some samples from another."""
-        for name in ("unknowns", "covariance", "is_settled", "is_ambiguous"):
+        for name in ("unknowns", "field_T", "covariance", "chi_square", "is_settled", "is_ambiguous"):
             getattr(self, name)[at] = getattr(other, name)
 
 
@@ -157,20 +161,21 @@ class _Samples:
     covariance: FloatArray
     own: FloatArray
     attitude_noise: float
+    index: float
 
     def take(self, at: np.ndarray) -> "_Samples":
         """Return some of the samples."""
         return replace(self, outputs=self.outputs[at], field_T=self.field_T[at], own=self.own[at])
 
-    def is_above(self, times: float, dipoles: FloatArray) -> np.ndarray:
-        """Return whether dipoles (N, 6) make more than so many of the largest standard errors of the field beside."""
+    def is_above(self, times: float, source_T: FloatArray) -> np.ndarray:
+        """Return whether fields (N, 3) are more than so many of the largest standard errors of the field beside."""
         largest = np.linalg.eigvalsh(_beside(self.own, self.field_T, self.attitude_noise))[:, -1]
-        above: np.ndarray = norm(dipole_field(-dipoles[:, :3], dipoles[:, 3:])[0], axis=1) ** 2 > times**2 * largest
+        above: np.ndarray = norm(source_T, axis=1) ** 2 > times**2 * largest
         return above
 
     def best(self, shifts: FloatArray) -> _Found:
         """Return the best of the fits that begin with a field that is off by some shifts (S, 2)."""
-        solution, shape = self._fit(shifts), (len(shifts), len(self.outputs))
+        (solution, field_T), shape = self._fit(shifts), (len(shifts), len(self.outputs))
         is_settled = _is_near(solution)
         chi_square = np.where(is_settled, solution.chi_square, np.inf).reshape(shape)
         unknowns = np.where(is_settled[:, None], solution.unknowns, 1.0).reshape(*shape, 6)
@@ -179,10 +184,12 @@ class _Samples:
         apart = np.sum((unknowns[..., :3] - unknowns[at][:, :3]) ** 2, axis=2)
         is_other = apart > _AS_GOOD * np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
         is_as_good = chi_square < chi_square[at] + _AS_GOOD
-        return _Found(unknowns[at], covariance, np.isfinite(chi_square[at]), (is_other & is_as_good).any(axis=0))
+        own = field_T.reshape(*shape, 3)[at]
+        is_ambiguous = (is_other & is_as_good).any(axis=0)
+        return _Found(unknowns[at], own, covariance, chi_square[at], np.isfinite(chi_square[at]), is_ambiguous)
 
-    def _fit(self, shifts: FloatArray) -> Solution:
-        """Return the dipoles (S N) that are found after each shift: all fits are made side by side."""
+    def _fit(self, shifts: FloatArray) -> tuple[Solution, FloatArray]:
+        """Return the sources (S N), and their fields, that are found after each shift: all are fitted side by side."""
         values, vectors = np.linalg.eigh(_beside(self.own, self.field_T, self.attitude_noise))
         errors = np.sqrt(np.maximum(values[:, 1:], 0.0))
         shifted = np.einsum("ta,na,nia->tni", shifts, errors, vectors[:, :, 1:]).reshape(-1, 3)
@@ -190,19 +197,21 @@ class _Samples:
             np.tile(each, (len(shifts), *[1] * (each.ndim - 1))) for each in (self.outputs, self.field_T, self.own)
         )
         source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
-        begin = locate(np.concatenate([source[:, :3] - shifted, source[:, 3:]], axis=1))
-        start = np.nan_to_num(np.concatenate([begin.position_m, begin.moment_Am2], axis=1), nan=1.0)
-        left = field_T
+        seen = np.concatenate([source[:, :3] - shifted, source[:, 3:]], axis=1)
+        start = np.nan_to_num(start_of(locate(seen, index=self.index), seen, self.index), nan=1.0)
+        left, source_T = field_T, np.zeros_like(field_T)
         for _ in range(_ROUNDS if self.attitude_noise else 1):
             seen = source[:, :8].copy()
             seen[:, :3] -= _longer(left, field_T)
             noise = across_field(self.covariance, own, left, self.attitude_noise)[:, :8, :8]
-            solution = fit_dipoles(seen, self.array, noise, start)
-            start = np.where(_is_near(solution)[:, None], solution.unknowns, start)
-            left = outputs[:, :3] - dipole_field(-start[:, :3], start[:, 3:])[0]
+            fit = fit_outputs(seen, self.array, noise, start, self.index)
+            is_near = _is_near(fit.solution)[:, None]
+            start = np.where(is_near, fit.solution.unknowns, start)
+            source_T = np.where(is_near, fit.field_T, source_T)
+            left = outputs[:, :3] - source_T
             is_turn = norm(left - field_T, axis=1) < _LARGEST_TURN * norm(field_T, axis=1)
             left = np.where(is_turn[:, None], left, field_T)
-        return solution
+        return fit.solution, source_T
 
 
 def _is_near(solution: Solution) -> np.ndarray:

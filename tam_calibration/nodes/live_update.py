@@ -53,7 +53,7 @@ class LiveUpdate:
     ) -> None:
         self._node, self._array, self._publish = node, array, publish
         self._path = samples_file and samples_file.with_name(samples_file.name + _STATE)
-        self._layout = SampleLayout.whole(array.sensor_count)
+        self._layout = SampleLayout.whole(array.sensor_count, array.further_channels)
         self._columns = [self._layout.columns.index(name) for name in ("scalar_T", "temperature_C")]
         self._lock = Lock()
         self._is_on = bool(node.value("update"))

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.localization import solutions
 from tam_calibration.localization.euler import locate
-from tam_calibration.localization.finite_baseline import _whitening, locate_dipole
+from tam_calibration.localization.finite_baseline import _whitening, locate_with_baselines
 from tam_calibration.localization.solutions import Status
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -32,7 +32,7 @@ def test_error_of_finite_baselines_is_gone(dipoles):
     """Euler's solution is wrong by per cents of the range, and the fit with the true baselines by nothing."""
     places, moments, readings = dipoles
     outputs = readings.reshape(len(places), -1) @ ARRAY.operator.T
-    euler, found = locate(outputs), locate_dipole(outputs, ARRAY)
+    euler, found = locate(outputs), locate_with_baselines(outputs, ARRAY)
     assert norm(euler.position_m - places, axis=1).max() > 0.02 * RANGE_M
     assert found.is_located.all()
     assert_allclose(found.position_m, places, atol=1e-10)
@@ -44,8 +44,8 @@ def test_covariance_is_that_of_repeated_measurements(dipoles):
     places, _, readings = dipoles
     noisy = readings[:1] + 5e-11 * np.random.default_rng(12).normal(size=(4000, 4, 3))
     outputs = noisy.reshape(len(noisy), -1) @ ARRAY.operator.T
-    found = locate_dipole(outputs, ARRAY, NOISE)
-    one = locate_dipole(readings[:1].reshape(1, -1) @ ARRAY.operator.T, ARRAY, NOISE)
+    found = locate_with_baselines(outputs, ARRAY, NOISE)
+    one = locate_with_baselines(readings[:1].reshape(1, -1) @ ARRAY.operator.T, ARRAY, NOISE)
     covariance = one.position_covariance_m2[0]
     size = np.sqrt(np.diag(covariance))
     assert_allclose(np.cov(found.position_m.T) / np.outer(size, size), covariance / np.outer(size, size), atol=0.08)
@@ -59,22 +59,22 @@ def test_refused_samples_keep_their_reason_and_disturb_no_other(dipoles):
     outputs = readings[:4].reshape(4, -1) @ ARRAY.operator.T
     outputs[1] = np.nan
     for noise in (NOISE, np.broadcast_to(NOISE, (4, 9, 9))):
-        found = locate_dipole(outputs, ARRAY, noise)
+        found = locate_with_baselines(outputs, ARRAY, noise)
         assert found.status.tolist() == [Status.LOCATED, Status.NOT_FINITE, Status.LOCATED, Status.LOCATED]
         assert np.isnan(found.position_m[1]).all()
         assert_allclose(found.position_m[[0, 2, 3]], places[[0, 2, 3]], atol=1e-10)
         for n in (0, 2, 3):
-            alone = locate_dipole(outputs[n : n + 1], ARRAY, NOISE)
+            alone = locate_with_baselines(outputs[n : n + 1], ARRAY, NOISE)
             assert_allclose(alone.position_m[0], found.position_m[n], rtol=1e-12)
 
 
 def test_many_samples_are_located_as_few_are(dipoles, monkeypatch):
     """Cut into pieces, each sample gives what it gives in one, with one covariance or one for each."""
     outputs = dipoles[2].reshape(300, -1) @ ARRAY.operator.T
-    whole = locate_dipole(outputs, ARRAY, NOISE)
+    whole = locate_with_baselines(outputs, ARRAY, NOISE)
     monkeypatch.setattr(solutions, "_PIECE", 70)
     for noise in (NOISE, np.broadcast_to(NOISE, (300, 9, 9))):
-        cut = locate_dipole(outputs, ARRAY, noise)
+        cut = locate_with_baselines(outputs, ARRAY, noise)
         assert_allclose(cut.position_m, whole.position_m, rtol=1e-12)
         assert_allclose(cut.position_covariance_m2, whole.position_covariance_m2, rtol=1e-9)
         assert cut.status.tolist() == whole.status.tolist()
@@ -82,18 +82,18 @@ def test_many_samples_are_located_as_few_are(dipoles, monkeypatch):
 
 def test_without_a_located_sample_the_reasons_are_told(dipoles):
     """All not finite, and none at all."""
-    found = locate_dipole(np.full((2, 9), np.nan), ARRAY, np.full((9, 9), np.nan))
+    found = locate_with_baselines(np.full((2, 9), np.nan), ARRAY, np.full((9, 9), np.nan))
     assert found.status.tolist() == [Status.NOT_FINITE, Status.NOT_FINITE]
-    assert locate_dipole(np.zeros((0, 9)), ARRAY, NOISE).position_m.shape == (0, 3)
+    assert locate_with_baselines(np.zeros((0, 9)), ARRAY, NOISE).position_m.shape == (0, 3)
 
 
 def test_what_cannot_be_weighed_is_refused(dipoles):
     """An array without gradient, and a covariance that is none."""
     outputs = dipoles[2][:1].reshape(1, -1) @ ARRAY.operator.T
     with pytest.raises(InputError, match="no gradient"):
-        locate_dipole(outputs, Array(np.eye(3)[:2]))
+        locate_with_baselines(outputs, Array(np.eye(3)[:2]))
     with pytest.raises(InputError, match="positive, finite diagonal"):
-        locate_dipole(outputs, ARRAY, np.zeros((9, 9)))
+        locate_with_baselines(outputs, ARRAY, np.zeros((9, 9)))
 
 
 def test_places_of_the_axes_are_part_of_the_model(dipoles):
@@ -103,7 +103,7 @@ def test_places_of_the_axes_are_part_of_the_model(dipoles):
     array = Array(ARRAY.positions_m, axis_offsets_m=offsets)
     fields = dipole_field(array.element_positions_m - places[:, None, None], moments[:, None, None])[0]
     readings = np.diagonal(fields.reshape(len(places), 4, 3, 3), axis1=2, axis2=3)
-    found = locate_dipole(readings.reshape(len(places), -1) @ array.operator.T, array)
+    found = locate_with_baselines(readings.reshape(len(places), -1) @ array.operator.T, array)
     assert_allclose(found.position_m, places, atol=1e-9)
 
 
@@ -112,7 +112,7 @@ def test_noise_that_leads_steps_far_away_is_no_warning(cross):
     outputs = np.random.default_rng(0).normal(0, 1e-9, (2000, 12)) @ cross.operator.T
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        locate_dipole(outputs, cross)
+        locate_with_baselines(outputs, cross)
 
 
 @pytest.mark.parametrize("shape", [(), (3,)])
