@@ -209,7 +209,11 @@ def _segmented(advantage: FloatArray, price: float) -> NDArray[np.bool_]:
     """
     lead, leads = 0.0, []
     for one in advantage.tolist():
-        lead = min(max(lead, -price), price) + one
+        if lead > price:
+            lead = price
+        elif lead < -price:
+            lead = -price
+        lead += one
         leads.append(lead)
     is_on = np.empty(len(leads), dtype=bool)
     state = lead > 0

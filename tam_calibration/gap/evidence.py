@@ -1,6 +1,6 @@
 """The evidence for each hypothesis at a model: the library's effects, and rival functions without physics."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from math import log
@@ -37,6 +37,20 @@ def cached_by_base(function: Callable[..., Value]) -> Callable[..., Value]:
         if key not in of_base:
             of_base[key] = function(base, *arguments)
         return of_base[key]
+
+    return cached
+
+
+def cached_by_form(function: Callable[[Base, Hypothesis], Value]) -> Callable[[Base, Hypothesis], Value]:
+    """Cache what depends on a base and on the terms of a form there, as long as the base exists."""
+    known: WeakKeyDictionary[Base, dict[Hashable, Value]] = WeakKeyDictionary()
+
+    @wraps(function)
+    def cached(base: Base, form: Hypothesis) -> Value:
+        of_base = known.setdefault(base, {})
+        if form.identity not in of_base:
+            of_base[form.identity] = function(base, form)
+        return of_base[form.identity]
 
     return cached
 

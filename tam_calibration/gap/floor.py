@@ -107,6 +107,18 @@ def floor_of(channels: WhitenedChannels, stated: Array) -> Floor:
     return Floor(level, colour, floor.stated_T, _remarks(floor, stated, int(channels.is_counted.sum())))
 
 
+def white_variance(channels: WhitenedChannels) -> float:
+    """Return the variance of the white noise of the channels between the sensors, the median of them; 0 without any.
+
+    Parameters
+    ----------
+    channels : WhitenedChannels
+        Whitened residuals of a model, in which it is 1.
+    """
+    counted = channels.differential[channels.is_counted]
+    return float(np.median([_white(series) for series in counted.T])) if counted.size else 0.0
+
+
 def _of_rows(channels: WhitenedChannels, stated_T: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the levels and colours of the sensors' rows."""
     counted = channels.is_counted

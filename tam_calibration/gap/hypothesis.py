@@ -1,6 +1,6 @@
 """The best form of one hypothesis: the terms selected by evidence, over the shapes of an effect, then refined."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from heapq import nlargest
 
@@ -56,6 +56,11 @@ class Hypothesis:
     def keys(self) -> tuple[Key, ...]:
         """Keys of the terms."""
         return tuple(term.key for term in self.terms)
+
+    @property
+    def identity(self) -> tuple[Hashable, ...]:
+        """What its terms at a base depend on, so that a form which is tested again there is known."""
+        return self.effect.name, tuple(sorted(self.shape.items())), self.keys
 
     @property
     def width(self) -> int:

@@ -1,11 +1,11 @@
 """The search for the causes of a gap: forward selection, the strongest first, then backward elimination."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import log
 
-from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.excess_variance import LARGEST_NOISE
 from tam_calibration.effects.grades import MINOR, NOTABLE, SLIGHT
 from tam_calibration.effects.library import installed_effects
@@ -14,6 +14,7 @@ from tam_calibration.gap.hypothesis import Hypothesis, given_form, places_of, re
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
+from tam_calibration.gap.size import certain_noise
 from tam_calibration.gap.support import (
     LEAST_EVIDENCE,
     Step,
@@ -82,7 +83,7 @@ class CauseSearch:
     @cached_property
     def weighed(self) -> tuple[Evidence, ...]:
         """The evidence for each effect at the nominal model."""
-        return self._weigh(self.first_base, 0)
+        return self._weigh(self.first_base, 0, self._effects)
 
     def found(self, first: Evidence | None) -> SearchResult:
         """Return the causes that hold of those found from a start, or from the strongest."""
@@ -97,24 +98,24 @@ class CauseSearch:
         is_clean = bool(causes or not steps) and is_small and open_part(self.first_base, base, unknown) < MINOR
         return SearchResult(steps[0].accepted if steps else None, tuple(causes), model, unknown, evidence, is_clean)
 
-    def other_starts(self, found: SearchResult) -> list[Evidence]:
-        """Return other starts: the first cause at one sensor only, and the next effects where a gap remains."""
+    def other_starts(self, found: SearchResult) -> Iterator[Evidence]:
+        """Yield other starts where a gap remains: the first cause at one sensor only, and the next effects."""
         first = found.first
-        if first is None or first.is_certain or self.nominal.gross is not None:
-            return []
+        if found.is_clean or first is None or first.is_certain or self.nominal.gross is not None:
+            return
         ranked = sorted(self.weighed, key=lambda one: -one.delta_bic)
         others = [one for one in ranked if one is not first and one.delta_bic > NOTABLE * first.delta_bic]
-        starts = [] if found.is_clean else [self._alone(one) or one for one in others[:_STARTS]]
+        starts = [self._alone(one) or one for one in others[:_STARTS]]
         alone = self._alone(first)
         base = self.first_base
-        return [
-            one for one in (alone, *starts) if one is not None and is_new(one, (), base) and support_of(base, one)[0]
-        ]
+        for one in (alone, *starts):
+            if one is not None and is_new(one, (), base) and support_of(base, one)[0]:
+                yield one
 
-    def _weigh(self, base: Base, depth: int) -> tuple[Evidence, ...]:
+    def _weigh(self, base: Base, depth: int, effects: Mapping[str, Effect]) -> tuple[Evidence, ...]:
         weighed = []
-        for number, (name, effect) in enumerate(self._effects.items()):
-            self._tell(name, (depth + number / len(self._effects)) / (_MOST_CAUSES + 1))
+        for number, (name, effect) in enumerate(effects.items()):
+            self._tell(name, (depth + number / len(effects)) / (_MOST_CAUSES + 1))
             found = examine(base, effect)
             if isinstance(found, Evidence):
                 weighed.append(found)
@@ -146,7 +147,11 @@ class CauseSearch:
                 least = max(min(least, LARGEST_REST**2 * base.channels.count), SLIGHT**2 * self._visible())
                 if base.energy < least:  # No cause can explain more than the residual energy.
                     return steps
-                weighed = self._weigh(base, len(steps))
+                if base.energy - certain_noise(base.channels) < least and not self._is_found(
+                    base, steps, without, least
+                ):
+                    return steps
+                weighed = self._weigh(base, len(steps), self._effects)
             given = (first, support_of(base, first)[1]) if first is not None and not steps else None
             found = given or supported(base, [one for one in weighed if one.effect not in without], steps, least)
             if found is None:
@@ -154,6 +159,12 @@ class CauseSearch:
             accepted, surrogate_test = found
             steps.append(Step(absorbed(accepted, steps), weighed, surrogate_test))
         return steps
+
+    def _is_found(self, base: Base, steps: Sequence[Step], without: Collection[str], least: float) -> bool:
+        """Whether an effect is supported that no regression finds, and that therefore may explain noise too."""
+        effects = {name: effect for name, effect in self._effects.items() if not isinstance(effect, LinearEffect)}
+        weighed = self._weigh(base, len(steps), effects)
+        return supported(base, [one for one in weighed if one.effect not in without], steps, least) is not None
 
     def _visible(self) -> float:
         """Return the energy of the gap: the most that any hypothesis explains, or the excess over the largest noise."""

@@ -12,7 +12,7 @@ from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.excess_variance import LARGEST_NOISE
 from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.evidence import Evidence
-from tam_calibration.gap.floor import floor_of
+from tam_calibration.gap.floor import floor_of, white_variance
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import VISIBLE, pseudo_inverse
 from tam_calibration.gap.regressors import Regressors
@@ -150,6 +150,18 @@ def noise_variance(model: Model, rivals: tuple[Evidence, ...], least_evidence: f
     residual = base.energy / max(base.channels.count - base.rank, 1.0)
     variance = min(residual * exp(-gain / base.channels.count), LARGEST_NOISE**2)
     return float(max(variance, min(_CERTAIN_PART * _white_part(model), residual, LARGEST_NOISE**2)))
+
+
+def certain_noise(channels: WhitenedChannels) -> float:
+    """Return the energy that no regression explains: most of the white noise between the sensors.
+
+    Parameters
+    ----------
+    channels : WhitenedChannels
+        Of a model; more noise than the model's array has is not taken for certain.
+    """
+    count = channels.is_counted[:: channels.stride].sum() * channels.differential.shape[1]
+    return float(_CERTAIN_PART * min(white_variance(channels), 1.0) * count)
 
 
 def _white_part(model: Model) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from tam_calibration.effects.effect import Effect, Finding
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, NOTABLE, SLIGHT
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.evidence import Evidence, cached_by_base, examine, rivals
+from tam_calibration.gap.evidence import Evidence, cached_by_base, cached_by_form, examine, rivals
 from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.rivals import MOST_STEPS, SHARPEST, FunctionOfDirection, surrogate_test_of_change
@@ -171,7 +171,7 @@ def support_of(base: Base, candidate: Evidence) -> tuple[bool, SurrogateTest | N
     if surrogate_test.gain <= surrogate_test.largest + LEAST_EVIDENCE:
         return False, surrogate_test
     is_promising = form.effect.surrogates == "of_channel" or surrogate_test.ratio > _LEAST_RATIO_IN_SEARCH
-    return is_promising or _is_complete(base, candidate, form), surrogate_test
+    return is_promising or _is_complete(base, form), surrogate_test
 
 
 def _is_far_out(surrogate_test: SurrogateTest, form: Hypothesis) -> bool:
@@ -186,21 +186,22 @@ def _is_far_out(surrogate_test: SurrogateTest, form: Hypothesis) -> bool:
     return form.effect.surrogates != "elsewhere" and surrogate_test.ratio > least
 
 
-def _is_complete(base: Base, cause: Evidence, form: Hypothesis) -> bool:
+def _is_complete(base: Base, form: Hypothesis) -> bool:
     """Whether a form leaves little more than noise in its sensors."""
     if form.effect.always(form.shape) is not None:
-        return _unexplained_part(base, cause, form) < MINOR
+        return _unexplained_part(base, form) < MINOR
     is_recorded = form.effect.surrogates == "of_channel"
-    return _unexplained_part(base, cause, form) < (NOTABLE if is_recorded else SLIGHT)
+    return _unexplained_part(base, form) < (NOTABLE if is_recorded else SLIGHT)
 
 
-def _unexplained_part(base: Base, cause: Evidence, form: Hypothesis) -> float:
+@cached_by_form
+def _unexplained_part(base: Base, form: Hypothesis) -> float:
     """Return the part of the explainable energy in the sensors of a form that it leaves to functions without physics.
 
     An effect that only resembles the cause leaves a residual there.
     """
     beside = base.beside(base.channels.design(form.terms))
-    gain = max((_gain_in_sensors(beside, cause, one) for one in rivals(beside)), default=0.0)
+    gain = max((_gain_in_sensors(beside, form, one) for one in rivals(beside)), default=0.0)
     unexplained = beside.energy * -expm1(-gain / base.channels.count)
     return unexplained / (unexplained + base.energy - beside.energy)
 
@@ -238,10 +239,10 @@ def holds(base: Base, cause: Evidence) -> bool:
     is_held, surrogate_test = support_of(base, alone)
     if not is_held or surrogate_test is None:
         return is_held
-    return _is_far_out(surrogate_test, moved) or _is_complete(base, alone, moved)
+    return _is_far_out(surrogate_test, moved) or _is_complete(base, moved)
 
 
-@cached_by_base
+@cached_by_form
 def _surrogate_test(base: Base, form: Hypothesis) -> SurrogateTest:
     return surrogate_test_of(base, form)
 
@@ -339,18 +340,18 @@ def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
 
 def _is_best(base: Base, candidate: Evidence) -> bool:
     """Whether noise or spikes explain as much as any function without physics in their sensors."""
-    return all(candidate.gain >= _gain_in_sensors(base, candidate, one) for one in rivals(base))
+    return all(candidate.gain >= _gain_in_sensors(base, candidate.form, one) for one in rivals(base))
 
 
 def _is_of_direction(base: Base, cause: Evidence) -> bool:
     """Whether a function of the direction explains more than a cause in its sensors, whatever axis and time."""
     others = [one for one in rivals(base) if one.effect == FunctionOfDirection.name]
-    return any(cause.gain < NEARLY_ALL * _gain_in_sensors(base, cause, one) for one in others)
+    return any(cause.gain < NEARLY_ALL * _gain_in_sensors(base, cause.form, one) for one in others)
 
 
-def _gain_in_sensors(base: Base, cause: Evidence, other: Evidence) -> float:
-    """Return the gain of a function without physics in the sensors of a cause; 0 where it has no evidence."""
-    sensors = sensors_of(places_of(cause.form))
+def _gain_in_sensors(base: Base, form: Hypothesis | Finding, other: Evidence) -> float:
+    """Return the gain of a function without physics in the sensors of a form; 0 where it has no evidence."""
+    sensors = sensors_of(places_of(form))
     terms = other.form.terms if isinstance(other.form, Hypothesis) and other.delta_bic > LEAST_EVIDENCE else ()
     there = [term for term in terms if term.sensor in sensors or ALL in sensors]
     gain = base.project(base.channels.design(there)).gain()[0] if there else 0.0

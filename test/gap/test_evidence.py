@@ -2,13 +2,23 @@
 
 from dataclasses import replace
 from math import log
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tam_calibration.effects.effect import Finding, FoundEffect
 from tam_calibration.effects.library import effect_named, installed_effects
-from tam_calibration.gap.evidence import Evidence, evidence_of, examine, rivals, sharpened, unusable, usable
+from tam_calibration.gap.evidence import (
+    Evidence,
+    cached_by_form,
+    evidence_of,
+    examine,
+    rivals,
+    sharpened,
+    unusable,
+    usable,
+)
 from tam_calibration.gap.hypothesis import Hypothesis, best_form
 from tam_calibration.gap.regression import twice_log_likelihood_ratio
 from tam_calibration.model.fitted_effect import FittedEffect
@@ -123,3 +133,24 @@ def test_nearly_all_of_the_strongest_evidence_is_promising(base, monkeypatch, pa
     strong = evidence_of(base, best_form(base, effect_named("temperature_drift")))
     other = replace(strong, delta_bic=part * strong.delta_bic)
     assert (sharpened(base, [strong, other])[1] is not other) == is_refined
+
+
+class NamedBase:
+    """A base that is known by its name."""
+
+    def __init__(self, name):
+        self.name = name
+
+
+def test_what_a_form_gives_at_a_base_is_computed_once():
+    """A form of the same effect, shape and terms is known there, on whatever way it was found."""
+    asked = []
+
+    @cached_by_form
+    def answer(base, form):
+        asked.append((base.name, form.identity))
+        return len(asked)
+
+    bases = [NamedBase("nominal"), NamedBase("beside a drift")]
+    forms = [SimpleNamespace(identity=identity) for identity in ("drift", "drift", "delay")]
+    assert [answer(base, form) for base in bases for form in forms] == [1, 1, 2, 3, 3, 4]

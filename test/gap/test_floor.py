@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.signal import freqz, lfilter
 
-from tam_calibration.gap.floor import Floor, _median_turn, _middle, floor_of
+from tam_calibration.gap.floor import Floor, _median_turn, _middle, floor_of, white_variance
 from tam_calibration.model.array import Array
 
 
@@ -188,3 +188,11 @@ def test_a_floor_is_determined_where_that_of_each_axis_is():
 def test_what_most_rows_have_is_the_lower_median():
     """Of an odd number the one in the middle, of an even number the smaller of the two."""
     assert (_middle(np.array([9.0, 1.0, 2.0])), _middle(np.array([4.0, 1.0, 3.0, 2.0]))) == (2.0, 2.0)
+
+
+def test_the_white_variance_between_the_sensors_is_that_of_the_noise_alone(run):
+    """It is 1 where the array has it, beside a drift of twenty times the noise too; a sensor alone has none."""
+    made = run(3000)
+    drifting = made.with_row(4, 20e-9 * np.sin(np.linspace(0, 9, 3000)))
+    assert_allclose([white_variance(one.channels()) for one in (made, drifting)], 1, rtol=0.1)
+    assert white_variance(run(300, 1).channels()) == 0

@@ -133,12 +133,46 @@ def test_the_energy_that_a_further_cause_must_explain(monkeypatch, visible, ener
     base = SimpleNamespace(energy=energy, channels=SimpleNamespace(count=100))
     monkeypatch.setattr(CauseSearch, "_visible", lambda self: visible)
     monkeypatch.setattr(CauseSearch, "_beside", lambda self, steps: (None, base))
-    monkeypatch.setattr(CauseSearch, "_weigh", lambda self, base, depth: ())
+    monkeypatch.setattr(CauseSearch, "_weigh", lambda self, base, depth, effects: ())
     monkeypatch.setattr("tam_calibration.gap.search.supported", supported)
+    monkeypatch.setattr("tam_calibration.gap.search.certain_noise", lambda channels: 0.0)
     started = object.__new__(CauseSearch)
-    started.weighed = ()
+    started.weighed, started._effects = (), {}
     assert len(started._forward([], None, ())) == 1
     assert told == pytest.approx(asked)
+
+
+@pytest.mark.parametrize(
+    ("noise", "is_supported", "tried"),
+    [
+        (60.0, False, [["outliers"]]),
+        (60.0, True, [["outliers"], ["outliers", "hysteresis"]]),
+        (40.0, False, [["outliers", "hysteresis"]]),
+    ],
+)
+def test_beside_noise_alone_no_regression_is_tried(monkeypatch, noise, is_supported, tried):
+    """Of 100 channels with a gap of ten floors, a cause must explain 50: of 100 less the noise there may be no more."""
+    effects, weighed, steps = {name: installed_effects()[name] for name in ("outliers", "hysteresis")}, [], []
+
+    def weigh(self, base, depth, effects):
+        weighed.append(list(effects))
+        return tuple(SimpleNamespace(effect=name) for name in effects)
+
+    def supported(base, candidates, known, least):
+        steps.append(len(known))
+        is_first = not known or (is_supported and len(known) == 1)
+        return (SimpleNamespace(effect="a cause", form=None), None) if is_first else None
+
+    base = SimpleNamespace(energy=100.0, channels=SimpleNamespace(count=100))
+    monkeypatch.setattr(CauseSearch, "_visible", lambda self: 1000.0)
+    monkeypatch.setattr(CauseSearch, "_beside", lambda self, steps: (None, base))
+    monkeypatch.setattr(CauseSearch, "_weigh", weigh)
+    monkeypatch.setattr("tam_calibration.gap.search.supported", supported)
+    monkeypatch.setattr("tam_calibration.gap.search.certain_noise", lambda channels: noise)
+    started = object.__new__(CauseSearch)
+    started.weighed, started._effects = (), effects
+    assert len(started._forward([], None, ())) == 1 + is_supported
+    assert weighed[: len(tried)] == tried
 
 
 @pytest.mark.parametrize("is_clean", [True, False])

@@ -12,7 +12,16 @@ from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
 from tam_calibration.effects.temperature_drift import TemperatureDrift
 from tam_calibration.gap.evidence import rivals
 from tam_calibration.gap.hypothesis import given_form
-from tam_calibration.gap.size import FOLDS, _closed, folds_of, held_out_energy, is_interleaved, measure, noise_variance
+from tam_calibration.gap.size import (
+    FOLDS,
+    _closed,
+    certain_noise,
+    folds_of,
+    held_out_energy,
+    is_interleaved,
+    measure,
+    noise_variance,
+)
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
@@ -236,3 +245,12 @@ def test_a_planted_effect_lowers_it_and_noise_raises_it(run):
     alone, true, more = held_out_energy(channels, designs, [1, 2, 3], False).sum(axis=0)
     assert true < 0.2 * alone and more > true
     assert_allclose(true / channels.count, 1, atol=0.08)
+
+
+@pytest.mark.parametrize(("factor", "part"), [(1.0, 0.8), (0.5, 0.2), (2.0, 0.8)])
+def test_most_of_the_white_noise_is_certain(run, factor, part):
+    """Four fifths of what differences tell between the sensors; of a sheet that says too little, of the sheet."""
+    made = run(3000)
+    stated = replace(made.array, vector_noise_T=made.array.vector_noise_T / factor)
+    channels = replace(made, array=stated).channels()
+    assert_allclose(certain_noise(channels), part * 3000 * 9, rtol=0.1)
