@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.localization import solutions
 from tam_calibration.localization.euler import locate
-from tam_calibration.localization.finite_baseline import _whitening, locate_with_baselines
+from tam_calibration.localization.finite_baseline import locate_with_baselines, whitening_of
 from tam_calibration.localization.solutions import Status
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -120,5 +120,5 @@ def test_whitened_outputs_have_the_covariance_one(shape):
     """Of one covariance or several, with fields and gradients of very different size."""
     roots = np.random.default_rng(14).normal(size=(*shape, 8, 8)) * np.repeat([1e-9, 1e-12], [3, 5])[:, None]
     noise = roots @ np.swapaxes(roots, -1, -2)
-    root = _whitening(noise)
+    root = whitening_of(noise)
     assert_allclose(root @ noise @ np.swapaxes(root, -1, -2), np.broadcast_to(np.eye(8), (*shape, 8, 8)), atol=1e-9)
