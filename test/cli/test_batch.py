@@ -20,7 +20,7 @@ from tam_calibration.fleet.task import process
 from tam_calibration.fleet.task_result import read_result
 
 KILLS = 10
-PATIENCE_S = 120
+PATIENCE_S = 300
 MOMENT_S = 0.01
 
 
