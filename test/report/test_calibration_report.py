@@ -154,7 +154,7 @@ def test_failure_leaves_the_old_page(make, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_unwritable_place_is_an_input_error(make, tmp_path):
+def test_unwritable_place_is_an_input_error(make, tmp_path, undrawn):
     """A folder that does not exist is said, and nothing is left behind."""
     with pytest.raises(InputError, match="missing"):
         write_calibration_report(tmp_path / "missing" / "report.html", *make())
