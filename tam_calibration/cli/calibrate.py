@@ -230,6 +230,8 @@ def command(
         is_joint = prior_path is not None or attitude_noise_deg is not None
         model_T = field_at(place) if place is not None and is_joint else None
         fit = _fit_of(method, ambient_gradient, effects, accept, prior_path, model_T)
+        if attitude_noise_deg is not None:
+            fit = _with_attitude(fit)
         with showing_progress() as progress:
             found = read_array(array, transforms_in(recording))
             if attitude_noise_deg is not None:
@@ -321,6 +323,15 @@ def _fit_of(
     from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
 
     return lambda samples, array: calibrate_with_effects(samples.whole(), array, names, accept=accept)
+
+
+def _with_attitude(fit: _Fit) -> _Fit:
+    def fit_with_attitude(samples: SampleSource, array: Array) -> Calibration:
+        if samples.whole().attitude is None:
+            raise InputError("the recording has no attitude: leave out --attitude-noise-deg")
+        return fit(samples, array)
+
+    return fit_with_attitude
 
 
 def _calibrate(

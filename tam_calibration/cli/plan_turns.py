@@ -17,6 +17,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import to_degrees
 from tam_calibration.report.formatting import number
+from tam_calibration.report.update_rows import age_in_words
 
 _MOST_SHOWN = 8
 """Turns that are told: those after them buy less."""
@@ -43,10 +44,9 @@ def plan_turns(path: Path, array: Array, vehicle: Vehicle, inclination: float, a
 
 
 def _print(console: Console, prior: Prior, before: float, turns: list[Turn]) -> None:
-    age = "of unknown age, a day assumed" if prior.elapsed_s is None else f"{number(prior.elapsed_s / 3600)} h old"
     console.print(
-        f"Now, beside a prior {age}: what is not known of the calibration adds {_percent(before)} to the variance of "
-        "field and tensor that the noise makes."
+        f"Now, beside a prior {age_in_words(prior.elapsed_s)}: what is not known of the calibration adds "
+        f"{_percent(before)} to the variance of field and tensor that the noise makes."
     )
     table = Table(title="Turns, the one that buys most per minute first")
     for name in ("heading turns by (°)", "pitch (°)", "roll (°)", "takes (s)", "adds then", "less per minute"):
