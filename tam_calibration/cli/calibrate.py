@@ -46,7 +46,7 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.residuals import Residuals
-from tam_calibration.model.units import from_degrees, to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 from tam_calibration.report.calibration_rows import NUMBERS_HEADER, effect_number_rows, parameter_rows
 from tam_calibration.report.formatting import number, sentence, with_error
 from tam_calibration.report.update_rows import share_rows, update_sentences
@@ -163,7 +163,11 @@ _Fit = Callable[[SampleSource, Array], Calibration]
 @click.option("--array", type=PATH, required=True, help="Array YAML: where the sensors sit, and their noise.")
 @click.option("-o", "--output", type=PATH, help="Calibration YAML to write.")
 @click.option("--method", default=DEFAULT_METHOD, show_default=True, help=f"One of {', '.join(METHODS)}.")
-@click.option("--place", help="LAT,LON,DATE of a recording without scalar: its intensity is that of IGRF there.")
+@click.option(
+    "--place",
+    help="LAT,LON,DATE of a recording without scalar: its intensity is that of IGRF there; beside --prior or "
+    "--attitude-noise-deg the field of IGRF counts with its error.",
+)
 @click.option(
     "--prior",
     "prior_path",
@@ -223,7 +227,11 @@ def command(
     outputs = {"yaml": output, "json": None if to_stdout else json_path, "report": report}
     inputs = [recording, array, *([prior_path] if prior_path else []), *_files_of(source)]
     with write_together(outputs, inputs) as beside:
-        fit = _fit_of(method, ambient_gradient, effects, accept, prior_path)
+        is_joint = prior_path is not None or attitude_noise_deg is not None
+        model_T = field_at(place) if place is not None and is_joint else None
+        fit = _fit_of(method, ambient_gradient, effects, accept, prior_path, model_T)
+        if attitude_noise_deg is not None:
+            fit = _with_attitude(fit)
         with showing_progress() as progress:
             found = read_array(array, transforms_in(recording))
             if attitude_noise_deg is not None:
@@ -231,7 +239,8 @@ def command(
             delays = _delays(recording, found, place, tolerance_s, progress) if estimate_delays else None
             if delays is not None:
                 found = replace(found, delay_s=delays.delay_s)
-            calibration, data, usage = _calibrate(recording, found, fit, place, tolerance_s, progress)
+            taken = None if is_joint else place
+            calibration, data, usage = _calibrate(recording, found, fit, taken, tolerance_s, progress)
             if source is not None:
                 calibration = _complete(calibration, source, tolerance_s, progress)
         if "yaml" in beside:
@@ -284,14 +293,26 @@ def _delays_in_words(delays: "Delays") -> str:
 
 
 def _fit_of(
-    method: str, ambient_gradient: bool, effects: str | None, accept: Collection[str], prior_path: Path | None
+    method: str,
+    ambient_gradient: bool,
+    effects: str | None,
+    accept: Collection[str],
+    prior_path: Path | None,
+    main_field_T: FloatArray | None,
 ) -> _Fit:
     """Return the fit that the options ask for: of the errors alone, beside a prior, or together with effects."""
     if effects is None:
         prior = None if prior_path is None else read_calibration(prior_path)
-        return partial(calibrate, method=method, ambient_gradient=ambient_gradient, accept=accept, prior=prior)
-    if prior_path is not None:
-        raise InputError("--prior and --effects do not go together: take one after the other")
+        return partial(
+            calibrate,
+            method=method,
+            ambient_gradient=ambient_gradient,
+            accept=accept,
+            prior=prior,
+            main_field_T=main_field_T,
+        )
+    if prior_path is not None or main_field_T is not None:
+        raise InputError("--prior and --attitude-noise-deg do not go with --effects: take one after the other")
     if method != DEFAULT_METHOD:
         raise InputError(f"{method} cannot fit effects: {DEFAULT_METHOD} can")
     if ambient_gradient:
@@ -302,6 +323,15 @@ def _fit_of(
     from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
 
     return lambda samples, array: calibrate_with_effects(samples.whole(), array, names, accept=accept)
+
+
+def _with_attitude(fit: _Fit) -> _Fit:
+    def fit_with_attitude(samples: SampleSource, array: Array) -> Calibration:
+        if samples.whole().attitude is None:
+            raise InputError("the recording has no attitude: leave out --attitude-noise-deg")
+        return fit(samples, array)
+
+    return fit_with_attitude
 
 
 def _calibrate(

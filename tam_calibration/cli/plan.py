@@ -10,12 +10,14 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from tam_calibration.cli.plan_turns import plan_turns
 from tam_calibration.cli.terminal import PATH, Number, reading, showing_progress, stdout, tolerance_option
 from tam_calibration.files import read_array, read_calibration, read_samples
 from tam_calibration.files.text_files import to_json
 from tam_calibration.fit.coverage import ENOUGH_STANDARD_ERROR, describe
 from tam_calibration.fit.plan import Plan, Reach, make_plan, reach_of_turntable, reach_of_vehicle
 from tam_calibration.fit.plan_start import PlanStart, start_from_calibration, start_from_nothing, start_from_recording
+from tam_calibration.fit.plan_turns import Vehicle
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
@@ -171,6 +173,9 @@ def _sensors(standard_errors: FloatArray) -> list[dict[str, Any]]:
     return blocks
 
 
+_TURN_RATE_DEG_S, _SAMPLE_RATE_HZ = 5.0, 10.0
+"""Of a small underwater vehicle, and of samples that are averaged to one in a tenth of a second."""
+
 _ASSUMED_INCLINATION_DEG, _ASSUMED_INTENSITY_NT = 60.0, 50_000.0
 """Of the field where no place is named: those of middle latitudes."""
 
@@ -179,6 +184,14 @@ _ASSUMED_INCLINATION_DEG, _ASSUMED_INTENSITY_NT = 60.0, 50_000.0
 @click.argument("recording", type=PATH, required=False)
 @click.option("--array", "array_path", type=PATH, required=True, help="Array YAML: where the sensors sit, their noise.")
 @click.option("--calibration", "calibration_path", type=PATH, help="Calibration YAML, instead of its recording.")
+@click.option(
+    "--prior",
+    "prior_path",
+    type=PATH,
+    help="Calibration YAML: which turns of a vehicle buy most beside it per minute, as old as it is now.",
+)
+@click.option("--turn-rate-deg-s", type=Number(0.1, 180), help="Of a vehicle about each axis.  [default: 5]")
+@click.option("--sample-rate-hz", type=Number(0.1, 10_000), help="Of its sensors.  [default: 10]")
 @click.option("--turntable", help="Step of all axes in degrees, or YAW,PITCH,ROLL; 0 for an axis that does not turn.")
 @click.option("--pitch-limit-deg", type=float, help="Of a vehicle that yaws right round.  [default: 0]")
 @click.option("--roll-limit-deg", type=float, help="Of such a vehicle.  [default: 0]")
@@ -193,6 +206,9 @@ def command(
     recording: Path | None,
     array_path: Path,
     calibration_path: Path | None,
+    prior_path: Path | None,
+    turn_rate_deg_s: float | None,
+    sample_rate_hz: float | None,
     turntable: str | None,
     pitch_limit_deg: float | None,
     roll_limit_deg: float | None,
@@ -213,6 +229,20 @@ def command(
             raise InputError("--place tells inclination and intensity: leave out --inclination-deg and --intensity-nT")
         inclination_deg, intensity_nT = _field_at(place)
     array = read_array(array_path)
+    if prior_path is not None:
+        if recording is not None or calibration_path is not None or turntable is not None:
+            raise InputError("--prior plans the turns of a vehicle: leave out recording, --calibration and --turntable")
+        vehicle = Vehicle(
+            from_degrees(pitch_limit_deg or 0.0),
+            from_degrees(roll_limit_deg or 0.0),
+            from_degrees(turn_rate_deg_s or _TURN_RATE_DEG_S),
+            sample_rate_hz or _SAMPLE_RATE_HZ,
+        )
+        steep = _ASSUMED_INCLINATION_DEG if inclination_deg is None else inclination_deg
+        plan_turns(prior_path, array, vehicle, from_degrees(steep), as_json)
+        return
+    if turn_rate_deg_s is not None or sample_rate_hz is not None:
+        raise InputError("--turn-rate-deg-s and --sample-rate-hz go with --prior")
     with showing_progress() as progress:
         start = _start(recording, calibration_path, array, intensity_nT, tolerance_s, progress)
         inclination, source = _inclination(inclination_deg, start)

@@ -176,7 +176,7 @@ class Problem:
 
     def data_at(self, place: Place) -> tuple[FloatArray, FloatArray]:
         """Return the information of the data over the unknowns at a place, and their downhill gradient."""
-        matrix, bias = self._rows_at(place)
+        matrix, bias = self.rows_at(place)
         here = self.likelihood.linearize(matrix, bias)
         rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
         information, gradient = rows.T @ here.information @ rows, rows.T @ here.gradient
@@ -247,7 +247,8 @@ class Problem:
             errors, intensity_T = replace(errors, scale_factor=scale * errors.scale_factor), intensity_T / scale
         return Place(errors, intensity_T, view)
 
-    def _rows_at(self, place: Place) -> tuple[FloatArray, FloatArray]:
+    def rows_at(self, place: Place) -> tuple[FloatArray, FloatArray]:
+        """Return the matrices times the intensity over its unit, and the biases about those of the start."""
         factor = place.intensity_T / self.unit_T
         return factor * place.errors.matrix, (place.errors.bias_T - self.start_errors.bias_T) / self.unit_T
 

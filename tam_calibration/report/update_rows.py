@@ -25,7 +25,7 @@ def update_sentences(update: Update) -> list[str]:
     chance = f"χ² {number(update.chi_square)} of {update.freedom} independent differences"
     verdict = "Data and prior agree" if not update.moved else "The data contradict the prior"
     return [
-        f"Prior: {update.prior}, {_age(update)}; {_warming(update)}.",
+        f"Prior: {update.prior}, {age_in_words(update.elapsed_s)}; {_warming(update)}.",
         f"{verdict}: {chance}.",
         *(_told(moved) for moved in update.moved),
     ]
@@ -39,10 +39,11 @@ def share_rows(update: Update) -> list[list[str]]:
     ]
 
 
-def _age(update: Update) -> str:
-    if update.elapsed_s is None:
+def age_in_words(elapsed_s: float | None) -> str:
+    """Return how old a prior is; of unknown age it counts as a day old."""
+    if elapsed_s is None:
         return "of unknown age, for which a day was assumed"
-    days = update.elapsed_s / DAY_S
+    days = elapsed_s / DAY_S
     return f"{number(days)} days old" if days >= 1 else f"{number(24 * days)} h old"
 
 

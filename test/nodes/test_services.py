@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.files import calibration_from_yaml, read_calibration
+from tam_calibration.files import calibration_from_yaml, read_calibration, write_calibration
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.recording import Recording
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
@@ -159,3 +160,17 @@ def set_parameter(bench, node, name, value):
     [result] = future.result().results
     assert result.successful != bool(result.reason)
     return result.reason
+
+
+def test_a_loaded_calibration_is_the_prior_where_that_is_asked_for(bench, recording, cross, tmp_path):
+    """The answer says so."""
+    path = tmp_path / "calibration.yaml"
+    pier = replace(recording, time_s=recording.time_s - 86_400)
+    write_calibration(path, maximum_likelihood(pier, cross))
+    bench.start_nodes(collector={}, calibrator={"calibration_file": path, "prior": True})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
+    bench.play(recording, publish, samples)
+    answer = bench.call("calibrator/calibrate")
+    assert answer.success and "maximum_a_posteriori" in answer.message and "Prior: " in answer.message

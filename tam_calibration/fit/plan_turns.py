@@ -1,0 +1,143 @@
+"""Which turn of a vehicle buys most certainty of tensor and centre field per minute, beside what a prior knows."""
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from tam_calibration.fit.information import inverted
+from tam_calibration.fit.plan import field_directions
+from tam_calibration.fit.posterior import Problem
+from tam_calibration.fit.prior import Prior
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.units import FloatArray, from_degrees
+
+_YAWS = from_degrees(np.array([0.0, 90.0, 180.0, 360.0]))
+"""Turns of the heading that are compared, radians: straight on, a quarter, half and whole circle."""
+
+_GOLDEN_RATIO = (1 + np.sqrt(5)) / 2
+"""By which the roll swings more slowly than the pitch, so that the two never repeat together."""
+
+_SWINGS = 2
+"""Of pitch and roll at least, in a turn that has them."""
+
+_MINUTE_S = 60.0
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """What a vehicle can do, and how often its sensors are read.
+
+    Parameters
+    ----------
+    pitch_limit, roll_limit : float
+        Largest angles to either side, radians.
+    turn_rate : float
+        Largest rate about each axis, rad/s.
+    sample_rate_hz : float
+        Samples per second.
+
+    Raises
+    ------
+    InputError
+        When a limit or rate is none of a vehicle.
+    """
+
+    pitch_limit: float
+    roll_limit: float
+    turn_rate: float
+    sample_rate_hz: float
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        if not (0 <= self.pitch_limit <= np.pi / 2 and 0 <= self.roll_limit <= np.pi):
+            raise InputError("the pitch limit must lie between 0 and 90 degrees, the roll limit between 0 and 180")
+        if not 0 < self.turn_rate <= np.pi:
+            raise InputError("the turn rate must lie above 0 and up to 180 degrees per second")
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """A turn and what it buys.
+
+    Parameters
+    ----------
+    yaw, pitch, roll : float
+        Change of the heading, and swings to either side, radians.
+    duration_s : float
+        At the rates of the vehicle.
+    excess : float
+        What the uncertain calibration then adds to the variance of the outputs, as part of the noise: mean over the
+        centre field, and over the tensor where the array sees it.
+    gain_per_minute : float
+        By how much that is less than before, per minute.
+    """
+
+    yaw: float
+    pitch: float
+    roll: float
+    duration_s: float
+    excess: float
+    gain_per_minute: float
+
+
+def excess_of(prior: Prior, covariance: FloatArray) -> float:
+    """Return what a covariance of the errors adds to the variance of the outputs, as part of that of the noise.
+
+    The mean over all outputs that the array determines, over all directions of the field.
+    """
+    calibration = prior.calibration
+    with_errors = np.diag(replace(calibration, covariance=covariance).output_covariance)
+    noise = np.diag(replace(calibration, covariance=None).output_covariance)
+    return float(np.nanmean(with_errors / noise)) - 1
+
+
+def best_turns(prior: Prior, vehicle: Vehicle, inclination: float) -> list[Turn]:
+    """Return the turns that a vehicle can make, the one that buys most per minute first.
+
+    Parameters
+    ----------
+    prior : Prior
+        What is known now; it is linearised there.
+    vehicle : Vehicle
+        What it can do.
+    inclination : float
+        Of the field, positive downwards, radians.
+    """
+    before = excess_of(prior, prior.covariance)
+    swings = [(0.0,) if limit == 0 else (0.0, limit) for limit in (vehicle.pitch_limit, vehicle.roll_limit)]
+    turns = []
+    for yaw, pitch, roll in product(_YAWS.tolist(), *swings):
+        if not (yaw or pitch or roll):
+            continue
+        angles = _angles(yaw, pitch, roll, vehicle)
+        duration_s = len(angles) / vehicle.sample_rate_hz
+        excess = excess_of(prior, _covariance_after(prior, angles, vehicle, inclination))
+        turns.append(Turn(yaw, pitch, roll, duration_s, excess, (before - excess) * _MINUTE_S / duration_s))
+    return sorted(turns, key=lambda turn: -turn.gain_per_minute)
+
+
+def _angles(yaw: float, pitch: float, roll: float, vehicle: Vehicle) -> FloatArray:
+    """Return yaw, pitch and roll (N, 3) at the samples of a turn, none faster than the vehicle."""
+    periods_s = 2 * np.pi * np.array([pitch, roll * _GOLDEN_RATIO]) / vehicle.turn_rate
+    duration_s = max(yaw / vehicle.turn_rate, _SWINGS * float(periods_s.max()))
+    time_s = np.arange(max(2, round(duration_s * vehicle.sample_rate_hz))) / vehicle.sample_rate_hz
+    swings = [
+        limit * np.sin(2 * np.pi * time_s / period) if period else np.zeros_like(time_s)
+        for limit, period in zip((pitch, roll), periods_s.tolist(), strict=True)
+    ]
+    return np.stack([yaw * time_s / time_s[-1], *swings], axis=1)
+
+
+def _covariance_after(prior: Prior, angles: FloatArray, vehicle: Vehicle, inclination: float) -> FloatArray:
+    calibration, intensity_T = prior.calibration, prior.calibration.intensity_T
+    field_T = intensity_T * field_directions(angles, inclination)
+    scalar_T = np.full(len(angles), intensity_T) if calibration.array.scalar_noise_T else None
+    time_s = np.arange(len(angles)) / vehicle.sample_rate_hz
+    recording = Recording(time_s, prior.errors.distort(field_T), scalar_T)
+    problem = Problem.of(recording, calibration.array, prior)
+    information, gradient = problem.data_at(problem.start)
+    problem.add_known(problem.start, information, gradient)
+    size = len(prior.covariance)
+    return inverted(information, problem.basis_at(problem.start))[:size, :size]

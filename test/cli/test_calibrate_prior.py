@@ -1,0 +1,105 @@
+"""`tam calibrate --prior` and `tam plan --prior`: an update during the mission, told to people and programs."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from tam_calibration.cli.main import main
+from tam_calibration.files import read_calibration, write_array, write_calibration, write_recording
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.model.array import Array
+from tam_calibration.model.units import from_degrees
+from tam_calibration.simulation import simulate
+from tam_calibration.simulation.attitude import Manoeuvre
+from tam_calibration.simulation.instruments import AttitudeChannel
+
+PIER_S = 1.7e9
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, wu_run, wu_scenario):
+    """Give a working folder with the pier's calibration and a dive at four degrees in which a bias moved."""
+    monkeypatch.chdir(tmp_path)
+    write_array("array.yaml", wu_scenario.array)
+    pier = replace(wu_run.recording, time_s=PIER_S + wu_run.recording.time_s)
+    write_calibration("pier.yaml", maximum_likelihood(pier, wu_scenario.array))
+    limit = from_degrees(4.0)
+    begin = replace(wu_scenario, motion=Manoeuvre(limit, limit, 60.0), sample_count=300, rate_hz=5.0, seed=4)
+    dive = simulate(replace(begin, attitude=AttitudeChannel(from_degrees(0.1)))).recording
+    readings = dive.readings_T.copy()
+    readings[:, 2] += np.array([12e-9, -9e-9, 14e-9])
+    write_recording("dive.csv", replace(dive, readings_T=readings, time_s=PIER_S + 7200 + dive.time_s))
+    return tmp_path
+
+
+def run(*arguments, code=0):
+    """Run tam and return what it printed, on one line."""
+    result = CliRunner().invoke(main, list(arguments), env={"COLUMNS": "400"})
+    assert result.exit_code == code, result.output
+    return " ".join(result.output.split())
+
+
+def test_an_update_is_told_and_kept(folder):
+    """Age, what moved, the shares; the file says it again, and the page has a section."""
+    told = run(
+        *("calibrate", "dive.csv", "--array", "array.yaml", "--prior", "pier.yaml"),
+        *("-o", "dive.yaml", "--report", "dive.html"),
+    )
+    assert "2.0" in told and "h old" in told and "temperatures are not known" in told
+    assert "The data contradict the prior" in told and "The bias of sensor 3 moved by" in told
+    assert "Share of the recording" in told
+    moved = read_calibration("dive.yaml").update.moved[0]
+    assert (moved.kind, moved.sensor) == ("bias", 3)
+    assert "Prior and data" in (folder / "dive.html").read_text()
+
+
+def test_json_has_the_shares(folder):
+    """Data share and changes for programs; with attitude and a place beside the prior too."""
+    extra = ("--attitude-noise-deg", "0.1", "--place", "47.4,8.5,2025-06-30")
+    for more in ((), extra):
+        told = run("calibrate", "dive.csv", "--array", "array.yaml", "--prior", "pier.yaml", "--json", "-", *more)
+        update = json.loads(told)["update"]
+        assert update["moved"][0]["kind"] == "bias"
+        assert len(update["data_share"]) == 4
+
+
+def test_what_is_no_prior_is_one_sentence(folder):
+    """Another array, no calibration, no covariance, options that do not go together."""
+    write_array("other.yaml", Array.cross(0.3, 1e-9, 1e-10))
+    calibrate = ("calibrate", "dive.csv", "--prior", "pier.yaml")
+    assert "another array" in run(*calibrate, "--array", "other.yaml", code=2)
+    assert "no calibration" in run(*calibrate[:2], "--prior", "array.yaml", "--array", "array.yaml", code=2)
+    assert "not with lossless" in run(*calibrate, "--array", "array.yaml", "--method", "lossless", code=2)
+    assert "--effects" in run(*calibrate, "--array", "array.yaml", "--effects", "auto", code=2)
+    write_calibration("none.yaml", replace(read_calibration("pier.yaml"), covariance=None))
+    assert "no covariance" in run(*calibrate[:3], "none.yaml", "--array", "array.yaml", code=2)
+
+
+def test_attitude_that_is_not_there_is_told(folder, wu_run):
+    """A noise of attitude for a recording without it."""
+    write_recording("bare.csv", wu_run.recording)
+    told = run("calibrate", "bare.csv", "--array", "array.yaml", "--attitude-noise-deg", "0.1", code=2)
+    assert "attitude" in told
+
+
+def test_turns_are_planned_beside_a_prior(folder):
+    """The one that buys most per minute first; each leaves less than there was."""
+    limits = ("--pitch-limit-deg", "10", "--roll-limit-deg", "5")
+    told = json.loads(run("plan", "--array", "array.yaml", "--prior", "pier.yaml", *limits, "--json"))
+    gains = [turn["gain_per_minute"] for turn in told["turns"]]
+    assert gains == sorted(gains, reverse=True) and len(gains) == 15
+    assert all(turn["excess_after"] < told["excess_before"] for turn in told["turns"])
+    assert all(abs(turn["pitch_deg"]) in (0, pytest.approx(10)) for turn in told["turns"])
+    assert "Turns, the one that buys most" in run("plan", "--array", "array.yaml", "--prior", "pier.yaml", *limits)
+
+
+def test_plans_that_cannot_be_are_one_sentence(folder):
+    """A recording beside a prior, a rate without one, a prior of another array."""
+    plan = ("plan", "--array", "array.yaml")
+    assert "leave out recording" in run(*plan, "dive.csv", "--prior", "pier.yaml", code=2)
+    assert "go with --prior" in run(*plan, "--turntable", "30", "--turn-rate-deg-s", "3", code=2)
+    write_array("array.yaml", Array.cross(0.3, 1e-9, 1e-10))
+    assert "another array" in run(*plan, "--prior", "pier.yaml", "--pitch-limit-deg", "5", code=2)

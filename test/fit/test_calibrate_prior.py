@@ -1,0 +1,85 @@
+"""`calibrate` beside a prior: narrow turns are accepted, what cannot be is refused in a sentence."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tam_calibration.fit import calibrate
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.model.array import Array
+from tam_calibration.model.change_rates import DAY_S, ChangeRates
+from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.units import from_degrees
+from tam_calibration.simulation import simulate
+from tam_calibration.simulation.attitude import Manoeuvre
+
+PIER_S = 1.7e9
+
+
+def dated(recording, time_s, temperature_C):
+    """Return the recording at a date and temperature."""
+    temperature = np.full(recording.sample_count, temperature_C)
+    return replace(recording, time_s=time_s + recording.time_s, temperature_C=temperature)
+
+
+@pytest.fixture(scope="module")
+def pier(wu_run, wu_scenario):
+    """Return the calibration ashore."""
+    return maximum_likelihood(dated(wu_run.recording, PIER_S, 21.0), wu_scenario.array)
+
+
+@pytest.fixture(scope="module")
+def narrow(wu_scenario):
+    """Return full circles at three degrees of pitch and roll, half a day later in colder water."""
+    limit = from_degrees(3.0)
+    motion = Manoeuvre(limit, limit, 60.0)
+    made = simulate(replace(wu_scenario, motion=motion, sample_count=300, rate_hz=5.0, seed=11)).recording
+    return dated(made, PIER_S + DAY_S / 2, 9.0)
+
+
+def test_a_narrow_turn_is_accepted_beside_a_prior(wu_scenario, pier, narrow):
+    """Refused alone; with it all is told: age, temperature, and the share of the data in each parameter."""
+    with pytest.raises(InputError, match="do not determine"):
+        calibrate(narrow, wu_scenario.array)
+    found = calibrate(narrow, wu_scenario.array, prior=pier)
+    update = found.update
+    assert found.method == "maximum_a_posteriori" and not update.moved
+    assert update.elapsed_s == pytest.approx(DAY_S / 2, rel=0.01) and update.warming_K == pytest.approx(-12.0)
+    share = update.data_share
+    assert np.isnan(share[0, 9:]).all() and (share[1:, 9:] > 0.4).all()
+    assert ((share[:, :9] >= 0) & (share[:, :9] <= 1)).all()
+    ratio = found.standard_errors[1:] / update.prior_standard_errors[1:]
+    assert_allclose(1 - ratio**2, share[1:], atol=1e-9)
+    assert found.held_out is not None
+    assert found.held_out.tensor_rmse_T_per_m < 1.1 * found.floor.tensor_rmse_T_per_m
+
+
+def test_the_rates_of_the_array_count(wu_scenario, pier, narrow):
+    """Sensors that do not change leave the prior as it is."""
+    steady = ChangeRates(0, 0, 0, 0, 0, 0, 0, 0)
+    found = calibrate(narrow, replace(wu_scenario.array, change_rates=steady), prior=pier)
+    assert_allclose(found.update.prior_standard_errors, pier.standard_errors)
+
+
+def test_a_calibration_may_be_updated_again(wu_scenario, pier, narrow):
+    """What came out is a prior for the next turn."""
+    first = calibrate(narrow, wu_scenario.array, prior=pier)
+    second = calibrate(replace(narrow, time_s=narrow.time_s + 600), wu_scenario.array, prior=first)
+    assert (second.standard_errors[1:] < second.update.prior_standard_errors[1:]).all()
+
+
+def test_the_same_samples_do_not_count_twice(wu_scenario, pier, narrow):
+    """A prior of the time of the recording is refused."""
+    own = calibrate(narrow, wu_scenario.array, prior=pier)
+    with pytest.raises(InputError, match="would count twice"):
+        calibrate(narrow, wu_scenario.array, prior=own)
+
+
+def test_what_is_no_prior_is_refused(wu_scenario, pier, narrow):
+    """That of another array, and fits that know of none."""
+    with pytest.raises(InputError, match="another array"):
+        calibrate(narrow, Array.cross(0.3, 1e-9, 1e-10), prior=pier)
+    with pytest.raises(InputError, match="not with lossless"):
+        calibrate(narrow, wu_scenario.array, "lossless", prior=pier)
