@@ -43,6 +43,11 @@ FALSE_ALARMS_A_DAY = 0.1
 One in ten days leaves room for noise that is not quite normal."""
 
 
+def chance_of_test(hypotheses_count: int) -> float:
+    """Return the chance that one test of one of so many hypotheses may have of a false alarm."""
+    return FALSE_ALARMS_A_DAY * BLOCK_S / DAY_S / WINDOW / hypotheses_count
+
+
 class Step(NamedTuple):
     """A block of samples.
 
@@ -115,7 +120,8 @@ class ChangeWindow:
 
     def __init__(self, prior: Prior, walk: Walk) -> None:
         self._walk, self._size = walk, prior.covariance.shape[0]
-        self._weighing = Weighing(hypotheses(prior.errors, prior.calibration.array))
+        among = hypotheses(prior.errors, prior.calibration.array)
+        self._weighing = Weighing(among, chance_of_test(len(among)))
         self._steps: deque[Step] = deque(maxlen=WINDOW)
         self._first: Step | None = None
         self._after: list[Step] = []
@@ -124,11 +130,6 @@ class ChangeWindow:
     def is_full(self) -> bool:
         """Whether it spans half a minute."""
         return len(self._steps) == WINDOW
-
-    @property
-    def chance(self) -> float:
-        """Chance of a false alarm in one test of one hypothesis."""
-        return FALSE_ALARMS_A_DAY * BLOCK_S / DAY_S / WINDOW / len(self._weighing)
 
     def clear(self) -> None:
         """Forget the blocks: what they say of changes has been told."""
@@ -150,8 +151,7 @@ class ChangeWindow:
             before = sums.before.before
             covariance = before.covariance + self._walk.covariance(before, end_s, temperature_C)
             excess = sums.before.excess
-            found = self._weighing.weigh(sums.information, sums.gradient, covariance, sums.count, excess)
-            return found if found[0].exceeds(self.chance) else ()
+            return self._weighing.weigh(sums.information, sums.gradient, covariance, sums.count, excess)
 
         if self._first is None:
             self._steps.append(step)

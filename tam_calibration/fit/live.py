@@ -122,6 +122,7 @@ class Live:
         self._suspicion: Suspicion | None = None
         self._rows: list[FloatArray] = []
         self._problem = ""
+        self._compared: Belief | None = None
         self.state = state or LiveState(Recursion.at(self._stored), self._stored)
 
     def add(self, rows: FloatArray) -> None:
@@ -141,7 +142,10 @@ class Live:
     def news(self) -> Calibration | None:
         """Return the calibration once it has changed by `PUBLISHED_FROM` since this returned one; else None."""
         now, is_open = self.state.recursion.now, self.is_suspicious and not self.state.paused_by
-        if is_open or self.state.published.change_to(now) < PUBLISHED_FROM:
+        if is_open or now is self._compared:
+            return None
+        self._compared = now
+        if self.state.published.change_to(now) < PUBLISHED_FROM:
             return None
         self.state = replace(self.state, published=now)
         return self.calibration

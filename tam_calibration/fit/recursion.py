@@ -49,7 +49,7 @@ class Belief:
     time_s: float
     temperature_C: float
 
-    @property
+    @cached_property
     def free(self) -> np.ndarray:
         """(12 K,) which of the errors are not held."""
         return np.asarray(np.diag(self.covariance) > 0)

@@ -7,17 +7,17 @@ import pytest
 from fit.live_mission import UNCHANGING, ashore, dive, moved
 from scipy.special import chdtrc
 
-from tam_calibration.fit.change import CLEAR_RATIO
+from tam_calibration.fit.change import CLEAR_RATIO, hypotheses
 from tam_calibration.fit.change_window import (
     BLOCK_S,
     DECIDE_S,
     FALSE_ALARMS_A_DAY,
     FEWEST_AFTER,
     WINDOW,
-    ChangeWindow,
+    chance_of_test,
 )
 from tam_calibration.fit.live import MOST_CHANGES, PUBLISHED_FROM, WIDENED, Live
-from tam_calibration.fit.recursion import LARGEST_WALK, Walk
+from tam_calibration.fit.recursion import LARGEST_WALK
 from tam_calibration.model.exceptions import InputError
 
 CHANGE_S = 31.0
@@ -147,12 +147,12 @@ def test_stamps_that_step_back_begin_another_block(prior, true_errors, cross):
     assert live.state.learned > len(rows) and live.state.changes == ()
 
 
-def test_the_threshold_follows_from_the_alarms_that_are_allowed(prior):
-    """The chance of a test times all tests of a day is the stated number."""
-    window = ChangeWindow(prior, Walk(prior))
-    tests = 86_400 / BLOCK_S * WINDOW * (5 * 4 + 3)
-    assert window.chance * tests == pytest.approx(FALSE_ALARMS_A_DAY)
-    assert chdtrc(3, 41) < window.chance < chdtrc(3, 39)
+def test_the_threshold_follows_from_the_alarms_that_are_allowed(true_errors, cross):
+    """The chance of a test times all tests of a day is the stated number; 23 things may change in four sensors."""
+    count = len(hypotheses(true_errors, cross))
+    assert count == 23
+    assert chance_of_test(count) * 86_400 / BLOCK_S * WINDOW * count == pytest.approx(FALSE_ALARMS_A_DAY)
+    assert chdtrc(3, 41) < chance_of_test(count) < chdtrc(3, 39)
 
 
 def test_constants():
