@@ -74,7 +74,7 @@ def read_live_state(path: Path, sensor_count: int) -> tuple[LiveState, str]:
         When it cannot be read, is damaged, or of another number of sensors.
     """
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with np.load(BytesIO(path.read_bytes()), allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
         about = json.loads(str(arrays.pop("about")))
         state = _state(arrays, about, sensor_count)

@@ -146,10 +146,6 @@ class Evidence:
         change: FloatArray = self.hypothesis.directions @ self.size
         return change
 
-    def exceeds(self, chance: float) -> bool:
-        """Whether the ratio is larger than without a change it is with a given chance."""
-        return self.ratio > float(chdtri(len(self.size), chance))
-
     @property
     def reach(self) -> FloatArray:
         """(M,) sizes that the change may have; of unknowns that are not seen that of the largest that is."""
@@ -187,22 +183,21 @@ class Weighing:
     ----------
     among : sequence of Hypothesis
         The hypotheses.
+    chance : float
+        Of a ratio of one of them, without a change, from which it is believed.
     """
 
-    def __init__(self, among: Sequence[Hypothesis]) -> None:
+    def __init__(self, among: Sequence[Hypothesis], chance: float) -> None:
         self._among = among
         self._unknowns = np.array([each.directions.shape[1] for each in among])
+        self._thresholds = chdtri(self._unknowns, chance)
         self._alike = [np.flatnonzero(self._unknowns == unknowns) for unknowns in np.unique(self._unknowns)]
         self._directions = [np.stack([among[index].directions for index in alike]) for alike in self._alike]
-
-    def __len__(self) -> int:
-        """Return the number of hypotheses."""
-        return len(self._among)
 
     def weigh(
         self, information: FloatArray, gradient: FloatArray, covariance: FloatArray, count: int, excess: float
     ) -> tuple[Evidence, ...]:
-        """Return the most probable hypothesis and those that are not clearly less so, in this order.
+        """Return the most probable hypothesis and those that are not clearly less so, or none where it may be chance.
 
         Parameters
         ----------
@@ -216,7 +211,7 @@ class Weighing:
             Variance of the residuals over that which the noise is stated to have.
         """
         of_changes, score = _marginal(information, gradient, covariance)
-        ratios = np.empty(len(self))
+        ratios = np.empty(len(self._among))
         for alike, directions in zip(self._alike, self._directions, strict=True):
             turned = np.swapaxes(directions, 1, 2)
             unit, scale = scaled(turned @ of_changes @ directions)
@@ -225,6 +220,8 @@ class Weighing:
             ratios[alike] = np.sum(along * solved, axis=1) / excess
         scores = ratios - self._unknowns * np.log(max(count, 2))
         order = np.argsort(-scores)
+        if ratios[order[0]] <= self._thresholds[order[0]]:
+            return ()
         not_out = order[scores[order[0]] - scores[order] <= CLEAR_RATIO]
         return tuple(
             self._evidence(index, of_changes, score, float(scores[index]), excess) for index in not_out.tolist()

@@ -1,10 +1,13 @@
 """The last half minute of samples in blocks, and whether the sensors have changed within it.
 
-The blocks after each moment of the window are weighed against what was known at that moment. A change may lie anywhere
-in the block that follows it, which is therefore not among them.
+The last blocks are weighed against what was known before them. The first alarm says that there is a change, and when it
+may have come at the earliest; it may have come within the block that raised it. What has changed is therefore told by
+the blocks after that one alone, against what was known before the earliest moment.
 """
 
 from collections import deque
+from collections.abc import Callable
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -29,11 +32,20 @@ DECIDE_S = 20.0
 the blocks in which it begins and ends it is told within half a minute."""
 
 FEWEST_AFTER = 2
-"""Blocks after that in which a change comes from which it is told: the first may be that in which it comes."""
+"""Blocks after the alarm from which a change is told, or is told to have passed."""
+
+SCREENED = (1, 2, 4, 8, 14)
+"""Numbers of last blocks that are weighed each time; all others only where one of these shows a change. Between two of
+them a change has at least half of the blocks that would show it best."""
 
 FALSE_ALARMS_A_DAY = 0.1
 """Bound of their expected number: the chance of each test is this over all tests of a day, as if all were independent.
 One in ten days leaves room for noise that is not quite normal."""
+
+
+def chance_of_test(hypotheses_count: int) -> float:
+    """Return the chance that one test of one of so many hypotheses may have of a false alarm."""
+    return FALSE_ALARMS_A_DAY * BLOCK_S / DAY_S / WINDOW / hypotheses_count
 
 
 class Step(NamedTuple):
@@ -65,20 +77,34 @@ class Suspicion(NamedTuple):
 
     Parameters
     ----------
-    step : Step
-        The block in which it came.
+    first : Step
+        Before which it had not come.
     after : tuple of Step
-        Those after it.
+        Those that it came before.
     found : tuple of Evidence
-        What has changed, the most probable first, and what is not clearly less so.
+        What has changed, the most probable first, and what is not clearly less so; empty where it has passed.
     is_decided : bool
         Whether it is clear, or time to tell it.
     """
 
-    step: Step
+    first: Step
     after: tuple[Step, ...]
     found: tuple[Evidence, ...]
     is_decided: bool
+
+    @property
+    def since_s(self) -> float:
+        """Stamp from which it may have come, seconds."""
+        return self.first.begin_s + BLOCK_S
+
+
+class _Sums(NamedTuple):
+    """What blocks say together at the errors before them, and the number of their samples."""
+
+    before: Step
+    information: FloatArray
+    gradient: FloatArray
+    count: int
 
 
 class ChangeWindow:
@@ -94,22 +120,21 @@ class ChangeWindow:
 
     def __init__(self, prior: Prior, walk: Walk) -> None:
         self._walk, self._size = walk, prior.covariance.shape[0]
-        self._weighing = Weighing(hypotheses(prior.errors, prior.calibration.array))
+        among = hypotheses(prior.errors, prior.calibration.array)
+        self._weighing = Weighing(among, chance_of_test(len(among)))
         self._steps: deque[Step] = deque(maxlen=WINDOW)
+        self._first: Step | None = None
+        self._after: list[Step] = []
 
     @property
     def is_full(self) -> bool:
         """Whether it spans half a minute."""
         return len(self._steps) == WINDOW
 
-    @property
-    def chance(self) -> float:
-        """Chance of a false alarm in one test of one hypothesis."""
-        return FALSE_ALARMS_A_DAY * BLOCK_S / DAY_S / WINDOW / len(self._weighing)
-
     def clear(self) -> None:
         """Forget the blocks: what they say of changes has been told."""
         self._steps.clear()
+        self._first, self._after = None, []
 
     def add(self, step: Step, end_s: float, temperature_C: float) -> Suspicion | None:
         """Add a block, and return the most probable change; None where there may be none.
@@ -121,35 +146,40 @@ class ChangeWindow:
         end_s, temperature_C : float
             At its end.
         """
-        self._steps.append(step)
-        steps, suspected, best = tuple(self._steps), None, -np.inf
+
+        def weigh(sums: _Sums) -> tuple[Evidence, ...]:
+            before = sums.before.before
+            covariance = before.covariance + self._walk.covariance(before, end_s, temperature_C)
+            excess = sums.before.excess
+            return self._weighing.weigh(sums.information, sums.gradient, covariance, sums.count, excess)
+
+        if self._first is None:
+            self._steps.append(step)
+            return self._alarm(weigh)
+        self._after.append(step)
+        found = weigh(self._sums(self._first, self._after)[0])
+        is_late = not 0 <= end_s - self._first.begin_s < DECIDE_S
+        is_decided = len(self._after) >= FEWEST_AFTER and (len(found) < 2 or is_late)
+        return Suspicion(self._first, tuple(self._after), found, is_decided)
+
+    def _alarm(self, weigh: Callable[[_Sums], tuple[Evidence, ...]]) -> Suspicion | None:
+        """Return a suspicion where the last blocks raise an alarm."""
+        sums = self._sums(self._steps[0], list(self._steps)[1:])
+        if not any(weigh(sums[-blocks]) for blocks in SCREENED if blocks <= len(sums)):
+            return None
+        found = [(each.before, evidence) for each in sums if (evidence := weigh(each))]
+        self._first, evidence = max(found, key=lambda each: each[1][0].score)
+        return Suspicion(self._first, (), evidence, False)
+
+    def _sums(self, first: Step, after: list[Step]) -> list[_Sums]:
+        """Return what the blocks after a first one say: all of them, all but one, and so on to the last alone."""
+        steps, sums = [first, *after], list[_Sums]()
         information, gradient, count = np.zeros((self._size, self._size)), np.zeros(self._size), 0
-        for index in range(len(steps) - 2, -1, -1):
-            first, second = steps[index], steps[index + 1]
-            information = information + second.here.information
-            # Moved from the errors at which the next block was linearised to those before all of them.
-            moved = (second.before.errors.to_vector() - first.before.errors.to_vector()).ravel()
-            gradient = gradient + second.here.gradient + information @ moved
-            count += second.moments.count
-            covariance = first.before.covariance + self._walk.covariance(first.before, end_s, temperature_C)
-            found = self._weighing.weigh(information, gradient, covariance, count, first.excess)
-            score = found[0].score + _share(first.here, found[0].change)
-            if found[0].exceeds(self.chance) and score > best:
-                after = steps[index + 1 :]
-                best, suspected = score, Suspicion(first, after, found, _is_decided(first, after, end_s, found))
-        return suspected
-
-
-def _is_decided(first: Step, after: tuple[Step, ...], end_s: float, found: tuple[Evidence, ...]) -> bool:
-    """Whether a change is clear, or it is time to tell it."""
-    return (len(found) == 1 and len(after) >= FEWEST_AFTER) or not 0 <= end_s - first.begin_s < DECIDE_S
-
-
-def _share(here: Linearization, change: FloatArray) -> float:
-    """Return by how much the likelihood of the block in which a change comes rises, if a part of it has the change.
-
-    Without that the moment before it would be preferred, since it has more samples after it.
-    """
-    along, square = float(change @ here.gradient), float(change @ here.information @ change)
-    part = min(max(along / square, 0.0), 1.0) if square > 0 else 0.0
-    return 2 * part * along - part**2 * square
+        for before, step in reversed(list(pairwise(steps))):
+            information = information + step.here.information
+            # Moved from the errors at which the block was linearised to those before all of them.
+            moved = (step.before.errors.to_vector() - before.before.errors.to_vector()).ravel()
+            gradient = gradient + step.here.gradient + information @ moved
+            count += step.moments.count
+            sums.append(_Sums(before, information, gradient, count))
+        return sums[::-1]

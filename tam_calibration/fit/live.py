@@ -27,8 +27,8 @@ WIDENED = 3.0
 """Standard deviation of a change over what is seen of it, so that the samples alone tell its size."""
 
 PUBLISHED_FROM = 0.5
-"""Part of the published standard errors, in root mean square over all directions, by which the calibration changes
-before it is published: it then has learned a third more than was published."""
+"""Part of the published standard errors, in root mean square over all directions, by which errors or standard errors
+change before they are published: less is no news beside what is uncertain."""
 
 MOST_CHANGES = 100
 """Changes that are kept, so that memory is bounded."""
@@ -122,6 +122,7 @@ class Live:
         self._suspicion: Suspicion | None = None
         self._rows: list[FloatArray] = []
         self._problem = ""
+        self._compared: Belief | None = None
         self.state = state or LiveState(Recursion.at(self._stored), self._stored)
 
     def add(self, rows: FloatArray) -> None:
@@ -140,8 +141,11 @@ class Live:
 
     def news(self) -> Calibration | None:
         """Return the calibration once it has changed by `PUBLISHED_FROM` since this returned one; else None."""
-        now = self.state.recursion.now
-        if self._suspicion is not None or self.state.published.distance(now.errors) < PUBLISHED_FROM:
+        now, is_open = self.state.recursion.now, self.is_suspicious and not self.state.paused_by
+        if is_open or now is self._compared:
+            return None
+        self._compared = now
+        if self.state.published.change_to(now) < PUBLISHED_FROM:
             return None
         self.state = replace(self.state, published=now)
         return self.calibration
@@ -163,15 +167,22 @@ class Live:
         )
 
     @property
+    def is_suspicious(self) -> bool:
+        """Whether a change is looked into."""
+        return self._suspicion is not None
+
+    @property
     def sentence(self) -> str:
         """What it does, for people."""
         if self._problem:
             return self._problem
-        if self._suspicion is not None:
-            names = " or ".join(each.hypothesis.name for each in self._suspicion.found)
-            return f"a change is looked into: {names}"
         learned = f"updated with {self.state.learned} samples"
-        return f"not updated any more, {learned} before" if self.state.paused_by else learned
+        if self.state.paused_by:
+            return f"not updated any more, {learned} before"
+        if self._suspicion is not None:
+            names = " or ".join(each.hypothesis.name for each in self._suspicion.found) or "it may have passed"
+            return f"{learned}; a change is looked into: {names}"
+        return learned
 
     def _take(self, rows: FloatArray) -> None:
         """Weigh a block, learn it, and decide."""
@@ -205,11 +216,18 @@ class Live:
         self.state = replace(self.state, recursion=recursion, learned=self.state.learned + moments.count)
 
     def _decide(self, suspicion: Suspicion, end_s: float, temperature_C: float) -> None:
-        """Do what is configured; what was told already, or is no change of sensors while nothing is learned, stays."""
-        of_field = not suspicion.found[0].hypothesis.is_of_sensors
-        if self.state.paused_by == "sensors" or (self.state.paused_by and of_field):
+        """Do what is configured; a change that was told already, or has passed, is not told."""
+        paused_by = self.state.paused_by
+        self._window.clear()
+        self._suspicion = None
+        if not suspicion.found:
+            if not paused_by:
+                self.state = replace(self.state, recursion=self._anew(suspicion, end_s, temperature_C))
             return
-        recursion, paused_by, done = Recursion.at(suspicion.step.before), "sensors", "it is not learned"
+        of_field = not suspicion.found[0].hypothesis.is_of_sensors
+        if paused_by == "sensors" or (paused_by and of_field):
+            return
+        recursion, paused_by, done = Recursion.at(suspicion.first.before), "sensors", "it is not learned"
         if of_field:
             paused_by, done = "field", "nothing is learned while it lasts"
         elif self.on_change == "learn":
@@ -219,12 +237,10 @@ class Live:
         change = _change(suspicion, done)
         changes = (*self.state.changes, change)[-MOST_CHANGES:]
         self.state = replace(self.state, recursion=recursion, paused_by=paused_by, changes=changes)
-        self._window.clear()
-        self._suspicion = None
 
     def _anew(self, suspicion: Suspicion, end_s: float, temperature_C: float) -> Recursion:
-        """Return the recursion from before a change on, in which what has changed is unknown."""
-        before, after = suspicion.step.before, suspicion.after
+        """Return the recursion from before a change on, in which what has changed is unknown, without the change."""
+        before, after = suspicion.first.before, suspicion.after
         covariance = before.covariance + self._walk.covariance(before, end_s, temperature_C)
         for evidence in suspicion.found:
             directions = self._walk.kept(evidence.hypothesis.directions) * (WIDENED * evidence.reach)
@@ -256,7 +272,7 @@ def _change(suspicion: Suspicion, done: str) -> Change:
     sensors = {each.sensor for each in (first, *others)}
     sensor = first.sensor if len(sensors) == 1 else 0
     kinds = tuple(dict.fromkeys(each.parameters for each in (first, *others)))
-    return Change(suspicion.step.begin_s, f"{sentence}; {done}", sensor, kinds)
+    return Change(suspicion.since_s, f"{sentence}; {done}", sensor, kinds)
 
 
 def _own_energy(here: Linearization, moments: SampleMoments) -> tuple[float, float]:

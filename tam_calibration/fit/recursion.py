@@ -49,7 +49,7 @@ class Belief:
     time_s: float
     temperature_C: float
 
-    @property
+    @cached_property
     def free(self) -> np.ndarray:
         """(12 K,) which of the errors are not held."""
         return np.asarray(np.diag(self.covariance) > 0)
@@ -66,7 +66,21 @@ class Belief:
         """Return how far other errors are, in standard errors: root mean square over all directions."""
         free = self.free
         step = (other.to_vector() - self.errors.to_vector()).ravel()[free]
-        return float(np.sqrt(step @ inverted(self.covariance[np.ix_(free, free)]) @ step / free.sum()))
+        return float(np.sqrt(step @ self.certainty @ step / free.sum()))
+
+    def change_to(self, other: "Belief") -> float:
+        """Return by what part of these standard errors another belief has other errors, or other standard errors.
+
+        Each is a root mean square over all directions.
+        """
+        free = self.free
+        spread = np.sqrt(np.sum(self.certainty * other.covariance[np.ix_(free, free)]) / free.sum())
+        return max(self.distance(other.errors), abs(float(spread) - 1))
+
+    @cached_property
+    def certainty(self) -> FloatArray:
+        """(M, M) inverse of the covariance of those errors that are not held."""
+        return inverted(self.covariance[np.ix_(self.free, self.free)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +171,7 @@ class Recursion:
         begin, since = self.begin, self.moments
         change = walk.covariance(begin, time_s, temperature_C)
         free = begin.free
-        certainty = inverted(self.now.covariance[np.ix_(free, free)])
-        if np.sum(certainty * change[np.ix_(free, free)]) > LARGEST_WALK:
+        if np.sum(self.now.certainty * change[np.ix_(free, free)]) > LARGEST_WALK:
             begin = Belief(self.now.errors, self.now.covariance + change, time_s, temperature_C)
             since = SampleMoments.none(begin.errors.sensor_count)
         since = since + moments
@@ -196,7 +209,7 @@ def solve(
     """
     free, mean = begin.free, begin.errors.to_vector().ravel()
     orientation = begin.errors.orientation
-    certainty = inverted(begin.covariance[np.ix_(free, free)])
+    certainty = begin.certainty
 
     def step_from(state: tuple[FloatArray, FloatArray]) -> tuple[tuple[FloatArray, FloatArray], bool]:
         vector, _ = state

@@ -5,7 +5,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from threading import Lock
 
+import numpy as np
+
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.unaffected import Unaffected
 from tam_calibration.files import calibration_from_yaml, calibration_to_yaml
 from tam_calibration.files.live_state import read_live_state, write_live_state
 from tam_calibration.files.overwriting import name_aside
@@ -54,12 +57,12 @@ class LiveUpdate:
         self._node, self._array, self._publish = node, array, publish
         self._path = samples_file and samples_file.with_name(samples_file.name + _STATE)
         self._layout = SampleLayout.whole(array.sensor_count, array.further_channels)
-        self._columns = [self._layout.columns.index(name) for name in ("scalar_T", "temperature_C")]
         self._lock = Lock()
         self._is_on = bool(node.value("update"))
         self._stored: Calibration | None = None
         self._text = ""
         self._live: Live | None = None
+        self._unaffected: Unaffected | None = None
         self._state: LiveState | None = None
         self._saved: LiveState | None = None
         self._told = 0
@@ -94,7 +97,6 @@ class LiveUpdate:
         """Take whole samples (n, columns of the whole layout), and publish the calibration where it has changed."""
         if not (self._is_on and len(rows)):
             return
-        last = 1 + 3 * self._array.sensor_count
         with self._lock:
             if self._live is None and self._stored is not None and not self.problem:
                 self._begin(self._stored, float(rows[0, 0]), None)
@@ -102,7 +104,7 @@ class LiveUpdate:
             if live is None:
                 return
             live.on_change = self._node.value("on_change")
-            live.add(rows[:, [*range(last), *self._columns]])
+            live.add(self._unaffected_rows(rows))
             news = live.news()
         for change in live.state.changes[self._told :]:
             self._node.get_logger().warning(f"{_when(change.since_s)}: {change.sentence}")
@@ -157,15 +159,26 @@ class LiveUpdate:
     def _begin(self, stored: Calibration, time_s: float, state: LiveState | None) -> None:
         self._stored, self._text = stored, calibration_to_yaml(stored)
         self._told = len(state.changes) if state else 0
-        if stored.effects:
-            names = ", ".join(fitted.effect for fitted in stored.effects)
-            self.problem = f"not updated: the calibration has effects ({names}), which an update does not take off"
-            return
         try:
+            self._unaffected = Unaffected(stored)
             prior = prior_of(stored, time_s, None, self._array.change_rates)
             self._live = Live(prior, self._node.value("on_change"), state)
         except InputError as problem:
             self.problem = f"not updated: {problem}"
+
+    def _unaffected_rows(self, rows: FloatArray) -> FloatArray:
+        """Return samples as `Live.add` takes them, without the effects; none where stamps step back."""
+        last = 1 + 3 * self._array.sensor_count
+        if self._stored is None or not self._stored.effects or self._unaffected is None:
+            return rows[:, : last + 2]
+        try:
+            recording = self._unaffected.of(self._layout.recording(rows))
+        except InputError:
+            return rows[:0, : last + 2]
+        count = recording.sample_count
+        unknown = np.full(count, np.nan)
+        channels = [unknown if each is None else each for each in (recording.scalar_T, recording.temperature_C)]
+        return np.column_stack([recording.time_s, recording.readings_T.reshape(count, -1), *channels])
 
     def _read(self, stored: str) -> LiveState | None:
         """Return the state on disk; one that is damaged or of another array or calibration is set aside."""

@@ -1,0 +1,162 @@
+"""The live calibration: what it tells of changes, what it does then, and when it publishes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fit.live_mission import UNCHANGING, ashore, dive, moved
+from scipy.special import chdtrc
+
+from tam_calibration.fit.change import CLEAR_RATIO, hypotheses
+from tam_calibration.fit.change_window import (
+    BLOCK_S,
+    DECIDE_S,
+    FALSE_ALARMS_A_DAY,
+    FEWEST_AFTER,
+    WINDOW,
+    chance_of_test,
+)
+from tam_calibration.fit.live import MOST_CHANGES, PUBLISHED_FROM, WIDENED, Live
+from tam_calibration.fit.recursion import LARGEST_WALK
+from tam_calibration.model.exceptions import InputError
+
+CHANGE_S = 31.0
+
+
+@pytest.fixture(scope="module")
+def prior(true_errors, cross):
+    """Return the calibration of the pier, a day old."""
+    return ashore(true_errors, cross, np.random.default_rng(10))
+
+
+def run(prior, errors, after, cross, on_change="tell", until_s=61.0, tilt=np.pi / 18):
+    """Return the live calibration after a dive of 20 Hz in which the errors change, and the stamp of the first tale."""
+    live, told_s = Live(prior, on_change), None
+    rows = [
+        dive(each, cross, np.random.default_rng(11), time_s, tilt)
+        for each, time_s in ((errors, np.arange(0, CHANGE_S, 0.05)), (after, np.arange(CHANGE_S, until_s, 0.05)))
+    ]
+    for some in np.array_split(np.concatenate(rows), round(until_s)):
+        live.add(some)
+        if told_s is None and live.state.changes:
+            told_s = some[-1, 0]
+    return live, told_s
+
+
+@pytest.mark.parametrize(
+    ("parameters", "change"),
+    [
+        ("bias", {"bias_T": np.array([12e-9, 8e-9, 0])}),
+        ("scale factor", {"scale_factor": np.array([5e-4, 0, 0])}),
+        ("misalignment", {"misalignment": np.array([0, 0, 5e-4])}),
+    ],
+)
+def test_a_change_is_told_by_sensor_and_parameters(prior, true_errors, cross, parameters, change):
+    """Within half a minute, with a size within five standard errors of the truth, and nothing is said before it."""
+    live, told_s = run(prior, true_errors, moved(true_errors, 3, **change), cross)
+    [told] = live.state.changes
+    assert told.sensor == 3 and told.parameters[0] == parameters
+    assert CHANGE_S < told_s < CHANGE_S + 30 and abs(told.since_s - CHANGE_S) < 2 * BLOCK_S
+    assert told.sentence.startswith(f"{parameters} of sensor 3 by ")
+
+
+def test_what_the_motion_cannot_tell_apart_is_told_as_such(prior, true_errors, cross):
+    """In a vehicle that hardly pitches a scale factor along z is told beside the bias that it looks like."""
+    live, told_s = run(prior, true_errors, moved(true_errors, 3, scale_factor=np.array([0, 0, 1e-4])), cross, tilt=0.01)
+    [told] = live.state.changes
+    assert set(told.parameters) == {"bias", "scale factor"} and told.sensor == 3
+    assert "which the motion cannot tell apart" in told.sentence
+    assert DECIDE_S < told_s - told.since_s < 30
+
+
+def test_tell_leaves_the_calibration_and_restore_brings_the_stored_one_back(prior, true_errors, cross):
+    """Neither learns from samples after the change."""
+    after = moved(true_errors, 2, bias_T=np.array([5e-9, 0, 0]))
+    told, _ = run(prior, true_errors, after, cross, "tell")
+    restored, _ = run(prior, true_errors, after, cross, "restore")
+    for live in (told, restored):
+        assert live.state.paused_by == "sensors" and live.sentence.startswith("not updated any more")
+        assert live.state.recursion.now.distance(true_errors) < 2
+    assert np.array_equal(restored.state.recursion.now.errors.to_vector(), prior.errors.to_vector())
+    assert not np.array_equal(told.state.recursion.now.errors.to_vector(), prior.errors.to_vector())
+
+
+def test_learn_finds_the_new_errors_and_publishes_them(prior, true_errors, cross):
+    """They lie within their new standard errors; what has not changed is as certain as before."""
+    after = moved(true_errors, 2, bias_T=np.array([20e-9, 0, 0]))
+    live, _ = run(prior, true_errors, after, cross, "learn")
+    calibration = live.news()
+    deviation = (calibration.errors.to_vector() - after.to_vector()) / calibration.standard_errors.clip(1e-15)
+    deviation[0, 9:] = 0
+    assert np.abs(deviation).max() < 4
+    assert not live.state.paused_by and live.news() is None
+    assert calibration.samples > prior.calibration.samples
+    assert "updated with" in calibration.warnings[-1]
+
+
+def test_a_source_nearby_is_no_change_of_a_sensor_and_learning_goes_on_after_it(prior, true_errors, cross):
+    """The gradient is told, nothing is learned while it lasts, and half a minute later it is forgotten."""
+    live = Live(prior, "learn")
+    time_s = np.arange(0, 120, 0.05)
+    rows = dive(true_errors, cross, np.random.default_rng(12), time_s)
+    near = (time_s > 31) & (time_s < 45)
+    # A gradient of 20 nT/m along x and y: sensors 1 and 3 read it along y, 2 and 4 along x.
+    for sensor, axis, place in ((0, 1, 0.25), (2, 1, -0.25), (1, 0, 0.25), (3, 0, -0.25)):
+        rows[near, 1 + 3 * sensor + axis] += 20e-9 * place
+    live.add(rows[time_s < 60])
+    [told] = live.state.changes
+    assert told.parameters == ("gradient of the field",) and live.state.paused_by == "field"
+    learned = live.state.learned
+    live.add(rows[time_s >= 60])
+    assert not live.state.paused_by and live.state.learned > learned
+    assert live.state.recursion.now.distance(true_errors) < 2
+
+
+def test_nothing_is_published_where_nothing_has_changed(true_errors, cross):
+    """A vehicle whose calibration leaves no more to learn publishes nothing, and its estimate hardly moves."""
+    prior = ashore(true_errors, cross, np.random.default_rng(13), UNCHANGING)
+    live, _ = run(prior, true_errors, true_errors, cross, "learn", until_s=45.0)
+    assert live.news() is None and live.state.changes == ()
+    assert live.calibration.errors is prior.errors
+
+
+def test_a_state_goes_on_as_if_it_had_not_been_left(prior, true_errors, cross):
+    """Two halves by two objects are the whole by one, but for the block at which they part."""
+    rows = dive(true_errors, cross, np.random.default_rng(14), np.arange(0, 40, 0.05))
+    whole, first = Live(prior, "tell"), Live(prior, "tell")
+    whole.add(rows)
+    first.add(rows[:401])
+    second = Live(prior, "tell", first.state)
+    second.add(rows[400:])
+    assert second.state.learned == whole.state.learned
+    assert whole.state.recursion.now.distance(second.state.recursion.now.errors) < 1e-6
+
+
+def test_a_calibration_of_arbitrary_scale_is_refused(prior):
+    """One sentence says why and what would mend it."""
+    relative = replace(prior, calibration=replace(prior.calibration, has_scalar_reference=False))
+    with pytest.raises(InputError, match=r"without a scalar magnetometer.*calibrate with one"):
+        Live(relative, "tell")
+
+
+def test_stamps_that_step_back_begin_another_block(prior, true_errors, cross):
+    """A recording that is played twice is learned twice, and is no change."""
+    rows = dive(true_errors, cross, np.random.default_rng(15), np.arange(0, 10, 0.05))
+    live = Live(prior, "tell")
+    live.add(np.concatenate([rows, rows]))
+    assert live.state.learned > len(rows) and live.state.changes == ()
+
+
+def test_the_threshold_follows_from_the_alarms_that_are_allowed(true_errors, cross):
+    """The chance of a test times all tests of a day is the stated number; 23 things may change in four sensors."""
+    count = len(hypotheses(true_errors, cross))
+    assert count == 23
+    assert chance_of_test(count) * 86_400 / BLOCK_S * WINDOW * count == pytest.approx(FALSE_ALARMS_A_DAY)
+    assert chdtrc(3, 41) < chance_of_test(count) < chdtrc(3, 39)
+
+
+def test_constants():
+    """What a reader of docs/live.md relies on."""
+    assert (BLOCK_S, WINDOW, DECIDE_S, FEWEST_AFTER, FALSE_ALARMS_A_DAY) == (2.0, 15, 20.0, 2, 0.1)
+    assert (PUBLISHED_FROM, WIDENED, MOST_CHANGES, LARGEST_WALK) == (0.5, 3.0, 100, 0.1)
+    assert pytest.approx(2 * np.log(100)) == CLEAR_RATIO

@@ -1,0 +1,104 @@
+"""The recursion over blocks of samples, against the fit of all of them together."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fit.live_mission import UNCHANGING, ashore, dive, moved, recording_of
+from numpy.testing import assert_allclose
+
+from tam_calibration.fit.likelihood import UniformLikelihood
+from tam_calibration.fit.posterior import posterior_of
+from tam_calibration.fit.recursion import LARGEST_WALK, Belief, Recursion, Walk
+from tam_calibration.fit.sample_moments import MomentLikelihood, SampleMoments
+from tam_calibration.fit.scale import Normalized
+from tam_calibration.model.change_rates import ChangeRates
+
+
+def learned(prior, rows, size):
+    """Return the recursion after all rows, in blocks of a size."""
+    likelihood = MomentLikelihood(prior.errors, prior.calibration.array, prior.calibration.intensity_T)
+    recursion = Recursion.at(Belief(prior.errors, prior.covariance, rows[0, 0], np.nan))
+    for block in np.split(rows, range(size, len(rows), size)):
+        moments = likelihood.moments(block[:, 1:-2].reshape(len(block), -1, 3), block[:, -2])
+        recursion = recursion.after(moments, block[-1, 0], np.nan, likelihood, Walk(prior))
+    return recursion
+
+
+@pytest.fixture(scope="module")
+def far_prior(true_errors, cross):
+    """Return a prior from which one bias is 200 of its standard errors away, and that prior's truth now."""
+    prior = ashore(true_errors, cross, np.random.default_rng(1), UNCHANGING)
+    variance = np.zeros((4, 12))
+    variance[1, 6:9] = 100e-9**2
+    prior = replace(prior, covariance=prior.covariance + np.diag(variance.ravel()))
+    return prior, moved(true_errors, 2, bias_T=np.array([120e-9, -80e-9, 60e-9]))
+
+
+@pytest.mark.parametrize("size", [50, 199])
+def test_blocks_one_after_another_give_the_fit_of_all_samples(far_prior, cross, size):
+    """To a hundredth of the standard errors, whatever the size of the blocks, after a bias that moved by hundreds."""
+    prior, errors = far_prior
+    rows = dive(errors, cross, np.random.default_rng(2), np.arange(3000) / 20)
+    rows[::7, -2] = np.nan
+    batch = posterior_of(recording_of(rows), prior.calibration.array, prior)
+    now = learned(prior, rows, size).now
+    assert now.distance(batch.errors) < 0.01
+    deviations = np.sqrt(np.diag(batch.covariance))
+    assert_allclose(np.sqrt(np.diag(now.covariance)), deviations, rtol=1e-3, atol=1e-15)
+
+
+def test_the_moments_give_the_normal_equations_of_the_samples(far_prior, cross):
+    """At errors far from those that the moments are about: information, gradient and energies as from the samples."""
+    prior, errors = far_prior
+    array, unit_T = prior.calibration.array, prior.calibration.intensity_T
+    rows = dive(errors, cross, np.random.default_rng(3), np.arange(1000) / 20)
+    recording = recording_of(rows)
+    likelihood = MomentLikelihood(prior.errors, array, unit_T)
+    halves = [
+        likelihood.moments(recording.readings_T[part], recording.scalar_T[part])
+        for part in (slice(400), slice(400, None))
+    ]
+    here = likelihood.linearize(halves[0] + halves[1], errors)
+    data = Normalized(recording, prior.errors.bias_T, unit_T)
+    exact = UniformLikelihood(data, array.vector_noise_T / unit_T, array.scalar_noise_T / unit_T).linearize(
+        errors.matrix, (errors.bias_T - prior.errors.bias_T) / unit_T
+    )
+    jacobian = np.zeros((4, 12, 4, 12))
+    for sensor, block in enumerate(errors.jacobian() * np.array([1, 1, 1, 1 / unit_T])[:, None]):
+        jacobian[sensor, :, sensor] = block.reshape(12, 12)
+    jacobian = jacobian.reshape(48, 48)
+    scale = np.sqrt(np.diag(here.information))
+    difference = (here.information - jacobian.T @ exact.information @ jacobian) / np.outer(scale, scale)
+    assert np.abs(difference).max() < 1e-3
+    assert np.abs((here.gradient - jacobian.T @ exact.gradient) / scale).max() < 1e-2
+    assert_allclose([here.differential, here.common_mode], [exact.differential, exact.common_mode], rtol=1e-3)
+    assert here.reference_count == 1000
+
+
+def test_what_changes_is_forgotten_as_in_a_kalman_filter(true_errors, cross):
+    """With rates that make every block a stretch of its own, and no motion, the bias's variance is the steady one."""
+    rate_T = 20e-9
+    rates = replace(UNCHANGING, bias_per_day=rate_T * np.sqrt(86_400.0))
+    prior = ashore(true_errors, cross, np.random.default_rng(4), rates)
+    rows = dive(true_errors, cross, np.random.default_rng(5), np.arange(2000) / 10)
+    now = learned(prior, rows, 20).now
+    # Between sensors: twice the walk of one, read with twice its noise; P = (q + √(q² + 4 q r)) / 2, then with r.
+    pair = np.zeros((4, 12))
+    pair[1, 6], pair[3, 6] = 1.0, -1.0
+    walk, noise = 2 * rate_T**2 * 2.0, 2 * cross.vector_noise_T[0] ** 2 / 20
+    before = (walk + np.sqrt(walk**2 + 4 * walk * noise)) / 2
+    variance = float(pair.ravel() @ now.covariance @ pair.ravel())
+    assert variance == pytest.approx(before * noise / (before + noise), rel=0.1)
+    assert LARGEST_WALK < 1
+
+
+def test_a_stretch_ends_when_the_walk_is_no_longer_small(true_errors, cross):
+    """Without changes one stretch holds all samples; with the default rates the sum of its moments stays small."""
+    generator = np.random.default_rng(6)
+    rows = dive(true_errors, cross, generator, np.arange(2000) / 10)
+    still = learned(ashore(true_errors, cross, generator, UNCHANGING), rows, 20)
+    walking = learned(ashore(true_errors, cross, generator, replace(ChangeRates(), bias_per_day=50e-9)), rows, 20)
+    assert still.moments.count == 2000
+    assert 0 < walking.moments.count < 1000
+    assert SampleMoments.none(4).count == 0

@@ -1,0 +1,78 @@
+"""A calibration that is updated while samples flow, over DDS and in processes of its own."""
+
+import signal
+
+import numpy as np
+import pytest
+from fit.live_mission import moved
+from ros_bench import field_of_array
+
+from tam_calibration.files import calibration_from_yaml, write_calibration
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.model.recording import Recording
+
+sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
+std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")
+
+CHANGE = 300
+
+
+@pytest.fixture(scope="module")
+def mission(true_errors):
+    """Return 70 s at 10 Hz, after 30 of which the bias of sensor 2 moves by 40 nT, and the errors then."""
+    generator = np.random.default_rng(3)
+    time_s = np.arange(700) / 10
+    after = moved(true_errors, 2, bias_T=np.array([32e-9, 0, -24e-9]))
+    field = field_of_array(time_s / 3)
+    readings = np.concatenate([true_errors.distort(field[:CHANGE]), after.distort(field[CHANGE:])])
+    readings += 1e-9 * generator.normal(size=readings.shape)
+    scalar = np.linalg.norm(field, axis=1) + 1e-10 * generator.normal(size=len(field))
+    return Recording(1.7e9 + 3600 + time_s, readings, scalar), after
+
+
+def test_a_change_is_told_and_learned_and_outlasts_a_restart(bench, recording, cross, mission, tmp_path):
+    """Sensor and errors are named, the corrector has the new calibration, and the next calibrator goes on with it."""
+    run, after = mission
+    path, samples_file = tmp_path / "calibration.yaml", tmp_path / "samples"
+    write_calibration(path, maximum_likelihood(recording, cross))
+    parameters = {"calibration_file": path, "samples_file": samples_file, "update": True, "on_change": "learn"}
+    bench.start_nodes(collector={}, corrector={})
+    first = bench.start_nodes(calibrator=parameters)
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    calibrations = bench.listen(std_msgs.String, "calibration", latched=True)
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 3}, calibrator={"calibration": 2})
+    bench.play(run, publish, samples)
+
+    status, figures = bench.health("calibrator", lambda _, figures: figures.get("changes") == "1", "a change is told")
+    assert (figures["changed_sensor"], figures["changed_parameters"]) == ("2", "bias")
+    assert "bias of sensor 2 by x +3" in status.message and "it is learned anew" in status.message
+    learned = calibration_from_yaml(calibrations[-1].data, "calibration")
+    deviation = (learned.errors.bias_T[1] - after.bias_T[1]) / learned.standard_errors[1, 6:9]
+    assert np.abs(deviation).max() < 4
+    count = str(learned.samples)
+    bench.health("corrector", lambda _, figures: figures["calibration_samples"] == count, "the corrector has it")
+    first.end_one("calibrator", signal.SIGKILL)
+
+    before = len(calibrations)
+    second = bench.start_nodes(calibrator=parameters)
+    bench.spin_until(lambda: "goes on with what was learned from" in second.log("calibrator"), "it goes on")
+    bench.spin_until(lambda: len(calibrations) > before, "it publishes")
+    again = calibration_from_yaml(calibrations[-1].data, "calibration")
+    assert np.abs((again.errors.bias_T - learned.errors.bias_T) / learned.standard_errors[:, 6:9]).max() < 0.5
+    _, figures = bench.health("calibrator", lambda _, figures: "learned" in figures, "it is there")
+    assert int(figures["learned"]) > 500 and figures["changes"] == "1"
+    assert bench.call("calibrator/save").success
+
+
+def test_what_was_learned_of_another_array_is_set_aside(bench, recording, cross, tmp_path):
+    """One sentence names where it is now; without a calibration the update waits for one, and services answer."""
+    (tmp_path / "samples.live").write_text("nothing")
+    children = bench.start_nodes(calibrator={"samples_file": tmp_path / "samples", "update": True})
+    aside = tmp_path / "samples.live.1"
+    bench.spin_until(
+        lambda: f"it is now {aside}, and the update begins anew" in children.log("calibrator"), "it says so"
+    )
+    assert aside.read_text() == "nothing"
+    bench.health("calibrator", lambda status, _: "updates once there is a calibration" in status.message, "it waits")
+    assert not bench.call("calibrator/calibrate").success
