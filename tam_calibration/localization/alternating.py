@@ -6,6 +6,7 @@ from numpy.linalg import inv
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.source_completion import FEWEST_PERIODS, amplitudes_of, poses_of
 from tam_calibration.localization.euler import DIPOLE_INDEX, locate
+from tam_calibration.localization.finite_baseline import require_index
 from tam_calibration.localization.sample_by_sample import locate_samples, turned
 from tam_calibration.localization.solutions import EulerSolutions
 from tam_calibration.localization.survey import ARRAY_FRAME, WORLD_FRAME, Line, Overall, Survey
@@ -48,6 +49,7 @@ def locate_alternating(
     Refused
         When no line stands out of the noise, or no pose can be located.
     """
+    require_index(index)
     if not calibration.array.has_gradient:
         raise InputError("the array's geometry determines no gradient, from which sources are located")
     if frequency_hz is not None and not (np.isfinite(frequency_hz) and frequency_hz > 0):

@@ -66,6 +66,7 @@ def regional_beside_current(
 
 
 _NO_LINE = "the samples are not those of a line of current beside a uniform regional field"
+_NONE_LOCATED = f"{_NO_LINE}: none can be located. Go nearer, or average longer"
 
 
 def _left(
@@ -76,11 +77,13 @@ def _left(
     source[:, :3] -= np.einsum("nji,j->ni", matrix, field_T)
     euler = locate(source, covariance, index=CURRENT_INDEX)
     at = np.flatnonzero(euler.is_located)
+    if not len(at):
+        raise Refused(_NONE_LOCATED)
     start = start_of(euler, source, CURRENT_INDEX)[at]
     fit = fit_outputs(source[at], array, covariance, start, CURRENT_INDEX)
     is_kept = fit.solution.is_found & is_certain(fit.solution.unknowns, fit.solution.covariance)
     if not is_kept.any():
-        raise Refused(f"{_NO_LINE}: none can be located. Go nearer, or average longer")
+        raise Refused(_NONE_LOCATED)
     by_field = whitening_of(covariance)[:, :3] @ np.swapaxes(matrix[at[is_kept]], 1, 2)
     basis = np.linalg.qr(fit.slopes[is_kept])[0]
     return fit.residuals[is_kept], by_field - basis @ (np.swapaxes(basis, 1, 2) @ by_field)

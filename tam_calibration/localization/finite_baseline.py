@@ -51,12 +51,28 @@ def locate_with_baselines(
     """
     if not array.has_gradient:
         raise InputError("the array's geometry determines no gradient: locate with the direct fit to its readings")
+    require_index(index)
+    return in_pieces(partial(_locate, array, index), np.asarray(outputs, dtype=float), covariance)
+
+
+def require_index(index: float) -> None:
+    """Refuse a structural index of no source that is known.
+
+    Parameters
+    ----------
+    index : float
+        Structural index.
+
+    Raises
+    ------
+    InputError
+        When it is none of 1, 2 and 3.
+    """
     if index not in (CURRENT_INDEX, DIPOLES_INDEX, DIPOLE_INDEX):
         raise InputError(
-            f"the structural index must be a positive number: 3 of a dipole, 2 of a line of dipoles, 1 of a line of "
-            f"current, not {index:g}"
+            "the structural index must be 3 of a dipole, 2 of a line of dipoles or 1 of a line of current, not "
+            f"{index:g}"
         )
-    return in_pieces(partial(_locate, array, index), np.asarray(outputs, dtype=float), covariance)
 
 
 def _locate(array: Array, index: float, outputs: FloatArray, covariance: FloatArray | None) -> EulerSolutions:

@@ -174,5 +174,5 @@ def _is_small(unknowns: FloatArray, step: FloatArray) -> np.ndarray:
     """Return whether steps (N, 5 or 6) hardly change places, directions and strengths."""
     size = [norm(unknowns[:, :2], axis=1), np.ones(len(unknowns)), norm(unknowns[:, 4:], axis=1)]
     change = [norm(step[:, :2], axis=1), norm(step[:, 2:4], axis=1), norm(step[:, 4:], axis=1)]
-    is_small: np.ndarray = (np.array(change) <= _SMALLEST_STEP * np.array(size)).all(axis=0)
+    is_small: np.ndarray = np.all(np.array(change) <= _SMALLEST_STEP * np.array(size), axis=0)
     return is_small

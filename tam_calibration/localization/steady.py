@@ -9,6 +9,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.localization.common_field import regional_beside_current
 from tam_calibration.localization.direct_fit import passage_of
 from tam_calibration.localization.euler import DIPOLE_INDEX
+from tam_calibration.localization.finite_baseline import require_index
 from tam_calibration.localization.line_fit import CURRENT_INDEX
 from tam_calibration.localization.passage import GRADIENT, OF_SOURCE, UNIFORM, VELOCITY, Known, Passage
 from tam_calibration.localization.sample_by_sample import (
@@ -198,7 +199,7 @@ def locate_steady(
     calibration : Calibration
         Of its array.
     index : float
-        Structural index.
+        Structural index: 3 of a dipole, 2 of a line of dipoles, 1 of a line of current.
     regional_T : (3,) array, optional
         Field beside the source's in the world, tesla; fitted where it is not given.
     regional_covariance_T2 : (3, 3) array, optional
@@ -216,8 +217,10 @@ def locate_steady(
     InputError
         When there is no attitude, the calibration is of another array, or a track is asked for what is no dipole.
     Refused
-        When no sample can be located, or the readings do not determine the dipoles of the track or are none's.
+        When no sample can be located, the samples are not those of one source, or the readings do not determine the
+        dipoles of the track or are none's.
     """
+    require_index(index)
     if recording.attitude is None:
         raise InputError(
             "the recording has no attitude, without which the regional field cannot be taken off; of an alternating "
@@ -274,14 +277,14 @@ def _regional(
     prior = regional_of(outputs, attitude, attitude_noise) if known is None else known
     if index != DIPOLE_INDEX and attitude_noise:
         raise Refused(
-            f"a {SOURCES.get(index, 'line')} is located with an exact attitude alone: the regional field, turned by an "
+            f"a {SOURCES[index]} is located with an exact attitude alone: the regional field, turned by an "
             "error of it, hides what tells one line from several"
         )
     if index == CURRENT_INDEX and prior.covariance_T2 is not None:
         return regional_beside_current(outputs, calibration.array, calibration.output_covariance, attitude, prior)
     if index != DIPOLE_INDEX and known is None:
         raise Refused(
-            f"beside a {SOURCES.get(index, 'line')} the regional field cannot be found from the samples: give the "
+            f"beside a {SOURCES[index]} the regional field cannot be found from the samples: give the "
             "place, at which it is that of IGRF"
         )
     return prior

@@ -141,12 +141,20 @@ def test_an_array_that_never_stands_still(folder):
     assert_allclose(sample["position_m"], COIL.position_m, atol=0.04 * np.linalg.norm(COIL.position_m))
 
 
-def test_another_structural_index(folder):
-    """The distance scales with the index, and there is no moment."""
-    dipole, line = (result_of(folder, "coil.csv", "--frequency", "10", "--index", index) for index in ("3", "2"))
-    near, far = (np.linalg.norm(each["samples"][0]["position_m"]) for each in (line, dipole))
-    assert near / far == pytest.approx(2 / 3, rel=0.05)
-    assert line["samples"][0]["moment_Am2"] == [None, None, None]
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("coil.csv", "--frequency", "10", "--index", "2"), "too uncertain for its distance"),
+        (("pass.csv", "--index", "1"), "not those of"),
+        (("pass.csv", "--index", "2"), "give the place, at which it is that of IGRF"),
+        (("pass.csv", "--index", "1", "--attitude-noise-deg", "0.1"), "with an exact attitude alone"),
+    ],
+)
+def test_a_dipole_is_no_line(folder, arguments, reason):
+    """Neither a coil nor a wreck is located as a line, and the reason is told."""
+    result = run(folder, *arguments)
+    assert result.exit_code == 1
+    assert reason in " ".join(result.stderr.split())
 
 
 def test_table_and_page(folder, tmp_path):
@@ -168,7 +176,7 @@ def test_table_and_page(folder, tmp_path):
         (("pass.csv", "--velocity", "1,0,0", "--velocity-error", "-1"), "--velocity-error is that of --velocity"),
         (("pass.csv", "--velocity", "1,0,0", "--velocity-error", "nan"), "--velocity-error is that of --velocity"),
         (("pass.csv", "--velocity-error", "0.1"), "--velocity-error is that of --velocity"),
-        (("pass.csv", "--index", "0"), "structural index must be a positive number"),
+        (("pass.csv", "--index", "0"), "structural index must be 3 of a dipole"),
         (("pass.csv", "--place", "here"), "a place must be LAT,LON,DATE"),
         (("pass.csv", "--attitude-noise-deg", "-1"), "must not be negative"),
         (("pass.csv", "--attitude-noise-deg", "nan"), "must not be negative, nor above 180, not nan"),

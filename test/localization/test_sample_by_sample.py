@@ -167,31 +167,3 @@ def test_errors_of_the_attitude_do_not_shorten_the_regional_field():
     found, plain = (regional_of(outputs, measured, each).field_T for each in (noise, 0.0))
     assert np.linalg.norm(found) == pytest.approx(length, rel=noise**2 / 8)
     assert np.linalg.norm(plain) == pytest.approx(length * (1 - noise**2 / 2), rel=noise**2 / 8)
-
-
-def current(across):
-    """Return the field of a current along z at points (N, 3) across it, to a factor."""
-    return np.cross([0.0, 0.0, 1.0], across) / np.sum(across**2, axis=1)[:, None]
-
-
-def dipoles(across):
-    """Return the field of a line of dipoles along z, their moment along x, to a factor."""
-    square = np.sum(across**2, axis=1)[:, None]
-    return (2 * across * across[:, :1] / square - [1.0, 0.0, 0.0]) / square
-
-
-@pytest.mark.parametrize(("index", "field"), [(1, current), (2, dipoles)])
-def test_the_bend_over_the_baselines_is_in_the_covariance_of_a_line(index, field):
-    """Without noise the error of a line's place is what its standard error says, over all directions."""
-    rng = np.random.default_rng(2)
-    turns = Rotation.random(500, random_state=5).as_matrix()
-    angle, distance = rng.uniform(0, 2 * np.pi, 500), rng.uniform(2, 8, 500)
-    place = distance[:, None] * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(500)])
-    points = np.einsum("nij,kj->nki", turns, ARRAY.positions_m) - place[:, None]
-    points[..., 2] = 0.0
-    world = 1e-6 * field(points.reshape(-1, 3)).reshape(500, -1, 3)
-    outputs = np.einsum("nji,nkj->nki", turns, world).reshape(500, -1) @ ARRAY.operator.T
-    found = locate_samples(outputs, ARRAY, 1e-8 * COVARIANCE, index=index)
-    off = found.position_m - np.einsum("nji,nj->ni", turns, place)
-    pulls = off / np.sqrt(np.diagonal(found.position_covariance_m2, axis1=1, axis2=2))
-    assert 0.85 < np.sqrt(np.mean(pulls[found.is_located] ** 2)) < 1.05
