@@ -13,7 +13,7 @@ from tam_calibration.gap.search import Progress
 from tam_calibration.gap.stretches import in_stretches
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.recording import Recording, SampleSource
 
 _NAMES = "The simulation", "The recording"
 """How remarks on the two begin."""
@@ -73,6 +73,7 @@ def compare(
     tell = progress or (lambda what, part: None)
     tell("mistakes", 0.0)
     seen = in_stretches(simulation)[0], in_stretches(recording)[0]
+    _require_tesla(seen[1], array)
     if mistakes := mistakes_of(*seen, array_of_simulation, array):
         return Comparison("differs", f"The simulation cannot be right: {mistakes[0].what}.", mistakes)
     try:
@@ -108,6 +109,14 @@ def _require_same_count(simulation: SampleSource, recording: SampleSource, array
     for name, count, one in zip(("simulation", "recording"), counts, (of_simulation, array), strict=True):
         if count != one.sensor_count:
             raise InputError(f"the {name} has {count} sensors, its array {one.sensor_count}: give the array file of it")
+
+
+def _require_tesla(recording: Recording, array: Array) -> None:
+    """Refuse a recording in another unit, beside which every simulation would seem to have no field."""
+    try:
+        recording.check_units(array.field)
+    except InputError as problem:
+        raise InputError(f"the recording: {problem}") from problem
 
 
 def _part(tell: Progress, number: int, count: int) -> Progress:

@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from tam_calibration.comparison.causes import are_alike, likely_causes, size_of, unknown_part
+from tam_calibration.comparison.mistakes.words import numbered
 from tam_calibration.comparison.noise import differs
 from tam_calibration.comparison.other_run import follows_the_run, is_shown, parameters_differ
 from tam_calibration.comparison.result import (
@@ -159,7 +160,17 @@ def _ranked(found: Sequence[EffectDifference]) -> tuple[EffectDifference, ...]:
 
 
 def _named(one: EffectDifference) -> str:
-    return "an unknown part" if one.effect == UNKNOWN else one.effect.replace("_", " ")
+    """Return an effect with its place, in words."""
+    name = "an unknown part" if one.effect == UNKNOWN else one.effect.replace("_", " ")
+    return f"{name} ({_place(one.sensors, one.axes)})"
+
+
+def _place(sensors: Sequence[int | str], axes: Sequence[str] = ()) -> str:
+    """Return sensors and, where they are not all, axes in words."""
+    numbers = [sensor for sensor in sensors if isinstance(sensor, int)]
+    some_axes = f" {', '.join(axes)}" if 0 < len(axes) < 3 else ""
+    places = [numbered(numbers) + some_axes] if numbers else []
+    return " and ".join([*places, *(["the scalar"] if "scalar" in sensors else [])])
 
 
 def _lacking(one: EffectDifference) -> str:
@@ -265,9 +276,10 @@ def _noise_energies(noise: Sequence[NoiseDifference], told: Collection[tuple[int
 
     That of axes with an unknown part counts as this part.
     """
-    energy = 0.0
+    energy, sensors = 0.0, dict[int | str, None]()
     for one in noise:
         if one.differs and (one.recording.sensor, one.recording.axis) not in told:
             small, large = sorted((one.simulation.level_T, one.recording.level_T))
             energy += ((large / small) ** 2 - 1) / len(noise)
-    return [("other noise", energy)] if energy > 0 else []
+            sensors[one.recording.sensor or "scalar"] = None
+    return [(f"other noise ({_place(tuple(sensors))})", energy)] if energy > 0 else []

@@ -153,7 +153,7 @@ def plot_histograms(simulation: Side, recording: Side, row: int, name: str) -> F
 @matplotlib.rc_context(STYLE)
 def plot_steps(closing: Closing) -> Figure:
     """Draw the gap as it is, and what each further term of the mend leaves of it."""
-    names = ["simulation as it is", *(f"+ {step.added.replace('_', ' ')}" for step in closing.steps)]
+    names = ["simulation as it is", *(f"mended: {step.added.replace('_', ' ')}" for step in closing.steps)]
     values = [closing.before, *(step.left for step in closing.steps)]
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 0.9 + 0.3 * len(names)), layout="constrained")
     axes = figure.subplots()

@@ -131,7 +131,7 @@ def closing_section(comparison: Comparison) -> Section | None:
     if closing is None or comparison.verdict == "same":
         return None
     blocks: list[Block] = [
-        Text("Each term was added to a twin of the simulation's run, the largest first, and judged out of sample."),
+        Text("Each term was added to a twin of the simulation's run, or taken from it, and judged out of sample."),
         Table(CLOSING_HEADER, closing_rows(closing)),
     ]
     if words := closed_words(closing):
@@ -152,7 +152,11 @@ def figures_section(comparison: Comparison) -> Section | None:
     if not comparison.figures:
         return None
     tables = [Table(FIGURES_HEADER, rows, sentence(group)[:-1]) for group, rows in figure_rows(comparison)]
-    return Section("Side by side", tables)
+    about = Text(
+        "Scale factors, non-orthogonality, biases and misalignment are what a calibration removes: that they differ is "
+        "stated, and is no difference of the simulation."
+    )
+    return Section("Side by side", [about, *tables])
 
 
 _COMMAND = "tam simulate --from-comparison mend.yaml --recording SIMULATION -o mended.csv"

@@ -16,7 +16,7 @@ from tam_calibration.comparison.result import (
     SourceError,
 )
 from tam_calibration.model.units import for_people, to_nanotesla
-from tam_calibration.report.formatting import number, sentence, with_error
+from tam_calibration.report.formatting import join, number, sentence, with_error
 from tam_calibration.report.gap_rows import number_rows, percent, place
 
 VERDICTS = {"same": "The same", "differs": "Different", "not_identifiable": "Cannot be told"}
@@ -78,11 +78,19 @@ def next_words(comparison: Comparison) -> str:
     if comparison.verdict == "not_identifiable":
         wanted = "" if comparison.recording is None else comparison.recording.gap.next_recording
         return sentence(wanted or "record longer, and turn the array through more directions; then compare again")
-    return (
-        "Write the mend into the simulator, record the simulation again, and compare again. The elements for Gazebo "
-        "and MuJoCo and a function for plugins are on the page (--report) and in the JSON (--json); --mend writes the "
-        "parameter file for tam simulate --from-comparison."
-    )
+    assert comparison.mend is not None
+    removed = join([effect_name(name) for name in dict.fromkeys(comparison.mend.removed)])
+    again = "record the simulation again, and compare again"
+    if comparison.mend.added or any(one.differs for one in comparison.noise):
+        begin = f"Take {removed} out of the simulator. " if removed else ""
+        return (
+            f"{begin}Write the mend into the simulator, {again}. The elements for Gazebo and MuJoCo and a function for "
+            "plugins are on the page (--report) and in the JSON (--json); --mend writes the parameter file for "
+            "tam simulate --from-comparison."
+        )
+    if removed:
+        return f"Take {removed} out of the simulator, {again}."
+    return "What differs is no effect of the library, and nothing can be written into the simulator: see where it is."
 
 
 def effect_name(name: str) -> str:

@@ -51,7 +51,7 @@ def test_unknown_parts_that_may_be_one_are_no_difference_but_a_remark(side):
     one, other = opened(side(1), 3.0), opened(side(2, 0, 1.5), 4.0)
     found = differences_between(one, other)
     assert (found.missing, found.surplus) == ((), ())
-    assert [words for words, _ in found.energies] == ["other noise"]
+    assert [words for words, _ in found.energies] == ["other noise (sensors 1, 2, 3 and 4)"]
     same = [(noise.recording.sensor, noise.recording.axis) for noise in found.noise if not noise.differs]
     assert same == [(2, "x"), (0, "")]
     assert found.undecided_energy == pytest.approx(4.0**2)

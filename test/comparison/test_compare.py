@@ -61,3 +61,12 @@ def test_other_numbers_of_sensors_are_bad_input(run, cross):
     alone = Recording(one.time_s, one.readings_T[:, :1], one.scalar_T)
     with pytest.raises(InputError, match="the simulation has 1 sensors, the recording 4"):
         compare(alone, one, cross)
+
+
+@pytest.mark.parametrize("times", [1e4, 1e-3])
+def test_a_recording_in_another_unit_is_bad_input(run, cross, times):
+    """Of the side that is held for right: it is named, and the simulation is accused of nothing."""
+    one = run(1)
+    wrong = Recording(one.time_s, times * one.readings_T, times * one.scalar_T)
+    with pytest.raises(InputError, match=r"^the recording: "):
+        compare(run(2), wrong, cross)

@@ -26,7 +26,7 @@ from tam_calibration.report.comparison_plots import (
     row_to_draw,
 )
 from tam_calibration.report.comparison_report import write_comparison_report
-from tam_calibration.report.comparison_rows import most_other
+from tam_calibration.report.comparison_rows import most_other, next_words
 
 SOURCES = Sources(Provenance("sim<1>.mcap", 12, "ab" * 32), Provenance("dive.csv", 34, "cd" * 32))
 
@@ -112,6 +112,23 @@ def test_the_same_is_said_and_has_no_mend(comparison, write):
     page, headings, words = write(same)
     assert '<p class="good">The same: Nothing differs.</p>' in page
     assert "No effect is in one of the two" in words and "The mend, to copy" not in headings
+
+
+def test_what_only_the_simulation_has_is_to_be_taken_out(comparison):
+    """Beside what is to be written, where there is any; of an unknown effect neither can be said."""
+    assert next_words(comparison).startswith("Write the mend into the simulator")
+    removed = replace(comparison, mend=replace(comparison.mend, removed=("temperature_drift", "hysteresis")))
+    assert next_words(removed).startswith("Take temperature drift and hysteresis out of the simulator. Write the mend")
+    quiet = tuple(replace(one, differs=False) for one in comparison.noise)
+    alone = replace(removed, noise=quiet, mend=replace(removed.mend, added=()))
+    assert next_words(alone).endswith("out of the simulator, record the simulation again, and compare again.")
+    unknown = replace(alone, mend=replace(alone.mend, removed=()))
+    assert next_words(unknown).startswith("What differs is no effect of the library")
+
+
+def test_errors_of_the_sensors_are_said_to_be_no_difference(comparison, write):
+    """A calibration removes them, however many standard errors they are apart."""
+    assert "are what a calibration removes" in write(comparison)[2]
 
 
 def test_without_attitude_no_source_is_drawn(comparison, write):

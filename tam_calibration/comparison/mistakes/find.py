@@ -1,6 +1,12 @@
 """Gross mistakes of a simulator, found before anything is fitted and told in the words of those who use it."""
 
-from tam_calibration.comparison.mistakes.frames import frames_of, mistaken_attitude, mistaken_axes, mistaken_hands
+from tam_calibration.comparison.mistakes.frames import (
+    frames_of,
+    mistaken_attitude,
+    mistaken_axes,
+    mistaken_hands,
+    turned_against_others,
+)
 from tam_calibration.comparison.mistakes.noise import mistaken_noise
 from tam_calibration.comparison.mistakes.placement import Motion, placements
 from tam_calibration.comparison.mistakes.units import mistaken_stamps, mistaken_units
@@ -52,6 +58,6 @@ def _of_field_and_frames(simulation: Recording, recording: Recording) -> list[Mi
     mistakes = [*ignored_field(silent, stuck, count), *attitude]
     frames = frames_of(placed, right)
     if frames is None or motion is None or other_motion is None:
-        return [*mistakes, *mistaken_hands(own, other)]
+        return [*mistakes, *mistaken_hands(own, other), *turned_against_others(own, other)]
     world = mistaken_field(frames, motion, other_motion)
     return [*mistakes, *mistaken_axes(frames), *([] if world is None else [world])]

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.comparison.mistakes.placement import FITS, Motion, Placement, beside, placements
-from tam_calibration.comparison.mistakes.words import sensors_in_words
+from tam_calibration.comparison.mistakes.words import numbered, sensors_in_words
 from tam_calibration.comparison.result import Mistake
-from tam_calibration.integrity.handedness import left_handed
-from tam_calibration.integrity.overview import Overview
+from tam_calibration.integrity.handedness import NEAR, left_handed
+from tam_calibration.integrity.overview import SHARED, Overview
 from tam_calibration.model.sensor_errors import ORIENTATIONS
 from tam_calibration.model.units import FloatArray
 
@@ -172,6 +172,47 @@ def mistaken_hands(simulation: Overview, recording: Overview) -> Iterator[Mistak
                 f"sensor {fault.sensor}{f', axis {fault.axis}' if fault.axis else ''}",
                 "give that axis the other sign, or exchange the two axes back, where the sensor's output is published",
             )
+
+
+def turned_against_others(simulation: Overview, recording: Overview) -> Iterator[Mistake]:
+    """Yield the sensors that lie as others in the recording, and turned against them in the simulation.
+
+    It is told without attitude. Of those that lie alike in the recording most are taken to be right.
+
+    Parameters
+    ----------
+    simulation, recording : Overview
+        Of the two, the first in tesla.
+    """
+    right, kept, turned = 0, list[int](), dict[int, FloatArray]()
+    for first in range(recording.sensor_count):
+        alike = [other for other in range(recording.sensor_count) if _against(recording, first, other) == 0]
+        own = {other: _against(simulation, first, other) for other in alike}
+        same = [other for other, axes in own.items() if axes == 0]
+        if len(same) > right:
+            right, kept = len(same), same
+            turned = {other: ORIENTATIONS[axes] for other, axes in own.items() if axes}
+    for sensor, turn in turned.items():
+        name = _name(turn)
+        assert name is not None
+        kind, way, mend = name
+        where, others = numbered([sensor + 1]), numbered([one + 1 for one in kept])
+        yield Mistake(
+            kind,
+            f"the simulation's axes of {where} are not those of {others}, as the recording's are: {way}",
+            where,
+            mend,
+        )
+
+
+def _against(overview: Overview, one: int, other: int) -> int | None:
+    """Return which of ``ORIENTATIONS`` makes what the other of two sensors reads of what the one reads, if any does."""
+    if overview.shared_motion(one, other) < SHARED:
+        return None
+    rows = overview.covariance[other, one] @ np.linalg.inv(overview.covariance[one, one])
+    rows = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    along = np.sum(ORIENTATIONS * rows, axis=2).min(axis=1)
+    return int(along.argmax()) if along.max() > NEAR else None
 
 
 def _axes(own: Placement, right: Placement) -> tuple[int, int]:

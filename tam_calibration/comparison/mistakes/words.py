@@ -7,8 +7,11 @@ from tam_calibration.model.units import FloatArray
 
 def sensors_in_words(sensors: Sequence[int], count: int) -> str:
     """Return sensors, numbered from 1, of so many for people."""
-    if len(sensors) == count:
-        return "all sensors"
+    return "all sensors" if len(sensors) == count else numbered(sensors)
+
+
+def numbered(sensors: Sequence[int]) -> str:
+    """Return sensors, by their numbers from 1, for people."""
     *some, last = map(str, sensors)
     return f"sensors {', '.join(some)} and {last}" if some else f"sensor {last}"
 

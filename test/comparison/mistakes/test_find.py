@@ -265,6 +265,26 @@ def test_without_attitude_nothing_is_said_of_frames(seed):
     assert pair.kinds(noise_only(pair, run)) == ["no_world_field"]
 
 
+QUARTER_TURN = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+"""What a sensor reads of the field, whose site is turned by 90° about x."""
+
+
+@pytest.mark.parametrize("turn", [QUARTER_TURN, np.diag([1.0, -1, -1]), ORIENTATIONS[23]])
+def test_without_attitude_a_sensor_turned_against_others_is_told(turn):
+    """Where they lie alike in the recording; in words by the axes that it reads, and those that put it right."""
+    four = (pair for pair in map(Pair, range(100)) if pair.sensors == 4)
+    pair = next(pair for pair in four if (np.ptp(pair.orientation, axis=0) == 0).all())
+    run = replace(pair.run(), attitude=None)
+    readings_T = run.readings_T.copy()
+    readings_T[:, 2] = readings_T[:, 2] @ turn.T
+    (mistake,) = pair.told(replace(run, readings_T=readings_T))
+    assert mistake.kind == ("frd_for_flu" if turn[0, 0] > 0 and turn[1, 1] < 0 else "turned_axes")
+    assert mistake.where == "sensor 3" and "not those of sensors 1, 2 and 4, as the recording's are" in mistake.what
+    if turn is QUARTER_TURN:
+        assert mistake.what.endswith("they are turned: x, y, z read x, z, -y")
+        assert mistake.mend.startswith("publish x = x, y = -z, z = y of") and "turn its site" in mistake.mend
+
+
 def test_sentences_name_place_and_mend():
     """In the words of simulators, for sensor 1 of two or four."""
     pair = next(pair for pair in map(Pair, range(20)) if pair.sensors == 4)
