@@ -94,3 +94,11 @@ def test_the_programming_is_given_the_slope_of_its_objective(wu_run, wu_scenario
     steps = 1e-4 * np.eye(9)
     differences = [(objective(beside + step)[0] - objective(beside - step)[0]) / 2e-4 for step in steps]
     assert_allclose(objective(beside)[1], differences, rtol=1e-5, atol=1e-6 * np.abs(differences).max())
+
+
+def test_without_reference_the_intensity_is_that_of_the_restored_readings(noise_free, wu_scenario):
+    """On the scale that the convention gives; with a reference it is the scalar's mean."""
+    blind = lossless(replace(noise_free.recording, scalar_T=None), wu_scenario.array)
+    length = np.linalg.norm(blind.errors.restore(noise_free.recording.readings_T), axis=2)
+    assert_allclose(length, blind.intensity_T, rtol=1e-3)
+    assert np.sqrt(np.mean(length**2)) == pytest.approx(blind.intensity_T, rel=1e-7)

@@ -1,5 +1,7 @@
 """The best form of one hypothesis."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -9,7 +11,7 @@ from tam_calibration.effects.flexure import Flexure
 from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
 from tam_calibration.effects.nonlinearity import Nonlinearity
 from tam_calibration.effects.temperature_drift import TemperatureDrift
-from tam_calibration.gap.hypothesis import best_form, given_form, places_of, refined, restricted
+from tam_calibration.gap.hypothesis import _searched, best_form, given_form, places_of, refined, restricted
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 
 TIME_CONSTANT_S = 3.3
@@ -116,3 +118,19 @@ def test_nothing_visible_is_no_form(run):
     object.__setattr__(covariates, "attitude", still)
     form = best_form(base, Flexure())
     assert form is None or form.selection.delta_bic < 0
+
+
+@pytest.mark.parametrize(("is_exact", "searched"), [(True, 2), (False, 1)])
+def test_a_parameter_that_was_never_changed_was_not_searched(is_exact, searched):
+    """But where an effect finds its shapes by itself: all of theirs are told by the data."""
+    tried = ({"at_s": 1.0, "reference_C": 20.0}, {"at_s": 2.0, "reference_C": 20.0})
+    effect = SimpleNamespace(has_exact_shapes=is_exact)
+    assert _searched(SimpleNamespace(effect=effect, shape=tried[0], tried=tried)) == searched
+
+
+def test_an_exact_shape_is_not_refined(run):
+    """The time of a jump is a sample's, found by trying all."""
+    made = run(300)
+    base = made.with_row(4, 20e-9 * (made.recording.time_s > 9)).model().base()
+    form = best_form(base, BiasJump())
+    assert refined(base, form) is form

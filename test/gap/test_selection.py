@@ -137,3 +137,11 @@ def test_terms_of_several_coefficients_stand_or_fall_together():
     matrix, observed = generator.normal(size=(COUNT, 9)), generator.normal(size=COUNT)
     found, _ = chosen_from(matrix, observed + 0.4 * matrix[:, 4], terms_of([(0, axis, "a") for axis in range(3)], 3))
     assert found.terms == (1,) and found.rank == 3
+
+
+def test_a_term_that_cannot_be_seen_is_not_chosen(noise):
+    """Nor does it keep others from being chosen."""
+    matrix, observed = noise
+    observed = observed + 0.3 * matrix[:, 7]
+    matrix = matrix * (np.arange(len(GRID)) != 3)
+    assert chosen_from(matrix, observed, terms_of(GRID))[0].terms == (7,)

@@ -1,14 +1,16 @@
 """What a residual supports: more than its surrogates, no average of noise, of a size that nature knows."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap import support
-from tam_calibration.gap.evidence import evidence_of, examine, rivals
-from tam_calibration.gap.hypothesis import best_form
+from tam_calibration.gap.evidence import Evidence, evidence_of, examine, rivals
+from tam_calibration.gap.hypothesis import Hypothesis, best_form
+from tam_calibration.gap.selection import Selection
 from tam_calibration.gap.support import (
     LEAST_EVIDENCE,
     Step,
@@ -164,3 +166,29 @@ def test_what_is_open_has_the_least_evidence(base, evidence, is_open):
     """A function without physics with less may be noise."""
     unknown = [replace(one, delta_bic=evidence) for one in rivals(base)]
     assert (open_part(base, base, unknown) > 0) == is_open
+
+
+@pytest.mark.parametrize(
+    ("evidence", "follows", "oversize"), [(11.9, False, None), (99.0, True, None), (99.0, False, "too large")]
+)
+def test_what_needs_no_surrogate_is_refused_before(monkeypatch, evidence, follows, oversize):
+    """Too little evidence, what any function of the direction does, and what nature does not have."""
+    monkeypatch.setattr(support, "_is_of_direction", lambda base, candidate: follows)
+    monkeypatch.setattr(support, "_fitted_at", lambda base, form: None)
+    effect = SimpleNamespace(is_free_in_time=False, channels=(), oversize=lambda covariates, fitted: oversize)
+    candidate = SimpleNamespace(form=SimpleNamespace(effect=effect, shape={}), delta_bic=evidence)
+    base = SimpleNamespace(channels=SimpleNamespace(covariates=None))
+    assert support_of.__wrapped__(base, candidate) == (False, None)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "is_nested"), [("a", "ab", True), ("ab", "a", True), ("a", "b", False), ("a", "a", True)]
+)
+def test_a_special_case_is_nested_whichever_is_named_first(one, other, is_nested):
+    """Of two effects, the letters of one of which are within the other's."""
+
+    def evidence(name):
+        effect = SimpleNamespace(name=name, is_within=lambda whole: set(name) <= set(whole))
+        return Evidence(name, Hypothesis(effect, {}, (), Selection((), 0.0, 0, 0.0)), 0.0, 0.0)
+
+    assert support._is_nested(evidence(one), evidence(other)) == is_nested
