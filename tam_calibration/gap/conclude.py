@@ -10,7 +10,7 @@ from tam_calibration.effects.excess_variance import LARGEST_NOISE, ChannelMoment
 from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEARLY_ALL, NOTABLE
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.gap.checks import checks_of
-from tam_calibration.gap.coloured import sandwich, unseen
+from tam_calibration.gap.coloured import covariance_of
 from tam_calibration.gap.evidence import Evidence
 from tam_calibration.gap.hypothesis import Hypothesis, Place, places_of, sensors_of
 from tam_calibration.gap.model import Model
@@ -225,11 +225,8 @@ def _fitted(model: Model) -> list[FittedEffect]:
     channels = model.channels(model.signal())
     terms = [part.terms(channels) for part in model.parts]
     designs = [channels.design(own) for own in terms]
-    base = Base(channels, [channels.calibration])
-    covariance = sandwich(base, designs)
     left_out = [term for part in model.parts for term in part.left_out(channels)]
-    if left_out:
-        covariance = covariance + unseen(base, designs, channels.design(left_out))
+    covariance = covariance_of(Base(channels, [channels.calibration]), designs, left_out)
     ends = np.cumsum([design.width for design in designs])
     return [
         part.fitted(own, covariance[end - design.width : end, end - design.width : end])

@@ -1,4 +1,4 @@
-"""Uncertainty of calibration and effects that are fitted together, from their joint information matrix."""
+"""Uncertainty of calibration and effects that are fitted together, from the residual as it is."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +10,7 @@ from tam_calibration.correction.calibration import Calibration, EffectSize
 from tam_calibration.effects.removal import on_sensors
 from tam_calibration.effects.term import Coefficient, Term
 from tam_calibration.fit.scale import free_scale
+from tam_calibration.gap.coloured import covariance_of
 from tam_calibration.gap.model import Model, Part
 from tam_calibration.gap.nominal import stepped
 from tam_calibration.gap.regression import Base, pseudo_inverse
@@ -152,7 +153,8 @@ class Joint:
     @cached_property
     def _covariance(self) -> FloatArray:
         """Covariance of all coefficients and free shape parameters, the calibration marginalised."""
-        return self._nominal.project(self._design).inverse()[0]
+        left_out = [term for part in self.model.parts for term in part.left_out(self._channels)]
+        return covariance_of(self._nominal, [self._design], left_out)
 
 
 def _moved(part: Part, name: str, channels: WhitenedChannels) -> Term:

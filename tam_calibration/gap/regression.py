@@ -100,7 +100,8 @@ class Projected:
 
     @cached_property
     def _size(self) -> FloatArray:
-        return np.sqrt(np.maximum(self.before, np.finfo(float).tiny))
+        """(P,) units of the columns; one that is zero everywhere has no part in any direction."""
+        return np.where(self.before > 0, np.sqrt(np.maximum(self.before, 0)), np.inf)
 
     @cached_property
     def _scaled(self) -> FloatArray:

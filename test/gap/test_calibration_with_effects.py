@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.signal import lfilter
 
 from tam_calibration.files.scenario import read_scenario
 from tam_calibration.fit import calibrate
@@ -94,7 +95,32 @@ def test_residuals_are_noise_and_the_size_is_that_of_the_drift(calibration, made
     clean = calibration.without_effects(made.recording).readings_T
     added = (made.recording.readings_T - clean)[:, 1, 0]
     assert calibration.effect_sizes[0].rms[0] == pytest.approx(np.sqrt(np.mean(added**2)) / 4, rel=0.1)
-    assert 0 < calibration.effect_sizes[0].standard_errors[0] < 0.1 * calibration.effect_sizes[0].rms[0]
+    size = calibration.effect_sizes[0]
+    clean = simulate(replace(made.scenario, effects=())).recording.readings_T
+    drift = (made.recording.readings_T - clean)[:, 1, 0]
+    assert 0 < size.standard_errors[0] < 0.25 * size.rms[0]
+    assert abs(size.rms[0] - np.sqrt(np.mean(drift**2)) / 4) < 3 * size.standard_errors[0]
+
+
+def test_standard_errors_hold_what_else_is_in_the_data():
+    """A drift found beside slow noise of 3 nT in its axis: no value is far off, where those of white noise alone are."""
+    pulls, narrow = [], []
+    for seed in range(12):
+        made = simulate(scenario(seed, 600))
+        generator = np.random.default_rng(seed)
+        slow = lfilter([np.sqrt(1 - 0.95**2)], [1, -0.95], generator.normal(size=2600))[2000:]
+        readings = made.recording.readings_T.copy()
+        readings[:, 1, 0] += 3e-9 * slow
+        recording = replace(made.recording, readings_T=readings)
+        found = calibrate_with_effects(recording, made.scenario.array, ["temperature_drift"])
+        for one in found.effects[0].contributions:
+            if (one.sensor, one.axis, one.term) == (1, 0, "offset"):
+                deviation = one.values["offset"] - OFFSET_T_PER_K
+                pulls.append(deviation / one.standard_errors["offset"])
+                narrow.append(deviation / (1e-9 / np.sqrt(600) / np.std(recording.temperature_C)))
+    assert len(pulls) > 8
+    assert np.sqrt(np.mean(np.square(pulls))) < 1.5
+    assert np.sqrt(np.mean(np.square(narrow))) > 3
 
 
 def test_auto_finds_the_drift(calibration, made):
