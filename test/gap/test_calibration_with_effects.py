@@ -103,7 +103,7 @@ def test_residuals_are_noise_and_the_size_is_that_of_the_drift(calibration, made
 
 
 def test_standard_errors_hold_what_else_is_in_the_data():
-    """A drift found beside slow noise of 3 nT in its axis: no value is far off, where those of white noise alone are."""
+    """A drift beside slow noise of 3 nT in its axis is no more errors off than they say; by white noise it would be."""
     pulls, narrow = [], []
     for seed in range(12):
         made = simulate(scenario(seed, 600))
