@@ -72,8 +72,9 @@ def _print_calibration(console: Console, calibration: Calibration, coverage: Cov
         console.print(_gradient(calibration.ambient_gradient))
     if calibration.known_source is not None:
         console.print(_known_source(calibration.known_source))
-    console.print(f"Coverage: {calibration.coverage:.0%} of the sphere. {sentence(coverage.advice)}")
-    if weakness.parameters:
+    advice = "" if calibration.update else f" {sentence(coverage.advice)}"
+    console.print(f"Coverage: {calibration.coverage:.0%} of the sphere.{advice}")
+    if weakness.parameters and calibration.update is None:
         console.print(str(weakness))
     if calibration.noise_is_estimated:
         console.print("Noise: not stated in the array file, estimated from the recording's fast differences.")

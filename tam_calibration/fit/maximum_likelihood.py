@@ -147,6 +147,25 @@ def estimate(recording: SampleSource, array: Array) -> SensorErrors:
     return _errors(data, _fit(recording, noisy, data)[0])[0]
 
 
+def first_guess(recording: SampleSource, array: KnownNoiseArray) -> SensorErrors:
+    """Return the errors that the iteration starts from: those of the closed form.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Samples in a uniform field.
+    array : KnownNoiseArray
+        With every noise.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid, or sensors are mirror images of others.
+    """
+    data = normalize(recording)
+    return _errors(data, Point(*closed_form(data, *_noise(array, data))))[0]
+
+
 def _estimate(data: Normalized, point: Point, information: FloatArray) -> Estimate:
     """Return errors and ambient gradient at the point where a fit settled, with their covariance."""
     errors, factor = _errors(data, point)

@@ -19,7 +19,7 @@ from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldVie
 from tam_calibration.fit.gauss_newton import descend
 from tam_calibration.fit.information import inverted, keeping, rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
-from tam_calibration.fit.maximum_likelihood import estimate, likelihood_of
+from tam_calibration.fit.maximum_likelihood import first_guess, likelihood_of
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.scale import Normalized, free_scale, free_scale_gradient, normalize
 from tam_calibration.model.array import KnownNoiseArray
@@ -149,7 +149,7 @@ class Problem:
         """Return that of a recording, its readings taken about the biases of the start."""
         known = known if isinstance(known, Known) else Known(known)
         if known.prior is None:
-            start, unit_T = estimate(recording, array), normalize(recording).radius_T
+            start, unit_T = first_guess(recording, array), normalize(recording).radius_T
         else:
             start, unit_T = known.prior.errors, known.prior.calibration.intensity_T
         data = Normalized(recording, start.bias_T, unit_T)

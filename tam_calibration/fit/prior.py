@@ -199,7 +199,8 @@ def is_of_first_sensor(calibration: Calibration) -> bool:
 def in_first_frame(errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
     """Return errors turned into the frame of sensor 1, and the (12 K, 12 K) derivative by the errors given."""
     first = errors.rotation[0]
-    turned = SensorErrors.from_matrix(errors.matrix @ first.T, errors.bias_T)
+    orientation = errors.orientation @ errors.orientation[0].T
+    turned = SensorErrors.from_matrix(errors.matrix @ first.T, errors.bias_T, orientation)
     turned.misalignment[0] = 0
     count = errors.sensor_count
     rows = np.zeros((count, 3, 4, count, 12))

@@ -137,7 +137,7 @@ def coverage_section(evidence: CalibrationView) -> Section:
         "Direction of the field in the array frame, equal-area (Hammer) map: forward is +x, left +y, up +z.",
     )
     weakness = find_weakness(evidence.recording, evidence.calibration)
-    doubts = [Text(str(weakness))] if weakness.parameters else []
+    doubts = [Text(str(weakness))] if weakness.parameters and evidence.calibration.update is None else []
     return Section("Coverage of the sphere", [Text(_summary(evidence.coverage)), *doubts, picture])
 
 

@@ -57,7 +57,8 @@ def judge(calibration: Calibration, coverage: Coverage) -> Verdict:
     """
     reasons = (
         _doubt_residuals(calibration),
-        _doubt_coverage(coverage),
+        # What a prior tells need not be visited again: the standard errors say whether both are enough.
+        None if calibration.update else _doubt_coverage(coverage),
         _doubt_standard_errors(calibration),
         _doubt_fit(calibration),
     )

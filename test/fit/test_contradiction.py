@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tam_calibration.correction.update import KINDS
-from tam_calibration.fit.contradiction import Difference, changes_that_explain
+from tam_calibration.fit.contradiction import Difference, _candidates, changes_that_explain
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, resolve
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.posterior import Known, posterior_of
@@ -120,3 +120,48 @@ def test_which_of_two_sensors_turned_stays_open(wu_scenario):
     told = {(found.kind, found.sensor), *found.rivals}
     assert {("misalignment", 1), ("misalignment", 2)} <= told
     assert found.probability == pytest.approx(0.5, abs=0.1)
+
+
+def lone(prior, evidence, kind="bias", sensor=2):
+    """Return a difference that one change of a bias explains by a given evidence, known to 1 nT along x."""
+    information = np.zeros((48, 48))
+    place = 12 * sensor + 3 * KINDS.index(kind)
+    information[place, place] = 1e18
+    size = 1e18 * (10e-9) ** 2
+    score = np.zeros(48)
+    score[place] = np.sqrt((2 * evidence + np.log(1 + size)) * 1e18 * (1 + 1 / size))
+    return Difference(score, information, 1.0, 30)
+
+
+def test_evidence_is_that_of_all_changes_that_may_be(prior):
+    """The mean of the likelihood over them, here by a sum; a given evidence is met."""
+    difference = lone(prior, 7.0)
+    change = next(each for each in _candidates(prior) if (each.kind, each.sensor) == ("bias", 2))
+    assert difference.evidence(change) == pytest.approx(7.0)
+    shift = np.linspace(-2e-7, 2e-7, 40_001)
+    score = difference.score[30]
+    chance = np.exp(-(shift**2) / 2 / (10e-9) ** 2) / np.sqrt(2 * np.pi) / 10e-9
+    mean = np.sum(np.exp(score * shift - 0.5e18 * shift**2) * chance) * (shift[1] - shift[0])
+    assert np.log(mean) == pytest.approx(7.0, abs=1e-6)
+
+
+def test_a_change_convinces_from_ten_thousand_to_one(prior):
+    """However little it is of a difference that chance explains as a whole."""
+    assert changes_that_explain(lone(prior, 9.0), prior) == []
+    (found,) = changes_that_explain(lone(prior, 9.4), prior)
+    assert (found[0].kind, found[0].sensor) == ("bias", 2)
+
+
+def test_a_difference_beyond_chance_takes_any_change_that_explains_it(prior):
+    """χ² of 30 freedoms contradicts from 67.6 on: once in ten thousand."""
+    for chi_square, count in ((67.0, 0), (68.0, 1)):
+        assert len(changes_that_explain(replace(lone(prior, 3.0), chi_square=chi_square), prior)) == count
+
+
+def test_at_most_three_changes_are_told(prior):
+    """Where more moved, the whole array has."""
+    parts = [lone(prior, 500.0, kind, sensor) for kind, sensor in zip(["bias"] * 4, range(4), strict=True)]
+    both = Difference(
+        np.sum([part.score for part in parts], axis=0), np.sum([part.information for part in parts], axis=0), 1e6, 30
+    )
+    assert len(changes_that_explain(both, prior)) == 3
