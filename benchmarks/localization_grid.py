@@ -47,7 +47,7 @@ RESULTS = Path(__file__).parent / "results" / "localization_grid.csv"
 _REGIONAL_T = np.array([1e-6, 20e-6, -45e-6])
 _TIME_S = np.arange(150) / 2.5
 _NINETY_FIVE, _FAR_OFF = 1.96, 5.0
-_KINDS = {1: "line of current", 2: "line of dipoles", 3: "dipole"}
+_KINDS = {1: "line(s) of current", 2: "line(s) of dipoles", 3: "dipole(s)"}
 _MU0_OVER_2_PI = 2e-7
 """μ₀ / 2 π, T m / A."""
 _CURRENT_A = 10.0
@@ -69,8 +69,13 @@ class Cell:
         """What is passed, in words."""
         return (
             f"{self.noise_nT:g} nT, attitude {self.attitude_deg:g}°, gradient {self.gradient_nT_per_m:g} nT/m, "
-            f"velocity {100 * self.velocity_error:g} %, {self.sources} {_KINDS[self.index]}{'s' * (self.sources > 1)}"
+            f"velocity {100 * self.velocity_error:g} %, {self.what}"
         )
+
+    @property
+    def what(self) -> str:
+        """How many of which source."""
+        return f"{self.sources} {_KINDS[self.index].replace('(s)', 's' * (self.sources > 1))}"
 
 
 MIDDLE = Cell()
@@ -217,7 +222,7 @@ def _swept(seed: int, run: int) -> tuple[str, tuple[FloatArray | None, FloatArra
     attitude, gradient, velocity = generator.uniform(0, [0.3, 5.0, 0.03]) * (generator.uniform(size=3) > 1 / 3)
     noise, index = 10 ** generator.uniform(np.log10(0.03), np.log10(3)), int(generator.choice([1, 2, 3, 3]))
     cell = Cell(noise, attitude, gradient, velocity, int(generator.choice([1, 2])), index)
-    what = f"the whole product, {cell.sources} {_KINDS[index]}{'s' * (cell.sources > 1)}"
+    what = f"the whole product, {cell.what}"
     return what, _judged(cell, (seed, len(CELLS)), run)
 
 
@@ -235,7 +240,7 @@ def _sweep_figures(runs: int, seed: int) -> Iterator[Figure]:
         results = list(track(pool.map(partial(_swept, seed), range(runs)), description="sweep", total=runs))
     for what in sorted({what for what, _ in results}):
         together, one_by_one = zip(*(each for own, each in results if own == what), strict=True)
-        if what.rstrip("s").endswith(_KINDS[3]) and "line" not in what:
+        if "line" not in what:
             yield from _figures(what, "track", together)
         yield from _figures(what, "each sample", one_by_one)
 

@@ -48,6 +48,12 @@ _LEAST_GAIN = 60.0
 LARGEST_COLOUR = 4.0
 """Of residuals by which standard errors are still widened; beyond, what is left out moves the source."""
 
+_MOST_OFF = 4.0
+"""Standard errors by which what is known may be found elsewhere: by noise alone once in 5000 passes."""
+
+_ROUNDING = 1e-6
+"""Part of a variance that is known below which its fall is not told from rounding."""
+
 _UNDETERMINED = "the readings do not determine the source: it is too far, too weak, or always seen from the same side"
 
 
@@ -103,7 +109,31 @@ def fit_track(passage: Passage) -> TrackFit:
         raise Refused(_UNDETERMINED)
     if best.misfit.colour > LARGEST_COLOUR:
         raise Refused(_reason(_count(passage, best), best.misfit))
+    _require_expected(passage, best.solution)
     return _strongest_first(passage, best)
+
+
+def _require_expected(passage: Passage, solution: Solution) -> None:
+    """Refuse what the readings find elsewhere than it was known to be.
+
+    What is found differs from what was expected by as much as the variance has fallen.
+    """
+    known = passage.known
+    free = np.flatnonzero(known.is_free)
+    variance = np.zeros(len(known.expected))
+    variance[free] = np.diag(solution.covariance[0])[-len(free) :] if len(free) else 0.0
+    at = known.is_uncertain
+    off = np.abs(passage.further(solution.unknowns[0]) - known.expected)[at]
+    stated = known.standard_error[at]
+    fallen = np.sqrt(np.maximum(stated**2 - variance[at], _ROUNDING * stated**2))
+    if not (off > _MOST_OFF * fallen).any():
+        return
+    worst = int(np.flatnonzero(at)[np.argmax(off / fallen)])
+    what, given = ("velocity", "the velocity") if worst >= VELOCITY.start else ("regional field", "the field's place")
+    raise Refused(
+        f"the {what} is found {np.max(off / fallen):.3g} standard errors from what is stated: check {given}, or state "
+        "a larger error of it"
+    )
 
 
 def _count(passage: Passage, fit: TrackFit) -> int:

@@ -122,6 +122,15 @@ def test_a_velocity_that_is_taken_as_exact_is_refused_where_it_is_not():
         tracked(Course(80, velocity_error_m_per_s=(0.03, 0.0, 0.0)), [WRECK], 4, velocity_error_m_per_s=0.0)
 
 
+def test_a_velocity_that_is_not_as_stated_is_refused():
+    """3 % off, stated to 0.1 %: found where it is, thirty standard errors away; stated to 1 % it does no harm."""
+    course = Course(80, velocity_error_m_per_s=(0.03, 0.0, 0.0))
+    with pytest.raises(Refused, match="standard errors from what is stated: check the velocity"):
+        tracked(course, [WRECK], 4, velocity_error_m_per_s=0.001)
+    [(source, covariance)] = tracked(course, [WRECK], 4, velocity_error_m_per_s=0.01).sources
+    assert (np.abs(pulls_of(source, covariance, WRECK)) < 4).all()
+
+
 def test_pulls_have_their_size_with_errors_of_the_attitude():
     """0.1° in 50 µT are 900 times the noise of 0.1 nT: over ten passes the pulls' squares are one in the mean."""
     pulls = []
