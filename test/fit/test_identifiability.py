@@ -193,3 +193,14 @@ def test_of_one_sensor_too_the_three_worst_parameters_are_named(wu_scenario):
     weakness = find_weakness(alone, maximum_likelihood(alone, Array(np.zeros((1, 3)), np.array([1e-9]), 1e-10)))
     assert len(weakness.parameters) == 3
     assert weakness.parameters[0].startswith("bias z of sensor 1 ")
+
+
+@pytest.mark.parametrize(("noise_T", "is_open"), [(2.3e-6, False), (3.2e-6, True)])
+def test_a_scale_factor_is_open_from_half_a_per_cent_on(wu_run, wu_scenario, noise_T, is_open):
+    """360 attitudes all round leave σ/F √(3.75/360) of it: half a per cent at 2.7 µT of noise in 55 µT."""
+    loud = replace(wu_scenario.array, vector_noise_T=np.full(4, noise_T))
+    if not is_open:
+        require_determined(wu_run.recording, loud)
+        return
+    with pytest.raises(InputError, match="do not determine scale factor"):
+        require_determined(wu_run.recording, loud)

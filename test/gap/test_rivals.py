@@ -222,3 +222,9 @@ def test_what_is_free_in_time_says_so():
     """Functions of time and of neighbours: on samples that are left out in blocks they say nothing."""
     kinds = (FunctionOfTime, FunctionOfDirection, FunctionOfTilt, FunctionOfRate, FunctionOfNeighbours)
     assert [kind.is_free_in_time for kind in kinds] == [True, False, False, False, True]
+
+
+def test_what_goes_slowly_from_one_end_to_the_other_is_no_step(run):
+    """The slowest course that there is, half a period over the run."""
+    made = run(900)
+    assert not is_promising(made.with_row(4, 10e-9 * wandering(made.recording.time_s, 1, 0)), "bias_jump")

@@ -206,3 +206,12 @@ def test_terms_of_a_long_recording_are_kept_at_the_samples_that_are_fitted(run):
     for one, other in zip(whole, kept, strict=True):
         assert_allclose(other.features, one.features[::7])
     assert_allclose(channels.design(kept).features, channels.design(whole).features)
+
+
+def test_the_taken_common_mode_is_the_residual_of_the_intensity_over_its_noise(run):
+    """In each sample that counts; where none counts it is zero."""
+    counted = np.arange(120) % 7 != 3
+    channels = run(120).channels(is_counted=counted)
+    expected = np.where(counted, np.sqrt(channels.precision) * channels.intensity_residual_T, 0.0)
+    assert np.abs(expected).max() > 1
+    assert_allclose(channels.taken_residual[1], expected)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.flexure import Flexure
@@ -85,3 +86,13 @@ def test_a_sensor_that_bends_can_be_seen(lone):
         channels.design(Flexure().terms(channels.covariates, {}))
     )
     assert projected.gain()[1] >= 6
+
+
+def test_an_aligned_world_has_the_attitudes_of_the_array():
+    """The field is the same, and attitudes stay as they are."""
+    world = World(np.array([1e-6, 2e-5, -4e-5]), Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix())
+    recorded = Rotation.random(5, random_state=1).as_quat()
+    turned = Rotation.from_quat(world.aligned.attitude(recorded))
+    assert (turned * Rotation.from_quat(recorded).inv()).magnitude().max() < 1e-12
+    assert (Rotation.from_quat(world.attitude(recorded)) * turned.inv()).magnitude().min() > 0.5
+    assert (world.aligned.field_T == world.field_T).all()

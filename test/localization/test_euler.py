@@ -155,17 +155,14 @@ def test_wrong_shapes_are_named(arguments, message):
 
 def test_ambiguity_adds_the_square_of_the_other_choice():
     """The covariance is that with neither eigenvector left out, and the change of place from one to the other."""
-    outputs = outputs_of(Dipole(np.array([3.0, 0.0, 0.0]), 400 * np.array([np.cos(0.01), np.sin(0.01), 0.0])))
-    noise = 1e-18 * np.eye(8)
-    gxx, gxy, gxz, gyy, gyz = outputs[3:]
-    values, vectors = np.linalg.eigh([[gxx, gxy, gxz], [gxy, gyy, gyz], [gxz, gyz, -gxx - gyy]])
-    parts = 3 * vectors * (vectors.T @ outputs[:3] / values)
-    one, other, _ = np.argsort(np.abs(values))
-    change = parts[:, one] - parts[:, other]
+    values, field = 1e-7 * np.array([-2.0, 1.0005, 0.9995]), 1e-9 * np.array([1000.0, 3.0, 2.0])
+    outputs = np.array([*field, values[0], 0.0, 0.0, values[1], 0.0])
+    noise = np.diag([5e-9**2] * 3 + [1e-10**2] * 5)
     ambiguous, neither = (
         locate_one(outputs, noise, constrained=constrained).position_covariance_m2[0] for constrained in (True, False)
     )
-    assert_allclose(ambiguous - neither, np.outer(change, change), atol=1e-6 * change @ change)
+    change = 3 * field / values * [0, 1, -1]
+    assert_allclose(ambiguous - neither, np.outer(change, change), atol=1e-9 * change @ change)
 
 
 def test_samples_may_have_a_covariance_each():

@@ -24,8 +24,8 @@ def test_refused_samples_have_nothing_but_their_reason():
     assert [value.shape for value in values] == [(3, 3), (3, 3, 3), (3, 3), (3, 3, 3), (3,)]
     assert all(np.isnan(value).all() for value in values[:4])
     assert refused.status.tolist() == [Status.NO_FIELD] * 3 and not refused.is_located.any()
-    refused.position_m[:] = 1.0
-    assert np.isnan(refused.moment_Am2).all()
+    refused.position_m[:], refused.position_covariance_m2[:] = 1.0, 1.0
+    assert np.isnan(refused.moment_Am2).all() and np.isnan(refused.moment_covariance_A2m4).all()
 
 
 def test_the_error_of_a_distance_is_that_of_the_place_along_the_line_of_sight():
