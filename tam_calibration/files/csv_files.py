@@ -263,7 +263,7 @@ def _layout(columns: dict[str, FloatArray]) -> SampleLayout:
         raise InputError(f"there is no sensor's column: a recording has the columns {_EXPECTED}")
     require_sensor_count(max(sensors))
     channels = [any(name in columns for name in group) for group in CHANNEL_COLUMNS.values()]
-    layout = SampleLayout(max(sensors), *channels, require_further(filter(is_further, columns)))
+    layout = SampleLayout(max(sensors), *channels, further=require_further(filter(is_further, columns)))
     missing = [name for name in layout.columns if name not in columns]
     if missing:
         raise InputError(f"column {missing[0].replace('_T', '_nT')} is missing (of {max(sensors)} sensors)")

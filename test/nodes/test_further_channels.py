@@ -1,4 +1,4 @@
-"""Further currents and actuators over DDS: they come into the samples, and the corrector takes off what follows them."""
+"""Further currents and actuators over DDS: they join the samples, and the corrector takes off what follows them."""
 
 from dataclasses import replace
 
