@@ -58,7 +58,7 @@ def inject(recording: Path, array: Path, effect: str | None, times: float, outpu
     to_world = None if attitude is None else Rotation.from_quat(attitude).as_matrix()
     made = put(real.time_s, real.readings_T, to_world, effect, times, seed)
     channels = {"temperature_C": made.temperature_C, "current_A": made.current_A}
-    own = {name: values for name, values in channels.items() if values is not None}
+    own: dict[str, Any] = {name: values for name, values in channels.items() if values is not None}
     with write_together({"data": output, "key": output.with_suffix(".key.json")}, [recording, array]) as beside:
         write_csv_recording(beside["data"], replace(real, readings_T=made.readings_T, **own))
         write_json(beside["key"], {"recording": recording.name, **made.key})

@@ -192,22 +192,29 @@ def _followed(covariates: Covariates, time_constant_s: float) -> FloatArray:
 
 
 def _followed_live(covariates: Covariates, time_constant_s: float, memory: Memory) -> FloatArray:
-    """Return the lagged field by the slope at the end of a parabola through a sample and the two before it."""
+    """Return the lagged field by the slopes of parabolas through each sample and the two before it."""
     before = memory.recall()
-    time, field, state = before or (np.zeros(0), np.zeros((0, 3)), None)
-    seen = len(time)
-    time, field = np.concatenate([time, covariates.time_s]), np.concatenate([field, covariates.field_T])
-    rate = np.zeros_like(field)
-    slope = np.diff(field, axis=0) / np.diff(time)[:, None]
+    if before is None:
+        time, field, rate = covariates.time_s, covariates.field_T, _rates_so_far(covariates.time_s, covariates.field_T)
+        late = mode(field, rate, time, time_constant_s)
+    else:
+        last_time, last_field, last_rate, last_state = before
+        time = np.concatenate([last_time, covariates.time_s])
+        field = np.concatenate([last_field, covariates.field_T])
+        rate, last = _rates_so_far(time, field), len(last_time) - 1
+        rate[last] = last_rate
+        settled = mode(field[last:], rate[last:], time[last:], time_constant_s)
+        decay = np.exp(-(time[last:] - time[last]) / time_constant_s)[:, None]
+        late = (settled + decay * (last_state - settled[0]))[1:]
+    memory.keep((time[-2:], field[-2:], rate[-1], late[-1]))
+    return late
+
+
+def _rates_so_far(time_s: FloatArray, field_T: FloatArray) -> FloatArray:
+    """Return the derivative (N, 3) by time at each sample, which no later one tells of; 0 at the first."""
+    rate = np.zeros_like(field_T)
+    step = np.diff(time_s)[:, None]
+    slope = np.diff(field_T, axis=0) / step
     rate[1:] = slope
-    bend = np.diff(slope, axis=0) / (time[2:] - time[:-2])[:, None]
-    rate[2:] += bend * np.diff(time)[1:, None]
-    if before is not None:
-        rate[: len(before[3])] = before[3]
-    start = max(seen - 1, 0)
-    late = mode(field[start:], rate[start:], time[start:], time_constant_s)
-    if state is not None:
-        decay = np.exp(-(time[start:] - time[start]) / time_constant_s)
-        late = late + decay[:, None] * (state - late[0])
-    memory.keep((time[-2:], field[-2:], late[-1], rate[-2:]))
-    return late[seen - start :]
+    rate[2:] += np.diff(slope, axis=0) / (step[1:] + step[:-1]) * step[1:]
+    return rate

@@ -144,7 +144,8 @@ _SHORTEST_STEP_S = 1e-6
 """From sample to sample in the mean: no array reads a million times a second."""
 
 _FIELD_COLUMN = re.compile(rf"(b([1-9]\d{{,8}})[xyz]|scalar)_({'|'.join(TESLA_PER_FIELD_UNIT)})")
-_EXPECTED = "time_s,b1x_nT,b1y_nT,b1z_nT,…[,scalar_nT][,temperature_C][,current_A][,qx,qy,qz,qw][,current_2_A,…][,actuator_NAME,…]"
+_FURTHER = "[,current_2_A,…][,actuator_NAME,…]"
+_EXPECTED = f"time_s,b1x_nT,b1y_nT,b1z_nT,…[,scalar_nT][,temperature_C][,current_A][,qx,qy,qz,qw]{_FURTHER}"
 
 
 def read_csv_recording(path: Path) -> Recording:
@@ -262,7 +263,7 @@ def _layout(columns: dict[str, FloatArray]) -> SampleLayout:
         raise InputError(f"there is no sensor's column: a recording has the columns {_EXPECTED}")
     require_sensor_count(max(sensors))
     channels = [any(name in columns for name in group) for group in CHANNEL_COLUMNS.values()]
-    layout = SampleLayout(max(sensors), *channels, require_further(filter(is_further, columns)))
+    layout = SampleLayout(max(sensors), *channels, further=require_further(filter(is_further, columns)))
     missing = [name for name in layout.columns if name not in columns]
     if missing:
         raise InputError(f"column {missing[0].replace('_T', '_nT')} is missing (of {max(sensors)} sensors)")

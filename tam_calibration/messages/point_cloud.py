@@ -5,7 +5,7 @@ The header's stamp is the exact time of a row.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -96,7 +96,7 @@ class SampleLayout:
     temperature: bool = False
     current: bool = False
     attitude: bool = False
-    further: tuple[str, ...] = ()
+    further: tuple[str, ...] = field(default=(), kw_only=True)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -117,9 +117,8 @@ class SampleLayout:
     @classmethod
     def of(cls, recording: Recording) -> "SampleLayout":
         """Return the layout of the samples of a recording."""
-        return cls(
-            recording.sensor_count, *(values is not None for values in _channels(recording)), tuple(recording.further)
-        )
+        channels = [values is not None for values in _channels(recording)]
+        return cls(recording.sensor_count, *channels, further=tuple(recording.further))
 
     @classmethod
     def from_columns(cls, columns: Sequence[str]) -> "SampleLayout":
@@ -132,7 +131,7 @@ class SampleLayout:
         """
         sensor_count = sum(name.startswith("b") and name.endswith("x_T") for name in columns)
         further = require_further(filter(is_further, columns))
-        layout = cls(sensor_count, *(names[0] in columns for names in CHANNEL_COLUMNS.values()), further)
+        layout = cls(sensor_count, *(names[0] in columns for names in CHANNEL_COLUMNS.values()), further=further)
         if layout.columns != tuple(columns) or sensor_count == 0:
             raise InputError(f"samples must have the columns {', '.join(layout.columns)}, not {', '.join(columns)}")
         return layout

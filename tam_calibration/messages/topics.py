@@ -105,7 +105,8 @@ def find_topics(connections: Sequence["Connection"], sensor_count: int | None) -
         if topic.startswith(namespace) and (name := named_by(topic.removeprefix(namespace))):
             chosen[name] = _require(by_topic, topic, (FLOAT64,))
     further = require_further(filter(is_further, chosen))
-    layout = SampleLayout(sensor_count or highest, *(channel in chosen for channel in CHANNEL_TOPICS), further)
+    channels = [channel in chosen for channel in CHANNEL_TOPICS]
+    layout = SampleLayout(sensor_count or highest, *channels, further=further)
     return StreamTopics(namespace, layout, chosen)
 
 

@@ -1,6 +1,6 @@
 """Further channels of a vehicle by name: the currents of its circuits, and what its actuators do.
 
-A name is that of a column, and tells the topic: ``current_2_A``, the second current, is ``currents/2``, and
+A name is that of a column, and tells the topic: ``current_2_A``, the second current, is ``currents/current_2``, and
 ``actuator_rudder`` is ``actuators/rudder``: an angle, a speed or a power in whatever unit. The first current is the
 channel ``current_A`` of old.
 """
@@ -10,9 +10,8 @@ from collections.abc import Iterable
 
 from tam_calibration.model.exceptions import InputError, quoted
 
-_TOPICS = {"current": "currents", "actuator": "actuators"}
-_COLUMN = re.compile(r"(current)_([2-9]|[1-9]\d)_A|(actuator)_([a-z][a-z0-9_]{0,40})")
-_TOPIC = re.compile(r"currents/([2-9]|[1-9]\d)|actuators/([a-z][a-z0-9_]{0,40})")
+_COLUMN = re.compile(r"(current_(?:[2-9]|[1-9]\d))_A|actuator_([a-z][a-z0-9_]{0,40})")
+_TOPIC = re.compile(r"currents/(current_(?:[2-9]|[1-9]\d))|actuators/([a-z][a-z0-9_]{0,40})")
 
 
 def is_further(name: str) -> bool:
@@ -29,8 +28,7 @@ def topic_of(name: str) -> str:
     """Return the relative topic of a further channel, messages of which hold one number."""
     match = _COLUMN.fullmatch(name)
     assert match is not None
-    kind, own = (part for part in match.groups() if part is not None)
-    return f"{_TOPICS[kind]}/{own}"
+    return f"currents/{match[1]}" if match[1] else f"actuators/{match[2]}"
 
 
 def named_by(topic: str) -> str | None:
@@ -38,7 +36,7 @@ def named_by(topic: str) -> str | None:
     match = _TOPIC.fullmatch(topic)
     if match is None:
         return None
-    return f"current_{match[1]}_A" if match[1] else f"actuator_{match[2]}"
+    return f"{match[1]}_A" if match[1] else f"actuator_{match[2]}"
 
 
 def require_further(names: Iterable[str]) -> tuple[str, ...]:

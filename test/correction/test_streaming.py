@@ -11,7 +11,7 @@ from tam_calibration.correction.partial import PartialCorrection
 from tam_calibration.correction.streaming import Correction, why_left_in
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.fitted_effect import Contribution, FittedEffect
+from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 
 DRIFT = FittedEffect(
     "temperature_drift",
@@ -83,6 +83,17 @@ def test_a_silent_channel_leaves_the_effect_in_and_says_so(keeping, plain, recor
     assert why_left_in("temperature_drift") == "temperature_drift needs the temperature, and none arrives"
     with pytest.raises(InputError, match="no such channel"):
         keeping.correct(recording)
+
+
+def test_the_scalar_is_told_without_its_effects(plain, recording):
+    """What a vehicle adds to the scalar alone is taken off it live, and changes no output."""
+    contribution = Contribution(SCALAR, None, "permanent", {"permanent x": 1e-7})
+    of_scalar = FittedEffect("platform_field", {"time_constant_s": 0.1}, (contribution,))
+    calibration = replace(plain, effects=(of_scalar,), effect_sizes=(EffectSize(np.zeros(9), np.zeros(9)),))
+    batch = Correction(calibration).correct(recording)
+    assert_allclose(batch.scalar_T, calibration.without_effects(recording).scalar_T, rtol=1e-12)
+    assert np.ptp(batch.scalar_T - recording.scalar_T) > 1e-8
+    assert_array_equal(batch.outputs, plain.apply(recording.readings_T))
 
 
 def test_an_effect_that_needs_later_samples_is_left_in_live_and_taken_off_offline(plain, warming):

@@ -44,6 +44,18 @@ def test_the_field_is_the_earths_unless_the_file_says_otherwise(read, tmp_path):
     assert "intensity" not in (tmp_path / "earth.yaml").read_text()
 
 
+def test_further_channels_are_named(read, tmp_path):
+    """Those that the nodes listen to, in the order of columns; another name is refused, and none is written of none."""
+    array = read("baseline_m: 0.5\nfurther_channels: [actuator_rudder, current_2_A]\n")
+    assert array.further_channels == ("current_2_A", "actuator_rudder")
+    write_array(tmp_path / "again.yaml", array)
+    assert read_array(tmp_path / "again.yaml").further_channels == array.further_channels
+    with pytest.raises(InputError, match="'rudder' is no further channel"):
+        read("baseline_m: 0.5\nfurther_channels: [rudder]\n")
+    write_array(tmp_path / "plain.yaml", Array.cross(0.5))
+    assert "further" not in (tmp_path / "plain.yaml").read_text()
+
+
 def test_sensors_are_a_millimetre_apart(read):
     """What is just that far apart is taken."""
     assert read("positions_m: [[0, 0, 0], [0, 0, 0.0011]]").sensor_count == 2

@@ -98,6 +98,23 @@ def test_units_of_the_file(read):
     assert_allclose(scenario.site_field_T, [0, 25e-6, -50e-6 * np.sqrt(3) / 2])
 
 
+def test_further_channels_are_switched_between_two_levels(read):
+    """Each in its own unit; an effect that follows one is added, and one that follows another is refused by name."""
+    rudder = "further_channels: {actuator_rudder: {low: -0.2, high: 0.2, period_s: 2}}\n"
+    effect = (
+        "effects:\n- effect: platform_field\n  terms:\n"
+        "  - {sensor: 1, term: actuator_rudder, values: {actuator_rudder x: 50 nT}}\n"
+    )
+    scenario = read(PLAIN + rudder + effect)
+    still = simulate(replace(scenario, effects=())).recording
+    recording = simulate(scenario).recording
+    angle = recording.further["actuator_rudder"]
+    assert set(angle) <= {-0.2, 0.2}
+    assert_allclose((recording.readings_T - still.readings_T)[:, 0, 0], 50e-9 * angle, atol=1e-18)
+    with pytest.raises(InputError, match="follows actuator_rudder: add it to further_channels"):
+        simulate(read(PLAIN + effect))
+
+
 def test_what_a_scenario_does_not_name_is_not_simulated(read):
     """Without sensors they are perfect; without channels there are none."""
     scenario = read(PLAIN)

@@ -15,7 +15,11 @@ from tam_calibration.model.further_channels import (
 )
 from tam_calibration.model.recording import Recording
 
-NAMES = {"current_2_A": "currents/2", "current_99_A": "currents/99", "actuator_rudder": "actuators/rudder"}
+NAMES = {
+    "current_2_A": "currents/current_2",
+    "current_99_A": "currents/current_99",
+    "actuator_rudder": "actuators/rudder",
+}
 
 
 @pytest.mark.parametrize(("name", "topic"), NAMES.items())
@@ -38,7 +42,9 @@ def test_other_names_are_none(name):
 
 def test_other_topics_are_none():
     """Also that of the first current."""
-    assert [named_by(topic) for topic in ("current", "currents/1", "currents/2/more", "actuators/")] == [None] * 4
+    assert [
+        named_by(topic) for topic in ("current", "currents/current_1", "currents/current_2/more", "actuators/")
+    ] == [None] * 4
 
 
 def test_units_and_words():

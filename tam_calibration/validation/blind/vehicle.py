@@ -158,7 +158,8 @@ def _moved(
     rng: Generator, scene: Scene, hull: list[Body], places: FloatArray, size: float
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Return the field (N, P, 3) of a rudder of iron and of a motor's cable, either now and then, and their columns."""
-    total, columns = np.zeros((scene.sample_count, len(places), 3)), {}
+    total: FloatArray = np.zeros((scene.sample_count, len(places), 3))
+    columns: dict[str, FloatArray] = {}
     if rng.random() < 0.4:
         angle = from_degrees(rng.uniform(5, 12)) * np.tanh(draw_wander(rng, scene.duration_s, 12)(scene.time_s))
         turn, blade = about("z", angle), hull[-1]
