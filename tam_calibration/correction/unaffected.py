@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.removal import EffectStream, linear_effect, removable
 from tam_calibration.model.exceptions import InputError
@@ -38,4 +40,4 @@ class Unaffected:
         added = self._stream.added(recording)
         readings = recording.readings_T - added.rows_T[:, :-1].reshape(recording.readings_T.shape)
         scalar = None if recording.scalar_T is None else recording.scalar_T - added.rows_T[:, -1]
-        return replace(recording, readings_T=readings, scalar_T=scalar).take(added.is_known.all(axis=1))
+        return replace(recording, readings_T=readings, scalar_T=scalar).take(np.asarray(added.is_known.all(axis=1)))

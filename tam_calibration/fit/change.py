@@ -192,7 +192,7 @@ class Weighing:
         self._unknowns = np.array([each.directions.shape[1] for each in among])
         self._thresholds = chdtri(self._unknowns, chance)
         self._alike = [np.flatnonzero(self._unknowns == unknowns) for unknowns in np.unique(self._unknowns)]
-        self._directions = [np.stack([among[index].directions for index in alike]) for alike in self._alike]
+        self._directions = [np.stack([among[int(index)].directions for index in alike]) for alike in self._alike]
 
     def weigh(
         self, information: FloatArray, gradient: FloatArray, covariance: FloatArray, count: int, excess: float

@@ -104,7 +104,7 @@ class _Sums(NamedTuple):
     before: Step
     information: FloatArray
     gradient: FloatArray
-    count: int
+    samples: int
 
 
 class ChangeWindow:
@@ -151,7 +151,7 @@ class ChangeWindow:
             before = sums.before.before
             covariance = before.covariance + self._walk.covariance(before, end_s, temperature_C)
             excess = sums.before.excess
-            return self._weighing.weigh(sums.information, sums.gradient, covariance, sums.count, excess)
+            return self._weighing.weigh(sums.information, sums.gradient, covariance, sums.samples, excess)
 
         if self._first is None:
             self._steps.append(step)

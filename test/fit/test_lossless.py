@@ -1,8 +1,8 @@
 from dataclasses import replace
 
 import numpy as np
-import scipy.optimize
 import pytest
+import scipy.optimize
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.lossless import lossless

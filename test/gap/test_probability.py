@@ -181,4 +181,8 @@ def test_a_cause_is_as_likely_as_its_features_say():
     for step, name, evidence in zip(steps, "ab", (293.0, 93.0), strict=True):
         assert found[name] == pytest.approx(right(features_of(1, energy[step] / total, evidence, 53.0)))
     rest = 1 - min(found["a"], found["b"])
-    assert (found["none_of_these"], found["c"], found["no_gap"]) == (pytest.approx(rest / 2), pytest.approx(rest / 2), 0)
+    assert (found["none_of_these"], found["c"], found["no_gap"]) == (
+        pytest.approx(rest / 2),
+        pytest.approx(rest / 2),
+        0,
+    )

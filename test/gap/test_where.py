@@ -163,7 +163,9 @@ def test_a_span_holds_nine_tenths_of_the_excess_in_less_than_half_of_the_run(par
 def test_the_band_holds_nine_tenths_of_the_energy(parts, low_hz, high_hz):
     """Less a twentieth at either end, up to half the sampling rate."""
     time_s = np.arange(1000) / 100
-    series = sum(np.sqrt(part) * np.cos(2 * np.pi * hz * time_s) * (1 if hz < 50 else 0.5) for hz, part in parts.items())
+    series = sum(
+        np.sqrt(part) * np.cos(2 * np.pi * hz * time_s) * (1 if hz < 50 else 0.5) for hz, part in parts.items()
+    )
     residuals = SimpleNamespace(row_shift_T=100 * series[:, None], row_information=np.ones((1000, 1)))
     covariates = SimpleNamespace(sample_count=1000, step_s=0.01)
     band = band_of(SimpleNamespace(residuals=residuals, covariates=covariates), 0, 1.0)

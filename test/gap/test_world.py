@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.flexure import Flexure
 from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift

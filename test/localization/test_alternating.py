@@ -62,7 +62,9 @@ def test_headings_make_one_source_with_three_values_each():
     assert_allclose(survey.time_s, [0.995, 2.995, 4.995], atol=0.01)
     assert survey.overall.degrees_of_freedom == 6
     assert_at_the_coil(survey.overall.position_m, survey.overall.position_covariance_m2)
-    assert (np.linalg.eigvalsh(survey.solutions.position_covariance_m2 - survey.overall.position_covariance_m2) > 0).all()
+    assert (
+        np.linalg.eigvalsh(survey.solutions.position_covariance_m2 - survey.overall.position_covariance_m2) > 0
+    ).all()
 
 
 def test_one_pose_is_no_mean():
@@ -111,7 +113,9 @@ def test_the_line_is_found_or_stated(frequency_hz):
     assert 0 <= RATE_HZ / 2 - searched[-1] < step
 
 
-@pytest.mark.parametrize(("frequency_hz", "reason"), [(None, "line"), (FREQUENCY_HZ, "the field of the source is zero")])
+@pytest.mark.parametrize(
+    ("frequency_hz", "reason"), [(None, "line"), (FREQUENCY_HZ, "the field of the source is zero")]
+)
 def test_noise_alone_is_refused(frequency_hz, reason):
     """As no line stands out of it; at a frequency that is stated as no field does."""
     quiet = recording_of(STILL)

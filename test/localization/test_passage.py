@@ -252,7 +252,7 @@ def test_the_solution_of_data_without_noise_is_the_truth(attitude_noise_deg):
 def test_a_passage_without_a_source_is_solved_to_the_end():
     """The field, its gradient and the velocity's error that goes with it are exact without noise, from nothing."""
     course = Course(60, 1e-9, gradient=1000.0, velocity_error_m_per_s=VELOCITY_ERROR)
-    fields, poses = course.seen([])
+    fields, _ = course.seen([])
     passage = replace(passage_of(course), readings_T=fields)
     solution = solve(passage, np.zeros(11))
     truth = np.concatenate([EARTH_T, 1000 * GRADIENT_T_PER_M[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]], VELOCITY_ERROR])
