@@ -275,7 +275,7 @@ def main(hours: float, runs: int, first_seed: int, only: str) -> None:
     for name in [name for name in parts if only in name]:
         lines = [f'"{name}","{figure}",{value:.4g}' for figure, value in parts[name]()]
         print("\n".join(lines), flush=True)
-        _keep(name, lines, f"python benchmarks/live.py --hours {hours:g} --runs {runs} --first-seed {first_seed}")
+        _keep(name, lines, f"python benchmarks/live.py --first-seed {first_seed}, with the runs and hours of the rows")
 
 
 def _keep(name: str, lines: list[str], command: str) -> None:

@@ -112,6 +112,17 @@ class Correction:
         self._squares = np.array([rms**2 for _, rms in kept]).reshape(-1, 9)
         self._stream = EffectStream(live, calibration.errors, calibration.array) if live else None
 
+    def go_on(self, before: "Correction") -> None:
+        """Go on where another correction is, so that effects with a memory do not begin anew with a new calibration.
+
+        Parameters
+        ----------
+        before : Correction
+            By another calibration; only effects that it has too go on.
+        """
+        if self._stream is not None and before._stream is not None:
+            self._stream.go_on(before._stream)
+
     @property
     def takes_off(self) -> tuple[str, ...]:
         """Names of the effects that go with the array."""

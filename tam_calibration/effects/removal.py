@@ -64,6 +64,11 @@ class EffectStream:
     def _begin(self) -> None:
         self._memories = [[Memory() for _ in self._effects] for _ in range(_PASSES)]
 
+    def go_on(self, other: "EffectStream") -> None:
+        """Take up the recursions of another stream, where it is of the same effects beside other errors."""
+        if self._effects == other._effects:
+            self._memories, self._newest_s = other._memories, other._newest_s
+
     def added(self, recording: Recording) -> Added:
         """Return what the effects added to the next samples; their channels may hold NaN."""
         if recording.time_s[0] <= self._newest_s:

@@ -152,7 +152,10 @@ class Corrector(TamNode):
     def _switch(self, calibration: Calibration) -> None:
         if not calibration.is_of(self._array):
             raise InputError("the calibration is of another array: choose the array_file that it was made with")
-        self._correction, self._run = Correction(calibration), Run()
+        correction = Correction(calibration)
+        if self._correction is not None:
+            correction.go_on(self._correction)
+        self._correction = correction
         self._left_in, self._missing = (), 0
         self._calibration, self._problem_of_calibration = calibration, ""
         self._lengths.clear()

@@ -143,3 +143,25 @@ def test_an_effect_that_stays_in_counts_as_the_noise_of_those_that_are_left(keep
     assert batch.left_in == ("temperature_drift",)
     assert_allclose(batch.standard_errors[0], np.sqrt(own**2 + growth * SIZE.rms**2))
     assert growth[6] == pytest.approx(3.0, rel=0.05)
+
+
+def test_a_new_calibration_goes_on_with_the_memory_of_effects(keeping, warming):
+    """Where the same effect stays, the next outputs jump by the change of the errors alone."""
+    before, after = Correction(keeping), Correction(keeping)
+    before.correct(warming.take(slice(300)))
+    after.go_on(before)
+    later, anew = warming.take(slice(300, None)), Correction(keeping)
+    expected = keeping.correct(warming).outputs[300:]
+    assert_allclose(after.correct(later).outputs, expected, rtol=1e-9, atol=1e-18)
+    assert np.abs(anew.correct(later).outputs - expected).max() > 1e-12
+
+
+def test_other_effects_begin_anew(keeping, warming):
+    """A calibration whose effect is another one has nothing to go on with."""
+    before = Correction(keeping)
+    before.correct(warming.take(slice(300)))
+    stronger = replace(DRIFT, contributions=(Contribution(1, 0, "offset", {"offset": 2e-9}),))
+    other = replace(keeping, effects=(stronger,))
+    after, anew, later = Correction(other), Correction(other), warming.take(slice(300, None))
+    after.go_on(before)
+    assert_array_equal(after.correct(later).outputs, anew.correct(later).outputs)
