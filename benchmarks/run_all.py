@@ -8,8 +8,8 @@ Not here, as they take up to hours, or tell accuracy and not speed: ``large.py``
 ``diagnosis.py`` (an hour of data), ``diagnose_scale.py`` (a million rows), ``limit.py``, ``localization.py``,
 ``localization_moving.py``, ``mission.py``, ``blind.py``, ``compare_pairs.py``, ``compare_recordings.py``,
 ``wu_table_1.py``, ``ambient_gradient.py``, ``gradient_truth.py``, ``slow_scalar.py``, ``clocks.py``, ``delays.py``,
-``integrity.py`` and ``papers_gap.py``; ``structure.py``, which counts modules and names; and ``mutants.py``: each is a command
-of its own, named in its docstring.
+``integrity.py`` and ``papers_gap.py``; ``structure.py``, which counts modules and names; and ``mutants.py``: each is a
+command of its own, named in its docstring.
 """
 
 import csv
