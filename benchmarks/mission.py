@@ -13,7 +13,7 @@ Full circles of yaw, pitch and roll up to the tilt limit, attitude with white no
   field;
 - turns of full circles at ±3° that ``tam calibrate`` refuses without a prior, and with one.
 
-Cases of 100 000 samples are run less often, a twentieth of the times and three at least, and not with the middle noise
+Cases of 100 000 samples are run less often, a twentieth of the times and four at least, and not with the middle noise
 of the attitude.
 """
 
@@ -143,7 +143,7 @@ def bound_figures(case: Case, runs: int, first_seed: int) -> tuple[list[Figure],
     """Return the figures of a case, and its squared ratios (runs,) and errors within 95 % (runs,)."""
     scenario = scenario_of(case.sensors)
     prior = prior_of(pier(scenario), PIER_S + DAY_S, None)
-    count = max(3, runs // PART_OF_RUNS) if case.count == LARGE else runs
+    count = max(4, runs // PART_OF_RUNS) if case.count == LARGE else runs
     scores = [score(case, scenario, prior, first_seed + seed) for seed in range(count)]
     squares = np.array([np.mean(ratio**2) for ratio, _ in scores])
     within = np.array([np.mean(np.abs(told) < WITHIN_95) for _, told in scores])
@@ -237,7 +237,8 @@ def main(runs: int, first_seed: int) -> None:
         for count in COUNTS:
             noises = ATTITUDE_NOISES_DEG[::2] if count == LARGE else ATTITUDE_NOISES_DEG
             cases = [Case(sensors, tilt, noise, count) for tilt in TILTS_DEG for noise in noises]
-            parts = [bound_figures(case, runs, first_seed) for case in cases]
+            # Truths of their own: those of all cases of a pool are then independent.
+            parts = [bound_figures(case, runs, first_seed + 1000 * place) for place, case in enumerate(cases)]
             figures += [figure for part in parts for figure in part[0]]
             pooled = f"{sensors} sensors, {count} samples, all tilts and attitudes"
             squares, within = (np.concatenate([part[index] for part in parts]) for index in (1, 2))
