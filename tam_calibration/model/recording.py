@@ -281,6 +281,11 @@ class Recording:
         ----------
         name : str
             One of ``CHANNELS``, or of ``further``.
+
+        Returns
+        -------
+        (N,) or (N, 4) array, or None
+            As in the recording.
         """
         return cast("FloatArray | None", getattr(self, name)) if name in CHANNELS else self.further.get(name)
 
