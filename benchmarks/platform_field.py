@@ -155,7 +155,7 @@ def of_flights(folder: Path) -> Iterator[tuple[str, str, float]]:
     recording = Recording(time_s, fluxgate[:, None], scalar)
     yield "flight, test_data_TL", "calibrated with platform_field", _is_calibrated(recording, array)
     other = matlab(folder / "test_data_traj.mat", "traj")
-    to_world = Rotation.from_matrix(np.moveaxis(other["Cnb"], -1, 0)).as_quat()
+    to_world = Rotation.from_matrix(np.moveaxis(other["Cnb"], -1, 0)).inv().as_quat()
     readings = from_nanotesla(np.column_stack([other[f"flux_a_{axis}"] for axis in "xyz"]))[:, None]
     recording = Recording(np.asarray(other["tt"], dtype=float), readings, attitude=to_world)
     yield "flight, test_data_traj, with attitude", "calibrated", _is_calibrated(recording, array, ())

@@ -22,6 +22,9 @@ _FEWEST_SENSORS = 4
 _NEAREST_M = 0.1
 """Distance of the nearest iron or conductor that is still the vehicle's and not a sensor's, metres."""
 
+_DEGREES = {2: ("gradient", "1/m"), 3: ("curvature", "1/m²")}
+"""Name and unit of what potentials make, by their degree: beyond the third, four sensors tell no law in space."""
+
 _GRADIENT = Limit(
     3 / _NEAREST_M,
     "the field of a sphere of perfect conductance falls with the third power of the distance; Jackson 1999, section "
@@ -29,6 +32,9 @@ _GRADIENT = Limit(
     "1/m",
 )
 """Limit of the gradient of a mode, as a part of the change of the field."""
+
+_CURVATURE = Limit(12 / _NEAREST_M**2, _GRADIENT.source, "1/m²")
+"""Limit of the second derivative of a mode, as a part of the change of the field."""
 
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Axes of the six elements of a symmetric matrix."""
@@ -64,6 +70,8 @@ class PlatformField(LinearEffect):
         "slower mode": LIMIT,
         "first mode, gradient": _GRADIENT,
         "slower mode, gradient": _GRADIENT,
+        "first mode, curvature": _CURVATURE,
+        "slower mode, curvature": _CURVATURE,
     }
     largest_signal: ClassVar[Limit | None] = Limit(
         2.0, "iron at most triples the field at the pole of a sphere; Jackson 1999, section 5.11"
@@ -115,7 +123,7 @@ class PlatformField(LinearEffect):
             for name, change in (("first mode", covariates.field_T - late), ("slower mode", late - later)):
                 yield _at_scalar(covariates, name, change)
                 if covariates.sensor_count >= _FEWEST_SENSORS:
-                    yield _gradient(covariates, f"{name}, gradient", change)
+                    yield from (_gradient(covariates, name, degree, change) for degree in _DEGREES)
         channels = {} if covariates.current_A is None else {"current_A": covariates.current_A}
         for name, values in (channels | dict(covariates.further)).items():
             yield from _of_channel(covariates, name, values)
@@ -150,14 +158,15 @@ def _at_scalar(covariates: Covariates, name: str, change_T: FloatArray) -> Term:
     return Term.of_row(covariates, covariates.scalar_row, name, parts, along)
 
 
-def _gradient(covariates: Covariates, name: str, change_T: FloatArray) -> Term:
-    """Return what the uniform gradients (5) of the eddy currents of each axis (3) add to the sensors."""
-    at_sensors = fields(2, covariates.array.positions_m.T)
-    read = np.einsum("kij,pjk->kip", covariates.errors.matrix, at_sensors).reshape(-1, 5)
+def _gradient(covariates: Covariates, mode_name: str, degree: int, change_T: FloatArray) -> Term:
+    """Return what harmonic potentials of a degree, of the eddy currents of each axis (3), add to the sensors."""
+    name, unit = f"{mode_name}, {_DEGREES[degree][0]}", _DEGREES[degree][1]
+    at_sensors = fields(degree, covariates.array.positions_m.T)
+    read = np.einsum("kij,pjk->kip", covariates.errors.matrix, at_sensors).reshape(-1, len(at_sensors))
     weights = np.repeat(read, 3, axis=1)
-    features = (weights.reshape(-1)[:, None] * np.tile(change_T.T, (5 * len(read), 1))).T
-    names = ["".join(np.repeat(list("xyz"), orders)) for orders in derivatives(2)]
-    parts = tuple(Coefficient(f"{name} {pair}, {axis} of the field", "1/m") for pair in names for axis in "xyz")
+    features = (weights.reshape(-1)[:, None] * np.tile(change_T.T, (read.size, 1))).T
+    names = ["".join(np.repeat(list("xyz"), orders)) for orders in derivatives(degree)]
+    parts = tuple(Coefficient(f"{name} {pair}, {axis} of the field", unit) for pair in names for axis in "xyz")
     rows, columns = np.divmod(np.arange(weights.size), weights.shape[1])
     return Term(ALL, None, name, parts, features, rows, columns)
 

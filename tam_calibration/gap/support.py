@@ -88,10 +88,16 @@ def _recorded(best: Evidence, others: Sequence[Evidence]) -> Evidence:
     """
     if not (isinstance(best.form, Hypothesis) and best.form.effect.is_free_in_time):
         return best
-    of_channel = [
-        one for one in others if isinstance(one.form, Hypothesis) and one.form.effect.surrogates == "of_channel"
-    ]
+    of_channel = [one for one in others if isinstance(one.form, Hypothesis) and _follows_channel(one.form)]
     return max([best, *of_channel], key=lambda one: one.delta_bic)
+
+
+def _follows_channel(form: Hypothesis) -> bool:
+    """Whether a form is of an effect of a recorded channel, or has terms of further currents or actuators."""
+    effect = form.effect
+    own = tuple(Contribution(term.sensor, term.axis, term.name, {}) for term in form.terms)
+    further = set(effect.needs(FittedEffect(effect.name, form.shape, own))) - set(effect.channels)
+    return effect.surrogates == "of_channel" or bool(further)
 
 
 def special_case(best: Evidence, others: Sequence[Evidence]) -> Evidence:
@@ -104,11 +110,13 @@ def special_case(best: Evidence, others: Sequence[Evidence]) -> Evidence:
     others : sequence of Evidence
         Hypotheses in the same residual, some of which may be special cases of it.
     """
+    rank = best.form.selection.rank if isinstance(best.form, Hypothesis) else best.form.parameter_count
     nearly = [
         one
         for one in others
         if isinstance(one.form, Hypothesis)
         and one.form.effect.is_within(best.effect)
+        and one.form.selection.rank <= rank
         and one.gain > NEARLY_ALL * best.gain
     ]
     return max(nearly, key=lambda one: one.delta_bic, default=best)

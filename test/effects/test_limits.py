@@ -93,6 +93,8 @@ ABSURD = [
      "its first mode, x of the field on x of 2 is more than the 1 known", "Jackson"),
     ("platform_field", {"time_constant_s": 0.2},
      (ALL, None, "slower mode, gradient", {"slower mode, gradient xy, x of the field": 60.0}), "60 1/m", "decimetre"),
+    ("platform_field", {"time_constant_s": 0.2},
+     (ALL, None, "first mode, curvature", {"first mode, curvature xxy, x of the field": 2400.0}), "1/m²", "decimetre"),
 ]  # fmt: skip
 """Values that were claimed, or twice what the limits allow, and what is told of them."""
 

@@ -78,12 +78,14 @@ def test_the_gradient_is_that_of_sources_at_a_distance(turning):
     dipole = (3 * along[:, :, None] * (away / distance) - change[:, None]) / distance**3
     between = dipole - dipole.mean(axis=1, keepdims=True)
     rows = np.einsum("kij,nkj->nki", covariates.errors.matrix, between).reshape(len(change), -1)
-    term = terms_of(covariates)[ALL, None, "first mode, gradient"]
-    design = np.column_stack(
-        [term.signal(one, covariates.scalar_row + 1)[:, :-1].ravel() for one in np.eye(len(term.coefficients))]
-    )
-    left = rows.ravel() - design @ np.linalg.lstsq(design, rows.ravel(), rcond=None)[0]
-    assert norm(left) < 0.1 * norm(rows)
+    left, design = [], np.zeros((rows.size, 0))
+    for name in ("gradient", "curvature"):
+        term = terms_of(covariates)[ALL, None, f"first mode, {name}"]
+        own = [term.signal(one, covariates.scalar_row + 1)[:, :-1].ravel() for one in np.eye(len(term.coefficients))]
+        design = np.column_stack([design, *own])
+        left.append(norm(rows.ravel() - design @ np.linalg.lstsq(design, rows.ravel(), rcond=None)[0]) / norm(rows))
+    assert left[0] < 0.1
+    assert left[1] < 0.1 * left[0]
 
 
 def test_few_sensors_show_no_gradient(turning):

@@ -192,3 +192,32 @@ def test_a_special_case_is_nested_whichever_is_named_first(one, other, is_nested
         return Evidence(name, Hypothesis(effect, {}, (), Selection((), 0.0, 0, 0.0)), 0.0, 0.0)
 
     assert support._is_nested(evidence(one), evidence(other)) == is_nested
+
+
+@pytest.mark.parametrize(("rank", "named"), [(33, "special"), (36, "special"), (37, "whole")])
+def test_a_special_case_takes_no_more_coefficients_than_the_whole(rank, named):
+    """Else it explains as much because it can imitate anything."""
+
+    def evidence(name, rank, delta_bic):
+        effect = SimpleNamespace(name=name, is_within=lambda whole: name == "special" and whole == "whole")
+        return Evidence(name, Hypothesis(effect, {}, (), Selection((), 0.0, rank, 0.0)), delta_bic, 1000.0)
+
+    whole, special = evidence("whole", 36, 900.0), evidence("special", rank, 890.0)
+    assert support.special_case(whole, [whole, special]).effect == named
+
+
+def test_further_currents_and_actuators_count_as_recorded(base):
+    """A form of an effect of other surrogates follows a channel where one of its terms does."""
+    field = effect_named("platform_field")
+    selection = Selection((0,), 0.0, 3, 0.0)
+
+    def form(name):
+        term = SimpleNamespace(sensor=0, axis=None, name=name)
+        return Hypothesis(field, {}, (term,), selection)
+
+    assert support._follows_channel(form("actuator_rudder"))
+    assert support._follows_channel(form("current_2_A"))
+    assert not support._follows_channel(form("first mode, gradient"))
+    for name, follows in (("current_interference", True), ("flexure", False), ("eddy_current", False)):
+        term = SimpleNamespace(sensor=0, axis=None, name="field")
+        assert support._follows_channel(Hypothesis(effect_named(name), {}, (term,), selection)) == follows
