@@ -23,7 +23,7 @@ NOISE = (
     NoiseTerm(0, "", 1e-10, 1e-10),
 )
 RANDOM = {"noise_excess", "outliers", "stale_samples", "timing_jitter"}
-OF_THE_COURSE = {"crosstalk", "eddy_current", "ringing", "time_skew"}
+OF_THE_COURSE = {"crosstalk", "eddy_current", "platform_field", "ringing", "time_skew"}
 STREAMED = sorted(EFFECTS.keys() - {"interpolated_samples"})
 
 
