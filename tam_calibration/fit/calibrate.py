@@ -119,11 +119,12 @@ def calibrate(
         )
     faults = require_sound(recording, array, accept)
     recording.thinned(SKETCH).check_plausible(array.field)
+    if not is_joint:
+        require_determined(recording, array, is_uniform=not ambient_gradient)
     require_enough(recording.sample_count, accept)
     if is_joint:
         calibration, recording, fit = _jointly(recording, array, prior, main_field_T)
     else:
-        require_determined(recording, array, is_uniform=not ambient_gradient)
         calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     warnings = (*(fault.sentence for fault in faults), *find_warnings(uniform, calibration))

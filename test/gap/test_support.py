@@ -83,7 +83,7 @@ def test_a_size_that_nature_does_not_know_is_no_cause(run, monkeypatch):
 def standing_as(monkeypatch, ratio, left):
     """Let every form stand so many times above its best surrogate, and leave such a part in its sensors."""
     monkeypatch.setattr(support, "_surrogate_test", lambda base, form: SurrogateTest(100.0 * ratio, 100.0, 0.01))
-    monkeypatch.setattr(support, "_unexplained_part", lambda base, cause, form: left)
+    monkeypatch.setattr(support, "_unexplained_part", lambda base, form: left)
 
 
 @pytest.mark.parametrize(
