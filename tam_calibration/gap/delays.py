@@ -63,8 +63,12 @@ def estimate_delays(recording: Recording, array: Array) -> Delays:
     if recording.sensor_count == 1:
         raise InputError("delays are those of further sensors after sensor 1: the array has one sensor only")
     delay = np.zeros(recording.sensor_count)
+    first_s, last_s = recording.time_span_s
     for _ in range(_MOST_STEPS):
-        step, error = _step(without_delays(recording, delay), array)
+        moved = without_delays(recording, delay)
+        # A delay that changes its sign would else lose a sample at one end and win one at the other, without end.
+        first_s, last_s = max(first_s, moved.time_s[0]), min(last_s, moved.time_s[-1])
+        step, error = _step(moved.take((moved.time_s >= first_s) & (moved.time_s <= last_s)), array)
         delay[1:] += step
         if np.all(np.abs(step) <= _SETTLED * error):
             return Delays(delay, np.concatenate([[0.0], error]))

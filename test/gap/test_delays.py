@@ -23,10 +23,12 @@ def delayed(delays_ms, seed):
     return replace(made.recording.take(places), readings_T=np.stack(readings, axis=1)), scenario.array
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("delays_ms", [(0, 20, -13, 7), (0, 1, 0, -20)])
+@pytest.mark.parametrize(
+    ("delays_ms", "seed"),
+    [((0, 20, -13, 7), 1), ((0, 20, -13, 7), 2), ((0, 1, 0, -20), 1), ((0, 1, 0, -20), 2), ((0, 0, 0, 0), 11)],
+)
 def test_delays_up_to_twenty_milliseconds_are_found(delays_ms, seed):
-    """Within three standard errors, which are some microseconds."""
+    """Within three standard errors, which are some microseconds; also none, where their signs are those of noise."""
     recording, array = delayed(delays_ms, seed)
     found = estimate_delays(recording, array)
     error = found.delay_s - 1e-3 * np.array(delays_ms)
