@@ -23,10 +23,14 @@ from tam_calibration.fit.maximum_likelihood import first_guess, likelihood_of
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.scale import Normalized, free_scale, free_scale_gradient, normalize
 from tam_calibration.model.array import KnownNoiseArray
+from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
+
+_MOST_SKEW = np.pi / 2
+"""Non-orthogonality at which two axes of a sensor are one, radians."""
 
 _ANY_TURN = np.pi
 """Standard deviation of an angle of which nothing is known, radians: it keeps the normal equations regular."""
@@ -102,7 +106,7 @@ def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known |
     InputError
         When nothing is known before, and the readings determine no ellipsoid to start from.
     Refused
-        When the iteration does not settle.
+        When the iteration does not settle, or leads to sensors that cannot be.
     """
     problem = Problem.of(recording, array, known if isinstance(known, Known) else Known(known))
 
@@ -234,9 +238,14 @@ class Problem:
         return keeping(gradient, free)
 
     def moved(self, place: Place, step: FloatArray) -> Place:
-        """Return the place after a step of the unknowns."""
+        """Return the place after a step of the unknowns; one that leads to sensors that cannot be is refused."""
         errors, count = place.errors, place.errors.sensor_count
         vector = errors.to_vector() + step[: 12 * count].reshape(count, 12)
+        if not (vector[:, :3] > 0).all() or np.abs(vector[:, 3:6]).max() > _MOST_SKEW:
+            raise Refused(
+                "the readings, and what is known beside them, determine no calibration: the fit leads to sensors that "
+                "cannot be; turn the array further, or take its last calibration for a prior"
+            )
         errors = SensorErrors.from_vector(vector, errors.orientation)
         view = None if place.view is None else place.view.moved(step[-5:])
         if self.has_scalar:

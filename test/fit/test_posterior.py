@@ -1,5 +1,6 @@
 """Prior and data together: the plain fit where the data say all, never worse than the prior, and attitude as data."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +11,10 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import Known, posterior_of
+from tam_calibration.fit.posterior import Known, Problem, posterior_of
 from tam_calibration.fit.prior import ChangeRates, in_first_frame, prior_of
 from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
@@ -132,3 +134,13 @@ def test_noise_that_is_not_stated_is_scaled_before_data_and_prior_are_weighed(wu
     assert estimated.noise_is_estimated and not stated.noise_is_estimated
     free = stated.standard_errors > 0
     assert_allclose(estimated.standard_errors[free], stated.standard_errors[free], rtol=0.1)
+
+
+@pytest.mark.parametrize(("parameter", "step", "is_refused"), [(1, -1.2, True), (4, 1.5, False), (4, 1.6, True)])
+def test_steps_to_sensors_that_cannot_be_are_refused(wu_scenario, wu_run, parameter, step, is_refused):
+    """Of a scale factor below zero, and of axes more than a right angle askew; the sentence says what to do."""
+    problem = Problem.of(wu_run.recording, wu_scenario.array.with_stated_noise(), Known())
+    steps = np.zeros(48)
+    steps[12 + parameter] = step - problem.start.errors.to_vector()[1, parameter] * (parameter == 4)
+    with pytest.raises(Refused, match="turn the array further") if is_refused else nullcontext():
+        problem.moved(problem.start, steps)
