@@ -78,7 +78,7 @@ def beside_a_wreck(made):
     points = np.einsum("nij,kj->nki", turns, array.positions_m)
     world = Dipole(np.array([2.0, 0.0, 0.0]), np.array([0.0, 300.0, 400.0])).field_T(points)
     world[: len(world) * 9 // 10] = 0
-    added = np.einsum("kij,nji,nkj->nki", made.scenario.errors.matrix, turns, world)
+    added = np.einsum("kil,njl,nkj->nki", made.scenario.errors.matrix, turns, world)
     return replace(recording, readings_T=recording.readings_T + added, attitude=made.attitude)
 
 

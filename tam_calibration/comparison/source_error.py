@@ -6,9 +6,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.comparison.result import Side, SourceError
-from tam_calibration.localization.sample_by_sample import regional_of
-from tam_calibration.localization.steady import locate_steady
-from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import Dipole
@@ -51,7 +49,9 @@ def source_of(side: Side) -> Dipole | None:
 
 
 def source_error(recording: Recording, side: Side, source: Dipole) -> SourceError | None:
-    """Return how far from a source beside the array ``tam locate`` finds it in a recording; None where it cannot.
+    """Return how far from a source beside the array its samples place it in a recording; None where they cannot.
+
+    What ``tam locate`` would refuse, as the effects leave more than noise, counts too: how far off it is, is asked.
 
     Parameters
     ----------
@@ -70,16 +70,16 @@ def source_error(recording: Recording, side: Side, source: Dipole) -> SourceErro
     known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))
     chosen = recording.take(known[np.linspace(0, len(known) - 1, min(_MOST, len(known))).astype(int)])
     assert chosen.attitude is not None
-    regional = regional_of(calibration.correct(chosen).outputs, chosen.attitude).field_T
+    regional = Regional(regional_of(calibration.correct(chosen).outputs, chosen.attitude).field_T)
     turns = Rotation.from_quat(chosen.attitude).as_matrix()
     world = source.field_T(np.einsum("nij,kj->nki", turns, calibration.array.positions_m))
     in_array = np.einsum("nji,nkj->nki", turns, world)
     added = np.einsum("kij,nkj->nki", calibration.errors.matrix, in_array)
-    try:
-        survey = locate_steady(replace(chosen, readings_T=chosen.readings_T + added), calibration, regional_T=regional)
-    except (InputError, Refused):
-        return None
-    distance = norm(survey.solutions.position_m - source.position_m, axis=1)
+    outputs = calibration.correct(replace(chosen, readings_T=chosen.readings_T + added)).outputs
+    in_array_m = locate_samples(
+        outputs, calibration.array, calibration.output_covariance, regional=regional, attitude=chosen.attitude
+    )
+    distance = norm(turned(in_array_m, chosen.attitude).position_m - source.position_m, axis=1)
     return _error(distance) if np.isfinite(distance).mean() > 0.5 else None
 
 

@@ -119,11 +119,11 @@ class Synchroniser:
         channels: list[Stream] = [
             IntensityStream(name, tolerance_ns, name in expected)
             if name == "scalar" and not scalar_is_held
-            else HeldStream(name, maximum_age_ns.get(name, maximum_age_ns["current"]), name in expected)
+            else HeldStream(name, maximum_age_ns.get(name, _MAXIMUM_AGE_NS["current"]), name in expected)
             for name in layout.channels
         ]
         self._partners = [*self._sensors[1:], *channels]
-        self._no_value = {name: (float("nan"),) * len(columns_of(name)) for name in layout.channels}
+        self._no_value = {name: _NO_READING[:1] * len(columns_of(name)) for name in layout.channels}
         self._streams: dict[str, Stream] = {stream.name: stream for stream in [*self._sensors, *channels]}
         self._epoch = 0
         self._newest = self._horizon = self._hold_horizon = self._last_delivered = self._epoch_start = BEFORE_ALL
