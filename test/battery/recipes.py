@@ -116,7 +116,7 @@ _RECIPES = (
     *OTHERWISE,
     Recipe(
         "locate at once",
-        ("locate", "pass.csv", *_CALIBRATION, "--attitude-noise-deg", "0.1"),
+        ("locate", "pass.csv", *_CALIBRATION, "--attitude-noise-deg", "0.01"),
         ("pass.csv", "calibration.yaml"),
     ),
     Recipe(

@@ -8,6 +8,7 @@ from fit.live_mission import moved
 from ros_bench import field_of_array
 
 from tam_calibration.files import calibration_from_yaml, write_calibration
+from tam_calibration.files.live_state import read_live_state
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.recording import Recording
 
@@ -30,6 +31,12 @@ def mission(true_errors):
     return Recording(1.7e9 + 3600 + time_s, readings, scalar), after
 
 
+def _is_kept(samples_file, text):
+    """Whether the state on disk is that of the calibration that was published last."""
+    kept, _ = read_live_state(samples_file.with_name(samples_file.name + ".live"), 4)
+    return np.allclose(kept.published.errors.bias_T, calibration_from_yaml(text, "").errors.bias_T, rtol=0, atol=1e-15)
+
+
 def test_a_change_is_told_and_learned_and_outlasts_a_restart(bench, recording, cross, mission, tmp_path):
     """Sensor and errors are named, the corrector has the new calibration, and the next calibrator goes on with it."""
     run, after = mission
@@ -47,6 +54,7 @@ def test_a_change_is_told_and_learned_and_outlasts_a_restart(bench, recording, c
     status, figures = bench.health("calibrator", lambda _, figures: figures.get("changes") == "1", "a change is told")
     assert (figures["changed_sensor"], figures["changed_parameters"]) == ("2", "bias")
     assert "bias of sensor 2 by x +3" in status.message and "it is learned anew" in status.message
+    bench.spin_until(lambda: _is_kept(samples_file, calibrations[-1].data), "what was published is kept")
     learned = calibration_from_yaml(calibrations[-1].data, "calibration")
     deviation = (learned.errors.bias_T[1] - after.bias_T[1]) / learned.standard_errors[1, 6:9]
     assert np.abs(deviation).max() < 4
