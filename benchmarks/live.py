@@ -37,11 +37,22 @@ from tam_calibration.model.units import FloatArray, from_degrees
 
 RESULTS = Path(__file__).parent / "results" / "live.csv"
 WORLD_T = np.array([12e-6, 18e-6, -45e-6])
+"""A field of middle latitudes, east, north, up: 50 µT, 64° steep."""
+
 RATE_HZ = 100.0
+"""Of the samples, for which the processor's time and the detection are asked."""
+
 ARRAY = Array.cross(0.5, vector_noise_T=1e-9, scalar_noise_T=1e-10).with_stated_noise()
+"""The cross of Wu 2025, with the noise of a good fluxgate and of a scalar magnetometer."""
+
 CHUNK_S = 60.0
+"""Samples made at once, between which the sensors wander: memory stays small, and drifts of a day are finely cut."""
+
 TURN_S = 120.0
+"""Of a vehicle that turns round once, as survey vehicles do at the end of a line."""
+
 TILT = from_degrees(10.0)
+"""Largest pitch and roll: an underwater vehicle cannot turn over."""
 
 
 def errors_of(generator: np.random.Generator) -> SensorErrors:

@@ -38,6 +38,7 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.posterior import Known, Place, Problem, posterior_of
 from tam_calibration.fit.prior import Prior, in_first_frame, prior_of
 from tam_calibration.model.array import Array
+from tam_calibration.model.change_rates import DAY_S
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.residuals import measure_residuals
@@ -49,15 +50,28 @@ from tam_calibration.simulation.instruments import AttitudeChannel
 
 RESULTS = Path(__file__).parent / "results" / "mission.csv"
 TILTS_DEG = (5.0, 10.0, 20.0, 30.0)
+"""Limits of pitch and roll, from a vehicle that hardly tilts to one that does."""
+
 ATTITUDE_NOISES_DEG = (0.05, 0.2, 1.0)
+"""From a gyrocompass to a cheap inertial sensor."""
+
 COUNTS = (300, 3000, 100_000)
 LARGE, PART_OF_RUNS = 100_000, 20
 PIER_SAMPLES = 3000
 PIER_S = 1.76e9
-DAY_S, DIVE_S = 86_400.0, 7200.0
+"""Stamp of the full turn: any that is a date."""
+
+DIVE_S = 7200.0
+"""From the full turn to the dive in which a sensor has changed, seconds."""
+
 WITHIN_95 = 1.959964
+"""Standard errors within which 95 % of normal errors lie."""
+
 BIAS_T, OTHER_T = from_nanotesla(5.0), from_nanotesla(20.0)
+"""Change of a bias; and change of a reading by another error, as much as a narrow turn can show."""
+
 MOUNT = Rotation.from_rotvec(from_degrees(np.array([3.0, -5.0, 20.0])))
+"""How the attitude's sensor is turned: by no small angle."""
 
 
 def scenario_of(sensors: int) -> Scenario:

@@ -38,6 +38,7 @@ OUTCOMES = ["killed", "timeout", "survived", "listed"]
 CI_S, MUTANT_S = 45.0, 20.0  # of all mutants in CI, which has fifteen minutes, and of one, which then is not counted
 DAY_S = 86400.0
 KILLED, CHANCE = 0.9, 0.01
+"""Part that shall be killed, and the chance by which a sample of a room that good may show less."""
 
 
 def outcome(copy: Path, tests: list[str], limit_s: float) -> str:

@@ -53,6 +53,8 @@ BOOM_M, SCALAR_M = 1.5, 0.6
 """From the bow to the array's centre, and from there back to the scalar magnetometer."""
 
 ARRAY = Array.cross(0.5, 1e-9, 1e-10)
+"""The cross of Wu 2025, with the noise of a good fluxgate and of a scalar magnetometer."""
+
 RATE_HZ, SECONDS, FINE = 20.0, 200.0, 10
 WORLD_T = np.array([3e-6, 18e-6, -46e-6])
 MOTIONS: dict[str, Motion] = {
