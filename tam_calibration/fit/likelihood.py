@@ -4,6 +4,17 @@ What is left of a sample's 3K + 1 readings without its three field components is
 between the sensors, and one common-mode channel, the scalar minus the length of the field that the sensors agree on.
 The differential channels are bilinear in data and parameters, so that the second moments of the readings, taken once,
 serve every point; the common mode takes one pass over the data, in pieces that fit the processor's cache.
+
+The field that the sensors agree on, b, is as noisy as they are, and it is in the slope of the common mode as well as in
+its residual r. Their product, the score, therefore is not zero in the mean at the true errors, but of second order in
+the noise. With C the covariance of b, u its direction and P = 1 - u uᵀ what lies across it,
+
+    E r = tr(P C) / 2|b|,    cov(u, r) = P C u / |b|,    cov(b, r) = C u.
+
+On the sphere that is nothing. Where the array hardly turns, it pulls what the turn hardly determines by many standard
+errors. It is taken off: the estimate solves a corrected score (Stefanski 1985). The noise in it is that of the
+residuals, but at most the stated one, as what is more may be no noise. What the weights add is left: it is of second
+order in how C differs between directions.
 """
 
 from collections.abc import Iterator
@@ -50,6 +61,34 @@ class Linearization:
     gradient: FloatArray
     differential: float
     common_mode: float
+    reference_count: int
+
+
+class CommonMode(NamedTuple):
+    """The channel of samples with a reference: field and direction (3, n) at the scalar magnetometer, residual (n,).
+
+    ``of_direction`` and ``of_field`` (3, n) are the mean of its product with the direction, and its covariance with the
+    field; ``precision`` is one over its variance. ``known`` tells which samples these are.
+    """
+
+    field: FloatArray
+    direction: FloatArray
+    residual: FloatArray
+    of_direction: FloatArray
+    of_field: FloatArray
+    precision: FloatArray
+    known: slice | _BoolArray
+
+
+class CommonModeSums(NamedTuple):
+    """Sums over the samples with a reference.
+
+    ``moments`` (3 F + 1, 3 F + 1) are those of the ``whitened`` columns, ``score`` (3 F,) is the mean of the product of
+    residual and others that noise of the stated size makes at the true errors. ``reference_count`` is their number.
+    """
+
+    moments: FloatArray
+    score: FloatArray
     reference_count: int
 
 
@@ -109,8 +148,7 @@ class Likelihood:
         """
         channels = ChannelMaps.at(matrix, bias, ambient_gradient, self.vector_noise, self.turning)
         moments = self._moments if weights is None else _second_moments(self._flat, weights)
-        reference_count = int(np.isfinite(self.intensity).sum())
-        return normal_equations(channels, moments, self._common_mode_moments(channels, weights), reference_count)
+        return normal_equations(channels, moments, self._common_mode_sums(channels, weights), len(self.points))
 
     def energy(self, matrix: FloatArray, bias: FloatArray, ambient_gradient: FloatArray = UNIFORM) -> FloatArray:
         """Return the (N,) sums of the squares of each sample's whitened channels.
@@ -141,6 +179,25 @@ class Likelihood:
         flat = self.points.reshape(len(self.points), -1)
         return flat if self.turning is None else np.column_stack([flat, self.turning.features])
 
+    def _each_by_itself(self, part: slice, there: CommonMode) -> CommonMode:
+        """Return the channel with the precision by which a sample's own noise counts in its score.
+
+        Weights do not change it: they are scaled so that the weighted squares of the residuals have their stated mean.
+        With errors in common it is at least what the sample has without the others, which is nearly all of it.
+        """
+        if self.interpolation_noise is None:
+            return there
+        shared = self._shared_variance[part][there.known]
+        return there._replace(precision=1 / (1 / there.precision + shared))
+
+    @cached_property
+    def _shared_variance(self) -> FloatArray:
+        """(N,) variances of the errors that intensities share; NaN where there is none."""
+        assert self.interpolation_noise is not None
+        variance = np.full(len(self.intensity), np.nan)
+        variance[np.isfinite(self.intensity)] = self.interpolation_noise.variance
+        return variance
+
     @cached_property
     def _moments(self) -> FloatArray:
         return _second_moments(self._flat, None)
@@ -149,40 +206,27 @@ class Likelihood:
         for start in range(0, len(self.points), _PIECE):
             yield slice(start, start + _PIECE)
 
-    def _common_mode_moments(self, channels: ChannelMaps, weights: FloatArray | None) -> FloatArray:
-        """Return the moments of ``whitened`` columns; what samples share is taken off."""
+    def _common_mode_sums(self, channels: ChannelMaps, weights: FloatArray | None) -> CommonModeSums:
+        """Return the sums of the common mode; what samples share is taken off."""
         size = channels.response[0].size + 1
-        total, kept = np.zeros((size, size)), []
+        total, score, kept = np.zeros((size, size)), np.zeros(size - 1), []
         for part in self._pieces():
             there = self._common_mode(part, channels)
+            features = self._flat[part, 3 * self.points.shape[1] :].T
+            score += expected_score(self._each_by_itself(part, there), features)
             if weights is not None:
                 there = there._replace(precision=there.precision * weights[part][there.known])
-            columns = whitened(there, self._flat[part, 3 * self.points.shape[1] :].T)
+            columns = whitened(there, features)
             total += gram(columns)
             if self.interpolation_noise is not None:
                 kept.append((columns.T * np.sqrt(there.precision)[:, None], there.precision))
-        if self.interpolation_noise is None:
-            return total
-        return total - self.interpolation_noise.explained(
-            *(np.concatenate(column) for column in zip(*kept, strict=True))
-        )
+        if self.interpolation_noise is not None:
+            total -= self.interpolation_noise.explained(*(np.concatenate(column) for column in zip(*kept, strict=True)))
+        return CommonModeSums(total, score, int(np.isfinite(self.intensity).sum()))
 
-    def _common_mode(self, part: slice, channels: ChannelMaps) -> "CommonMode":
+    def _common_mode(self, part: slice, channels: ChannelMaps) -> CommonMode:
         own: Any = self.scalar_noise if np.ndim(self.scalar_noise) == 0 else np.asarray(self.scalar_noise)[part]
         return common_mode(channels, self._flat[part].T, self.intensity[part], own)
-
-
-class CommonMode(NamedTuple):
-    """The channel of samples with a reference: field and direction (3, n) at the scalar magnetometer, residual (n,).
-
-    ``precision`` is one over the variance of the residual; ``known`` tells which samples these are.
-    """
-
-    field: FloatArray
-    direction: FloatArray
-    residual: FloatArray
-    precision: FloatArray
-    known: slice | _BoolArray
 
 
 def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: Any) -> CommonMode:
@@ -206,8 +250,12 @@ def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, 
     length = np.sqrt(np.einsum("in,in->n", field, field))
     direction = field / length
     own = scalar_noise if np.ndim(scalar_noise) == 0 else scalar_noise[known]
-    variance = own**2 + channels.elimination.variance_along(direction)
-    return CommonMode(field, direction, length - intensity[known], 1 / variance, known)
+    covariance = channels.elimination.covariance
+    of_field = covariance @ direction
+    along = np.einsum("in,in->n", of_field, direction)
+    of_direction = (of_field + direction * (np.trace(covariance) - 3 * along) / 2) / length
+    precision = 1 / (own**2 + along)
+    return CommonMode(field, direction, length - intensity[known], of_direction, of_field, precision, known)
 
 
 def whitened(there: CommonMode, features: FloatArray) -> FloatArray:
@@ -235,10 +283,32 @@ def whitened(there: CommonMode, features: FloatArray) -> FloatArray:
     return columns
 
 
+def expected_score(there: CommonMode, features: FloatArray) -> FloatArray:
+    """Return the ``score`` of ``CommonModeSums``.
+
+    Parameters
+    ----------
+    there : CommonMode
+        Of the n samples with a reference.
+    features : (Q, m) array
+        As for ``whitened``.
+
+    Returns
+    -------
+    (3 F,) array
+        Of second order in the noise, in the order direction ⊗ [field, features, 1].
+    """
+    extended = np.concatenate([there.field, features[:, there.known], np.ones((1, len(there.precision)))])
+    score = (there.precision * there.of_direction) @ extended.T
+    score[:, :3] += (there.precision * there.direction) @ there.of_field.T
+    summed: FloatArray = score.ravel()
+    return summed
+
+
 def normal_equations(
-    channels: ChannelMaps, moments: FloatArray, common: FloatArray, reference_count: int
+    channels: ChannelMaps, moments: FloatArray, common: CommonModeSums, sample_count: int
 ) -> Linearization:
-    """Return the normal equations from the second moments of the rows and of the ``whitened`` columns.
+    """Return the normal equations from the sums over all samples.
 
     Parameters
     ----------
@@ -246,17 +316,20 @@ def normal_equations(
         Maps at the errors of the sensors.
     moments : (Z, Z) array
         Sum of the outer products of the rows.
-    common : (3 F + 1, 3 F + 1) array
-        The same of the ``whitened`` columns.
-    reference_count : int
-        Number of samples with a reference intensity.
+    common : CommonModeSums
+        Of the common mode.
+    sample_count : int
+        Number of samples, with a reference intensity or without.
     """
     information, gradient, differential = _differential(channels, moments)
     size = channels.response[0].size
     response = channels.response.reshape(-1, size)
-    information += response @ common[:size, :size] @ response.T
-    gradient += response @ common[:size, size]
-    return Linearization(information, gradient, differential, float(common[size, size]), reference_count)
+    information += response @ common.moments[:size, :size] @ response.T
+    energy = float(common.moments[size, size])
+    channel_count = (len(channels.unbiased) - 3) * sample_count + common.reference_count
+    variance_factor = min((differential + energy) / max(channel_count, 1), 1.0)
+    gradient += response @ (common.moments[:size, size] - variance_factor * common.score)
+    return Linearization(information, gradient, differential, energy, common.reference_count)
 
 
 def _differential(channels: ChannelMaps, moments: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -321,10 +394,12 @@ class UniformLikelihood:
         """
         channels = ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None)
         size = channels.response[0].size + 1
-        common, count = np.zeros((size, size)), 0
+        total, score, count = np.zeros((size, size)), np.zeros(size - 1), 0
         for points, intensity in self.data.blocks():
             there = common_mode(channels, points[:-1], intensity, self.scalar_noise)
             columns = whitened(there, points[:0])
-            common += gram(columns)
+            total += gram(columns)
+            score += expected_score(there, points[:0])
             count += columns.shape[1]
-        return normal_equations(channels, self.data.moments, common, count)
+        common = CommonModeSums(total, score, count)
+        return normal_equations(channels, self.data.moments, common, round(self.data.moments[-1, -1]))

@@ -3,9 +3,10 @@
 The differential channels are bilinear in readings and parameters, so that the second moments of the readings serve them
 at every point. Of the common mode the length of the field is not; but its residual |b| - s is (|b|² - s²) / 2s but for
 a part e / 2s of itself, and |b|² is a polynomial of second degree in the field that the sensors agree on. Fourth
-moments of that field therefore serve every point too. What sums of squares count beyond the residual,
-(|b|² - s²) / 2s = e + e² / 2s, and what the direction b / s counts beyond the unit one, is 3 e² / 2s in the mean; the
-expected e² is taken off.
+moments of that field therefore serve every point too. With C the covariance of b and σ the noise of s, what is taken
+off |b|² is tr C + 3 σ², after which the score (b / s) ⊗ [b, 1] (|b|² - s²) / 2s is in the mean, to second order,
+C S + S C for the b and C t for the 1; S and t are the means of u uᵀ and u / |b|. That is taken off too, as in
+``likelihood``.
 """
 
 from dataclasses import dataclass
@@ -18,13 +19,16 @@ from tam_calibration.core.elimination import Elimination
 from tam_calibration.core.normal_equations import gram
 from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.information import rows_by_unknowns
-from tam_calibration.fit.likelihood import UNIFORM, Linearization, normal_equations
+from tam_calibration.fit.likelihood import UNIFORM, CommonModeSums, Linearization, normal_equations
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 _SQUARES = (0, 5, 10)
 """Places of the squares of the field's components among its products with itself and 1."""
+
+_DIRECTION = (3, 7, 11, 15)
+"""Places there of the field's components by themselves, and of the 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +99,11 @@ class MomentLikelihood:
         known = np.isfinite(scalar_T)
         field, intensity = self._elimination.unmixing @ points[:, known], scalar_T[known] / self.unit_T
         variance = self._scalar_noise**2 + self._elimination.variance_along(field / intensity)
+        beyond = np.trace(self._elimination.covariance) + 3 * self._scalar_noise**2
         extended = np.concatenate([field, np.ones((1, len(intensity)))])
         columns = np.empty((17, len(intensity)))
         np.multiply(extended[:, None], extended[None], out=columns[:-1].reshape(4, 4, -1))
-        columns[-1] = intensity**2 + 3 * variance
+        columns[-1] = intensity**2 + beyond
         columns /= intensity * np.sqrt(variance)
         return SampleMoments(gram(rows), gram(columns), len(readings_T), int(known.sum()))
 
@@ -114,8 +119,8 @@ class MomentLikelihood:
         """
         offset = (errors.bias_T - self.origin.bias_T) / self.unit_T
         channels = ChannelMaps.at(errors.matrix, offset, UNIFORM, self._vector_noise, None)
-        common = self._common_mode(moments.fourth, errors, offset)
-        rows = normal_equations(channels, moments.second, common, moments.scalar_count)
+        common = self._common_mode(moments, errors, offset)
+        rows = normal_equations(channels, moments.second, common, moments.count)
         by_errors = rows_by_unknowns(errors, self.unit_T, None)
         return Linearization(
             by_errors.T @ rows.information @ by_errors,
@@ -125,8 +130,8 @@ class MomentLikelihood:
             rows.reference_count,
         )
 
-    def _common_mode(self, fourth: FloatArray, errors: SensorErrors, offset: FloatArray) -> FloatArray:
-        """Return the (13, 13) moments of direction ⊗ [field, 1] and the residual, whitened, at given errors."""
+    def _common_mode(self, moments: SampleMoments, errors: SensorErrors, offset: FloatArray) -> CommonModeSums:
+        """Return the sums of the common mode at given errors."""
         unmixing = self._elimination.unmixing
         # The field at the errors of the origin is affine in that at others, but for noise that these do not see.
         back = inv(unmixing @ errors.matrix.reshape(-1, 3))
@@ -137,9 +142,12 @@ class MomentLikelihood:
         choose = np.zeros((13, 17))
         choose[:12, :12] = np.eye(12)
         choose[12, _SQUARES], choose[12, 16] = 0.5, -0.5
-        there = choose @ turn
-        moments: FloatArray = there @ fourth @ there.T
-        return moments
+        turned = turn @ moments.fourth @ turn.T
+        covariance = back @ self._elimination.covariance @ back.T
+        by_direction = turned[np.ix_(_DIRECTION, _DIRECTION)]
+        by_field = covariance @ by_direction[:3, :3]
+        score = np.column_stack([by_field + by_field.T, covariance @ by_direction[:3, 3]])
+        return CommonModeSums(choose @ turned @ choose.T, score.ravel(), moments.scalar_count)
 
     @cached_property
     def _elimination(self) -> Elimination:

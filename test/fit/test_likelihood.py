@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.fit.channel_maps import Turning
-from tam_calibration.fit.likelihood import UNIFORM, Likelihood
+from tam_calibration.fit.channel_maps import ChannelMaps, Turning
+from tam_calibration.fit.likelihood import (
+    UNIFORM,
+    CommonModeSums,
+    Likelihood,
+    common_mode,
+    expected_score,
+    normal_equations,
+    whitened,
+)
 from tam_calibration.fit.reference import interpolate
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.instruments import AttitudeChannel
@@ -103,3 +111,42 @@ def test_interpolation_noise_reaches_the_common_mode_across_pieces(scenario, mon
     alone = replace(likelihood, interpolation_noise=None).linearize(matrix, bias)
     assert whole.common_mode < alone.common_mode
     assert whole.reference_count == 36
+
+
+@pytest.mark.parametrize(("noisier", "part"), [(0.0, 0.0), (0.5, 0.25), (3.0, 1.0)])
+def test_the_score_that_noise_makes_is_taken_off_as_far_as_there_is_noise(noisier, part):
+    """It counts with the variance of the residuals over the stated one, but at most with the stated one."""
+    generator, count = np.random.default_rng(3), 4000
+    noise = np.full(4, 1e-4)
+    field = generator.normal(size=(count, 3))
+    field /= np.linalg.norm(field, axis=1, keepdims=True)
+    rows = np.repeat(field[:, None], 4, axis=1).reshape(count, 12).T + noisier * 1e-4 * generator.normal(
+        size=(12, count)
+    )
+    channels = ChannelMaps.at(np.broadcast_to(np.eye(3), (4, 3, 3)), np.zeros((4, 3)), UNIFORM, noise, None)
+    there = common_mode(channels, rows, 1 + noisier * 5e-5 * generator.normal(size=count), 5e-5)
+    columns, score = whitened(there, rows[:0]), expected_score(there, rows[:0])
+    extended = np.concatenate([rows, np.ones((1, count))])
+    plain, corrected = (
+        normal_equations(
+            channels, extended @ extended.T, CommonModeSums(columns @ columns.T, taken, count), count
+        ).gradient
+        for taken in (np.zeros_like(score), score)
+    )
+    whole = channels.response.reshape(48, -1) @ score
+    assert_allclose(plain - corrected, part * whole, atol=0.05 * np.abs(whole).max())
+
+
+def test_the_score_that_noise_makes_is_its_mean():
+    """The mean over many samples of one field, with scale factors that differ by some per cent."""
+    generator, count = np.random.default_rng(4), 400_000
+    noise, field = np.full(2, 0.05), np.array([0.6, -0.5, 0.9])
+    matrix = np.stack([np.diag([1.0, 1.05, 0.97]), np.diag([0.98, 1.02, 1.0])])
+    channels = ChannelMaps.at(matrix, np.zeros((2, 3)), UNIFORM, noise, None)
+    rows = (matrix @ field).reshape(6, 1) + 0.05 * generator.normal(size=(6, count))
+    there = common_mode(channels, rows, np.linalg.norm(field) + 0.01 * generator.normal(size=count), 0.01)
+    columns = whitened(there, rows[:0])
+    score = expected_score(there, rows[:0])
+    by_chance = np.sqrt(np.sum((columns[:-1] * columns[-1]) ** 2, axis=1))
+    assert np.abs(score).max() > 10 * by_chance.max()
+    assert_allclose(columns[:-1] @ columns[-1], score, atol=4 * by_chance.max())

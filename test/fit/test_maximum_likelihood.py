@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fit.live_mission import dive, recording_of
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.closed_form import closed_form
@@ -213,3 +214,47 @@ def test_closed_form_is_all_but_the_estimate(wu_scenario, noise_factor):
     difference = (start.to_vector() - calibration.errors.to_vector()).ravel()
     told = calibration.standard_errors.ravel()
     assert np.abs(difference[told > 0] / told[told > 0]).max() < 1e-3
+
+
+NARROW_NOISE_T, NARROW_COUNT = 30e-9, 10_000
+
+
+def narrow_swing(noise_T, seed):
+    """Return errors and the rows of a dive at ±10°; 30 nT of noise in the slopes would pull the biases by 26 sigma."""
+    generator = np.random.default_rng(seed)
+    errors = SensorErrors(
+        1 + 0.02 * generator.uniform(-1, 1, (4, 3)),
+        0.02 * generator.uniform(-1, 1, (4, 3)),
+        900e-9 * generator.uniform(-1, 1, (4, 3)),
+        0.03 * generator.uniform(-1, 1, (4, 3)) * [[0], [1], [1], [1]],
+    )
+    array = Array.cross(0.5, vector_noise_T=noise_T, scalar_noise_T=noise_T / 10).with_stated_noise()
+    return errors, dive(errors, array, generator, np.arange(NARROW_COUNT) / 10)
+
+
+@pytest.mark.parametrize("kind", ["plain", "robust", "slow", "without scalar"])
+def test_noise_does_not_pull_what_a_narrow_swing_hardly_determines(kind):
+    """Noise in the slope of the common mode, and in its residual, is no signal: biases stay within standard errors."""
+    pulls = []
+    for seed in range(3):
+        errors, rows = narrow_swing(NARROW_NOISE_T, seed)
+        recording = recording_of(rows)
+        if kind == "slow":
+            recording.scalar_T[np.arange(NARROW_COUNT) % 5 != 0] = np.nan
+        if kind == "without scalar":
+            recording = replace(recording, scalar_T=None)
+        array = Array.cross(0.5, vector_noise_T=NARROW_NOISE_T, scalar_noise_T=NARROW_NOISE_T / 10)
+        calibration = maximum_likelihood(recording, array, robust=kind == "robust")
+        pull = (calibration.errors.bias_T - errors.bias_T) / calibration.standard_errors[:, 6:9]
+        pulls.append(pull[:, 2].mean())
+    assert abs(np.mean(pulls)) < 3 / np.sqrt(len(pulls))
+
+
+@pytest.mark.parametrize("overstated", [1, 10])
+def test_a_noise_that_is_not_there_pulls_nothing(overstated):
+    """What noise would do is taken off as far as the residuals have noise, however much of it is stated."""
+    errors, rows = narrow_swing(1e-9, 0)
+    array = Array.cross(0.5, vector_noise_T=overstated * 1e-9, scalar_noise_T=overstated * 1e-10)
+    calibration = maximum_likelihood(recording_of(rows), array)
+    honest = calibration.standard_errors[:, 6:9] / overstated
+    assert np.all(np.abs(calibration.errors.bias_T - errors.bias_T) < 4 * honest)

@@ -8,6 +8,7 @@ from fit.live_mission import UNCHANGING, ashore, dive, moved, recording_of
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.likelihood import UniformLikelihood
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.posterior import posterior_of
 from tam_calibration.fit.recursion import LARGEST_WALK, Belief, Recursion, Walk
 from tam_calibration.fit.sample_moments import MomentLikelihood, SampleMoments
@@ -102,3 +103,17 @@ def test_a_stretch_ends_when_the_walk_is_no_longer_small(true_errors, cross):
     assert still.moments.count == 2000
     assert 0 < walking.moments.count < 1000
     assert SampleMoments.none(4).count == 0
+
+
+def test_noise_does_not_pull_what_a_narrow_swing_hardly_determines(true_errors, cross):
+    """Moments of readings with 30 nT of noise, settled upon, give the errors of maximum likelihood on the samples."""
+    noisy = replace(cross, vector_noise_T=np.full(4, 30e-9), scalar_noise_T=3e-9)
+    rows = dive(true_errors, noisy, np.random.default_rng(4), np.arange(10_000) / 20)
+    batch = maximum_likelihood(recording_of(rows), noisy)
+    likelihood = MomentLikelihood(batch.errors, noisy, batch.intensity_T)
+    recording = recording_of(rows)
+    moments = likelihood.moments(recording.readings_T, recording.scalar_T)
+    gradient = likelihood.linearize(moments, batch.errors).gradient
+    # The covariance times the score is the step to where the moments have their most probable errors.
+    step = np.abs(batch.covariance @ gradient)
+    assert np.all(step < 0.02 * batch.standard_errors.ravel() + 1e-18)
