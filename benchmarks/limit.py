@@ -70,6 +70,7 @@ class Case:
     outlier_nT: float = 0.0
     noise_factors: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
     has_scalar: bool = True
+    sample_count: int = 360
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -81,7 +82,8 @@ class Case:
         scenario = read_scenario("wu_table_1")
         noise_T = scenario.array.vector_noise_T * np.array(self.noise_factors)
         array = replace(scenario.array, vector_noise_T=noise_T)
-        return replace(scenario, array=array, motion=self.motion or scenario.motion, seed=seed)
+        motion = self.motion or scenario.motion
+        return replace(scenario, array=array, motion=motion, sample_count=self.sample_count, seed=seed)
 
 
 CASES = {
@@ -92,6 +94,13 @@ CASES = {
     "without scalar": Case({}, unasked=("maximum_likelihood", "robust", "lossless"), has_scalar=False),
     "±30° pitch and roll": Case(
         {"maximum_likelihood": 1.05}, motion=Manoeuvre(from_degrees(30.0), from_degrees(30.0), 60.0)
+    ),
+    "±10° pitch and roll, 30 nT, 10 000 samples": Case(
+        {"maximum_likelihood": 1.05, "robust": 1.05},
+        unasked=("lossless",),
+        motion=Manoeuvre(from_degrees(10.0), from_degrees(10.0), 60.0),
+        noise_factors=(30.0, 30.0, 30.0, 30.0),
+        sample_count=10_000,
     ),
     "noise of sensor 2 × 5": Case({"maximum_likelihood": 1.05}, noise_factors=(1.0, 5.0, 1.0, 1.0)),
 } | {f"5 % outliers of {size:g} nT": Case({"robust": 1.20}, outlier_nT=size) for size in OUTLIERS_NT}
