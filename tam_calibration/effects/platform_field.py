@@ -162,13 +162,12 @@ def _gradient(covariates: Covariates, mode_name: str, degree: int, change_T: Flo
     """Return what harmonic potentials of a degree, of the eddy currents of each axis (3), add to the sensors."""
     name, unit = f"{mode_name}, {_DEGREES[degree][0]}", _DEGREES[degree][1]
     at_sensors = fields(degree, covariates.array.positions_m.T)
-    read = np.einsum("kij,pjk->kip", covariates.errors.matrix, at_sensors).reshape(-1, len(at_sensors))
-    weights = np.repeat(read, 3, axis=1)
-    features = (weights.reshape(-1)[:, None] * np.tile(change_T.T, (read.size, 1))).T
+    read = np.zeros((len(at_sensors), covariates.scalar_row + 1))
+    read[:, :-1] = np.einsum("kij,pjk->pki", covariates.errors.matrix, at_sensors).reshape(len(at_sensors), -1)
+    features = np.tile(change_T, len(at_sensors))
     names = ["".join(np.repeat(list("xyz"), orders)) for orders in derivatives(degree)]
     parts = tuple(Coefficient(f"{name} {pair}, {axis} of the field", unit) for pair in names for axis in "xyz")
-    rows, columns = np.divmod(np.arange(weights.size), weights.shape[1])
-    return Term(ALL, None, name, parts, features, rows, columns)
+    return Term(ALL, None, name, parts, features, np.repeat(read, 3, axis=0), np.arange(len(parts)))
 
 
 def _of_channel(covariates: Covariates, name: str, values: FloatArray) -> Iterator[Term]:

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import combinations
+from typing import Any
 from weakref import ref
 
 import numpy as np
@@ -196,7 +197,8 @@ class Coefficient:
 class Term:
     """Coefficients that are selected together, and the regressor of each in the rows.
 
-    Atom j adds ``features[:, j]`` to row ``rows[j]`` per unit of coefficient ``columns[j]``.
+    Atom j adds ``features[:, j]`` to row ``rows[j]`` per unit of coefficient ``columns[j]``; where several rows read
+    the same course, it adds ``rows[j, r]`` times that to each row r.
 
     Parameters
     ----------
@@ -210,8 +212,10 @@ class Term:
         P of them.
     features : (N, J) array
         In tesla per unit of the coefficient.
-    rows, columns : (J,) array of int
-        Row and coefficient of each atom.
+    rows : (J,) array of int, or (J, 3K + 1) array
+        Row of each atom, or what each row reads of it.
+    columns : (J,) array of int
+        Coefficient of each atom.
     """
 
     sensor: int
@@ -219,7 +223,7 @@ class Term:
     name: str
     coefficients: tuple[Coefficient, ...]
     features: FloatArray
-    rows: NDArray[np.intp]
+    rows: NDArray[np.intp] | FloatArray
     columns: NDArray[np.intp]
 
     @classmethod
@@ -259,10 +263,27 @@ class Term:
         row_count : int
             Number of rows, 3K + 1.
         """
+        if self.rows.ndim == 2:
+            spread: FloatArray = (self.features * values[self.columns]) @ self.rows
+            return spread
         added = np.zeros((len(self.features), row_count))
         for atom, (row, column) in enumerate(zip(self.rows, self.columns, strict=True)):
             added[:, row] += values[column] * self.features[:, atom]
         return added
+
+
+def at_rows(values: NDArray[Any], rows: NDArray[Any]) -> NDArray[Any]:
+    """Return values by row (3K + 1, ...) as those of atoms (J, ...).
+
+    Parameters
+    ----------
+    values : (3K + 1, ...) array
+        Linear in a shift of each row.
+    rows : (J,) array of int, or (J, 3K + 1) array
+        As those of a ``Term``.
+    """
+    of_atoms: NDArray[Any] = values[rows] if rows.ndim == 1 else np.tensordot(rows, values, 1)
+    return of_atoms
 
 
 def chosen(terms: Iterable[Term], keys: Sequence[Key]) -> list[Term]:

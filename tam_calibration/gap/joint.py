@@ -8,7 +8,7 @@ import numpy as np
 
 from tam_calibration.correction.calibration import Calibration, EffectSize
 from tam_calibration.effects.removal import on_sensors
-from tam_calibration.effects.term import Coefficient, Term
+from tam_calibration.effects.term import Coefficient, Term, at_rows
 from tam_calibration.fit.scale import free_scale
 from tam_calibration.gap.coloured import covariance_of
 from tam_calibration.gap.model import Model, Part
@@ -182,9 +182,9 @@ def _deviation(terms: Sequence[Term], unmix: FloatArray, covariance: FloatArray,
     """Return the root mean square (9,) of the standard deviation of what terms add to the outputs."""
     by_column = np.zeros((len(terms[0].features[some]), 9, len(covariance)))
     for term, columns in zip(terms, columns_of(terms), strict=True):
-        for atom in np.flatnonzero(term.rows < unmix.shape[1]):
-            own = columns[term.columns[atom]]
-            by_column[:, :, own] += term.features[some, atom, None] * unmix[:, term.rows[atom]]
+        on_outputs = at_rows(np.vstack([unmix.T, np.zeros(len(unmix))]), term.rows)
+        for atom in np.flatnonzero(on_outputs.any(axis=1)):
+            by_column[:, :, columns[term.columns[atom]]] += term.features[some, atom, None] * on_outputs[atom]
     variance = np.einsum("nop,pq,noq->o", by_column, covariance, by_column, optimize=True) / len(by_column)
     deviation: FloatArray = np.sqrt(variance)
     return deviation

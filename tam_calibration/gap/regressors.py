@@ -22,15 +22,17 @@ class Regressors:
     ----------
     features : (N, F) array
         Tesla per unit of a coefficient; best with the samples of a feature side by side in memory.
-    index, rows, columns : (J,) array of int
-        Feature, row and column of each atom; atoms of several rows may share a feature.
+    index, columns : (J,) array of int
+        Feature and column of each atom; atoms of several rows may share a feature.
+    rows : (J,) array of int, or (J, 3K + 1) array
+        Row of each atom, or what each row reads of it.
     width : int
         Number of columns P.
     """
 
     features: FloatArray
     index: NDArray[np.intp]
-    rows: NDArray[np.intp]
+    rows: NDArray[np.intp] | FloatArray
     columns: NDArray[np.intp]
     width: int
 
@@ -47,7 +49,7 @@ class Regressors:
         return cls(
             np.concatenate([features.T for _, features in known.values()]).T,
             np.concatenate([known[id(term.features)][0] + np.arange(len(term.rows)) for term in terms]),
-            np.concatenate([term.rows for term in terms]),
+            _side_by_side([term.rows for term in terms]),
             np.concatenate([term.columns + start for term, start in zip(terms, starts[:-1], strict=True)]),
             int(starts[-1]),
         )
@@ -95,8 +97,17 @@ class Regressors:
         if not self.is_shared:
             return values
         by_row: FloatArray = turn.T @ values.reshape(self.features.shape[1], 4, -1)
-        by_atom = by_row[self.index, self.rows]
+        by_atom = self.of_atoms(by_row)
         return by_atom if self.scatter is None else self.scatter.T @ by_atom
+
+    def of_atoms(self, values: FloatArray) -> FloatArray:
+        """Return values by feature and row (F, 3K + 1, ...) as those of the atoms (J, ...)."""
+        of_atoms: FloatArray = (
+            values[self.index, self.rows]
+            if self.rows.ndim == 1
+            else np.einsum("jr,jr...->j...", self.rows, values[self.index])
+        )
+        return of_atoms
 
     @cached_property
     def scatter(self) -> FloatArray | None:
@@ -106,6 +117,15 @@ class Regressors:
         scatter = np.zeros((len(self.columns), self.width))
         scatter[np.arange(len(self.columns)), self.columns] = 1
         return scatter
+
+
+def _side_by_side(rows: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Return the rows of atoms of several terms, each as what the rows read of it where one of the terms has that."""
+    counts = {one.shape[1] for one in rows if one.ndim == 2}
+    if not counts:
+        return np.concatenate(rows)
+    alone = np.eye(*counts)
+    return np.concatenate([one if one.ndim == 2 else alone[one] for one in rows])
 
 
 def calibration_regressors(covariates: Covariates, stride: int = 1) -> Regressors:

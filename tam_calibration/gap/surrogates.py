@@ -9,7 +9,7 @@ import numpy as np
 from tam_calibration.effects.effect import SurrogateKind
 from tam_calibration.effects.grades import MOST, NEGLIGIBLE, SLIGHT
 from tam_calibration.effects.periodic_interference import SAME_LINE
-from tam_calibration.effects.term import Term, chosen
+from tam_calibration.effects.term import Term, at_rows, chosen
 from tam_calibration.gap.hypothesis import Hypothesis
 from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.regressors import Regressors
@@ -145,8 +145,8 @@ class _Shifted:
         """Return the score (P, S) of a design's columns with the shifted residuals."""
         features, _ = self._channels.samples_of(design, slice(None))
         spectrum = np.fft.rfft(features, axis=1)[design.index]
-        slope = np.fft.rfft(features[design.index] * self._channels.slope[design.rows], axis=1)
-        between = self._between[design.rows]
+        slope = np.fft.rfft(features[design.index] * at_rows(self._channels.slope, design.rows), axis=1)
+        between = at_rows(self._between, design.rows)
         forwards = spectrum * np.conj(between) + slope * np.conj(self._common)
         reversed_ = spectrum * between + slope * self._common
         return np.concatenate([self._at_shifts(design, product) for product in (forwards, reversed_)], axis=1)

@@ -18,7 +18,7 @@ from tam_calibration.core.elimination import Elimination
 from tam_calibration.core.normal_equations import Normal
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import LinearEffect
-from tam_calibration.effects.term import Term, WhitenedResiduals, thinned
+from tam_calibration.effects.term import Term, WhitenedResiduals, at_rows, thinned
 from tam_calibration.gap.regressors import Regressors, calibration_regressors
 from tam_calibration.gap.world import World, world_design
 from tam_calibration.model.array import KnownNoiseArray
@@ -344,7 +344,8 @@ class WhitenedChannels:
             between += first[0] @ second[0].T
             if self._has_reference:
                 common += first[1] @ second[1].T
-        total = between[np.ix_(left.index, right.index)] * self.coupling[np.ix_(left.rows, right.rows)]
+        coupling: FloatArray = at_rows(at_rows(self.coupling, right.rows).T, left.rows)
+        total: FloatArray = between[np.ix_(left.index, right.index)] * coupling
         if left.scatter is not None:
             total = left.scatter.T @ total
         if right.scatter is not None:
@@ -391,7 +392,7 @@ class WhitenedChannels:
         if design.is_shared:
             return features, (features[:, None] * direction).reshape(-1, features.shape[1])
         by_atom = features[design.index]
-        by_atom *= slope[design.rows]
+        by_atom *= at_rows(slope, design.rows)
         return features, by_atom if design.scatter is None else design.scatter.T @ by_atom
 
     @cached_property
@@ -472,7 +473,7 @@ class WhitenedChannels:
         total = np.zeros((design.features.shape[1], self.turn.shape[1]))
         for piece in self._pieces(part):
             total += design.features[piece].T @ self._taken_score[piece]
-        of_atoms = total[design.index, design.rows]
+        of_atoms = design.of_atoms(total)
         return of_atoms if design.scatter is None else of_atoms @ design.scatter
 
     @property

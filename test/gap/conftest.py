@@ -94,8 +94,9 @@ class Dense:
     def design(self, features, index, rows, columns, width):
         """Return the whitened columns (N, C, P) of atoms."""
         matrix = np.zeros((*self.residual.shape, width))
-        for atom, row, column in zip(index, rows, columns, strict=True):
-            matrix[:, :, column] += features[:, atom, None] * self.slope[:, :, row]
+        parts = rows if rows.ndim == 2 else np.eye(self.slope.shape[2])[rows]
+        for atom, part, column in zip(index, parts, columns, strict=True):
+            matrix[:, :, column] += features[:, atom, None] * (self.slope @ part)
         return matrix
 
     def of(self, design):

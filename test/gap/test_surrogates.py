@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.hypothesis import best_form, restricted
 from tam_calibration.gap.regression import Base
-from tam_calibration.gap.surrogates import SurrogateTest, _moved, surrogate_test_of
+from tam_calibration.gap.surrogates import SurrogateTest, _moved, _Shifted, surrogate_test_of
 
 
 def test_rank_and_ratio_are_among_all():
@@ -50,6 +50,19 @@ def test_moved_residuals_are_those_of_shifted_channels(run):
     turned = base.of_residual(np.roll(differential[::-1], shift + 1, axis=0), np.roll(common[::-1], shift + 1))
     by_hand = [one.project(base.channels.design(form.terms)).gain()[0] for one in (rolled, turned)]
     assert_allclose([own[0], own[len(own) // 2]], by_hand, rtol=1e-6)
+
+
+def test_moved_residuals_of_atoms_that_act_on_several_rows(run):
+    """Their scores at a shift are those of the channels rolled by hand."""
+    base = run(400).model().base()
+    form = best_form(base, effect_named("platform_field"))
+    design = base.channels.design(base.channels.terms(form.effect, form.shape))
+    assert design.rows.ndim == 2
+    differential, common = base.channels.taken_residual
+    rolled = base.of_residual(np.roll(differential, 20, axis=0), np.roll(common, 20))
+    own = _Shifted(base, differential, common).scores(design)[:, 0]
+    by_hand = rolled.channels.score(design)
+    assert_allclose(own, by_hand, rtol=1e-6, atol=1e-9 * np.abs(by_hand).max())
 
 
 def test_another_residual_is_that_of_its_channels(run):

@@ -63,12 +63,12 @@ def test_noise_along_a_direction_of_each_sample_is_whitened(run, sensors, has_sc
     assert channels.whitened([]).energy == channels.energy
 
 
-def random_design(generator, samples, row_count, feature_count, atoms, width):
-    """Return a design of random features, rows and columns, atoms that share a column included."""
+def random_design(generator, samples, row_count, feature_count, atoms, width, has_parts):
+    """Return a design of random features, rows or parts that rows have, and columns, atoms that share one included."""
     return Regressors(
         1e-9 * generator.normal(size=(samples, feature_count)),
         generator.integers(feature_count, size=atoms),
-        generator.integers(row_count, size=atoms),
+        generator.normal(size=(atoms, row_count)) if has_parts else generator.integers(row_count, size=atoms),
         np.concatenate([np.arange(width), generator.integers(width, size=atoms - width)]),
         width,
     )
@@ -82,12 +82,13 @@ def random_design(generator, samples, row_count, feature_count, atoms, width):
     has_holes=st.booleans(),
     features=st.tuples(st.integers(1, 3), st.integers(1, 8)),
     atoms=st.tuples(st.integers(6, 20), st.integers(6, 10)),
+    has_parts=st.tuples(st.booleans(), st.booleans()),
     part=st.one_of(st.none(), st.tuples(st.integers(0, 20), st.integers(20, 40), st.integers(1, 5))),
     stride=st.integers(1, 4),
     piece=st.sampled_from([3, 8192]),
 )
 def test_normal_equations_are_those_of_a_dense_construction(
-    run, dense, seed, sensors, has_scalar, has_holes, features, atoms, part, stride, piece
+    run, dense, seed, sensors, has_scalar, has_holes, features, atoms, has_parts, part, stride, piece
 ):
     """For designs with shared and unshared features, any stride, slice and piece, samples given up, no scalar there."""
     made, generator = run(40, sensors, has_scalar), np.random.default_rng(seed)
@@ -98,8 +99,8 @@ def test_normal_equations_are_those_of_a_dense_construction(
         made = replace(made, recording=replace(made.recording, scalar_T=scalar))
     channels = made.channels(is_counted=counted, stride=stride)
     left, right = (
-        random_design(generator, 40, made.row_count, feature_count, atom_count, 5)
-        for feature_count, atom_count in zip(features, atoms, strict=True)
+        random_design(generator, 40, made.row_count, feature_count, atom_count, 5, of_parts)
+        for feature_count, atom_count, of_parts in zip(features, atoms, has_parts, strict=True)
     )
     chosen = slice(*part) if part else None
     samples = np.arange(40)[::stride][chosen or slice(None)]
