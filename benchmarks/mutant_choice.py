@@ -13,7 +13,7 @@ from cosmic_ray.plugins import get_operator, operator_names
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "tam_calibration"
-ROOMS = ("core", "fit", "gap", "localization")
+ROOMS = ("core", "fit", "gap", "live", "localization")
 SAMPLE = 12  # mutants of a module: all together are some ten thousand
 
 OPERATORS = re.compile(

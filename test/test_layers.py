@@ -16,7 +16,7 @@ LAYERS = (
     ("report",),
     ("files",),
     ("comparison",),
-    ("gap", "localization"),
+    ("gap", "localization", "live"),
     ("fit", "simulation"),
     ("integrity",),
     ("correction", "sources"),

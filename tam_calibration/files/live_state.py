@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from tam_calibration.files.text_files import write_whole
-from tam_calibration.fit.live import Change, LiveState
-from tam_calibration.fit.recursion import Belief, Recursion
-from tam_calibration.fit.sample_moments import SampleMoments
+from tam_calibration.live.live import Change, LiveState
+from tam_calibration.live.recursion import Belief, Recursion
+from tam_calibration.live.sample_moments import SampleMoments
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
 

@@ -12,8 +12,8 @@ from tam_calibration.correction.unaffected import Unaffected
 from tam_calibration.files import calibration_from_yaml, calibration_to_yaml
 from tam_calibration.files.live_state import read_live_state, write_live_state
 from tam_calibration.files.overwriting import name_aside
-from tam_calibration.fit.live import ON_CHANGE, Live, LiveState
 from tam_calibration.fit.prior import has_date, prior_of
+from tam_calibration.live.live import ON_CHANGE, Live, LiveState
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError

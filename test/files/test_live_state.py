@@ -8,7 +8,7 @@ from fit.live_mission import ashore, dive
 from numpy.testing import assert_array_equal
 
 from tam_calibration.files.live_state import read_live_state, write_live_state
-from tam_calibration.fit.live import Change, Live
+from tam_calibration.live.live import Change, Live
 from tam_calibration.model.exceptions import InputError
 
 

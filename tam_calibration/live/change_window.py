@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tam_calibration.fit.change import Evidence, Weighing, hypotheses
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
-from tam_calibration.fit.recursion import Belief, Walk
-from tam_calibration.fit.sample_moments import SampleMoments
+from tam_calibration.live.change import Evidence, Weighing, hypotheses
+from tam_calibration.live.recursion import Belief, Walk
+from tam_calibration.live.sample_moments import SampleMoments
 from tam_calibration.model.change_rates import DAY_S
 from tam_calibration.model.units import FloatArray
 

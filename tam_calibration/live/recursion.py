@@ -14,7 +14,7 @@ from numpy.linalg import inv
 
 from tam_calibration.core.least_squares import iterate, scaled
 from tam_calibration.fit.prior import Prior
-from tam_calibration.fit.sample_moments import MomentLikelihood, SampleMoments
+from tam_calibration.live.sample_moments import MomentLikelihood, SampleMoments
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray

@@ -7,8 +7,8 @@ import pytest
 from fit.live_mission import UNCHANGING, ashore, dive, moved
 from scipy.special import chdtrc
 
-from tam_calibration.fit.change import CLEAR_RATIO, hypotheses
-from tam_calibration.fit.change_window import (
+from tam_calibration.live.change import CLEAR_RATIO, hypotheses
+from tam_calibration.live.change_window import (
     BLOCK_S,
     DECIDE_S,
     FALSE_ALARMS_A_DAY,
@@ -16,8 +16,8 @@ from tam_calibration.fit.change_window import (
     WINDOW,
     chance_of_test,
 )
-from tam_calibration.fit.live import MOST_CHANGES, PUBLISHED_FROM, WIDENED, Live
-from tam_calibration.fit.recursion import LARGEST_WALK
+from tam_calibration.live.live import MOST_CHANGES, PUBLISHED_FROM, WIDENED, Live
+from tam_calibration.live.recursion import LARGEST_WALK
 from tam_calibration.model.exceptions import InputError
 
 CHANGE_S = 31.0

@@ -12,11 +12,11 @@ import numpy as np
 
 from tam_calibration.core.normal_equations import ridged
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.change_window import BLOCK_S, ChangeWindow, Step, Suspicion
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
-from tam_calibration.fit.recursion import Belief, Recursion, Walk, solve
-from tam_calibration.fit.sample_moments import MomentLikelihood, SampleMoments
+from tam_calibration.live.change_window import BLOCK_S, ChangeWindow, Step, Suspicion
+from tam_calibration.live.recursion import Belief, Recursion, Walk, solve
+from tam_calibration.live.sample_moments import MomentLikelihood, SampleMoments
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray
 
