@@ -7,30 +7,22 @@ the scalar are those of that run and of another one of the same vehicle, over th
 
 FOLDER is ``test/test_data`` of github.com/MIT-AI-Accelerator/MagNav.jl: of the line in ``test_data_TL.mat`` it tells
 what the 18 terms of the effect and a trend leave of the scalar, and whether fits of the fluxgate take such lines.
-
-``--cases 40 --seed N`` makes so many cases of the check on withheld effects with the vehicle's field, of 0.3, 1, 3 and
-30 noise floors in turn, and counts those in which the diagnosis names it first.
 """
 
 from collections.abc import Iterator
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
 import numpy as np
 from numpy.linalg import norm
-from rich.progress import track
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.platform_field import PlatformField
-from tam_calibration.files import read_array, read_recording
-from tam_calibration.files.results_json import gap_to_mapping
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
-from tam_calibration.gap import diagnose
 from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
@@ -39,10 +31,6 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
 from tam_calibration.simulation.attitude import Manoeuvre, Motion, Tumble
-from tam_calibration.validation.blind.case import make_case
-from tam_calibration.validation.blind.case_plan import GAPS, CasePlan
-from tam_calibration.validation.blind.folder import write_case
-from tam_calibration.validation.blind.outcome import Outcome
 from tam_calibration.validation.blind.vehicle import Body, driven
 
 RESULTS = Path(__file__).parent / "results" / "platform_field.csv"
@@ -173,31 +161,12 @@ def _is_calibrated(recording: Recording, array: Array, effects: tuple[str, ...] 
     return 1.0
 
 
-def of_cases(count: int, seed: int) -> Iterator[tuple[str, str, float]]:
-    """Yield the parts of blind cases in which the vehicle's field is named first, and found at its place."""
-    outcomes = []
-    for number in track(range(1, count + 1), "blind cases"):
-        gap = (*GAPS, 30.0)[number % 4]
-        case = make_case(CasePlan("single" if gap in GAPS else "large", ("platform_field",), (gap,)), seed, number)
-        with TemporaryDirectory() as folder:
-            write_case(Path(folder), case)
-            recording = read_recording(Path(folder, "data.csv"))
-            answer = gap_to_mapping(diagnose(recording, read_array(Path(folder, "spec.yaml"))))
-        outcomes.append(Outcome(str(number), case.key, answer))
-        click.echo(outcomes[-1].line)
-    yield f"{count} blind cases, seed {seed}", "named first", float(np.mean([one.first_is_right for one in outcomes]))
-    left = float(np.median([one.amplitude_left for one in outcomes]))
-    yield f"{count} blind cases, seed {seed}", "amplitude left, median", left
-
-
 @click.command(help=__doc__)
 @click.argument("folder", type=click.Path(path_type=Path), required=False)
 @click.option("--vehicles", default=5, show_default=True)
-@click.option("--cases", default=0, show_default=True, help="Blind cases.")
-@click.option("--seed", default=0, show_default=True, help="Of the blind cases.")
-def main(folder: Path | None, vehicles: int, cases: int, seed: int) -> None:
+def main(folder: Path | None, vehicles: int) -> None:
     """Measure, print and write the results."""
-    rows = [*of_hull(vehicles), *(of_cases(cases, seed) if cases else ())]
+    rows = list(of_hull(vehicles))
     if folder is None or not (folder / "test_data_TL.mat").is_file():
         click.echo("the flight data are left out: give the folder test/test_data of MIT-AI-Accelerator/MagNav.jl")
     else:
@@ -206,7 +175,6 @@ def main(folder: Path | None, vehicles: int, cases: int, seed: int) -> None:
         click.echo(f"{case}: {figure}: {value:.3g}")
     with write_whole(RESULTS) as beside:
         command = f"python benchmarks/platform_field.py {'test/test_data ' if folder else ''}--vehicles {vehicles}"
-        command += f" --cases {cases} --seed {seed}" if cases else ""
         lines = [f'"{case}","{figure}",{value:.6g}\n' for case, figure, value in rows]
         beside.write_text("".join([f"# {command}\n", "case,figure,value\n", *lines]), encoding="utf-8")
 

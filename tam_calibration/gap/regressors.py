@@ -62,7 +62,7 @@ class Regressors:
         return cls(
             np.concatenate([design.features.T for design in designs]).T,
             np.concatenate([design.index + start for design, start in zip(designs, features[:-1], strict=True)]),
-            np.concatenate([design.rows for design in designs]),
+            _side_by_side([design.rows for design in designs]),
             np.concatenate([design.columns + start for design, start in zip(designs, columns[:-1], strict=True)]),
             int(columns[-1]),
         )
@@ -120,7 +120,7 @@ class Regressors:
 
 
 def _side_by_side(rows: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Return the rows of atoms of several terms, each as what the rows read of it where one of the terms has that."""
+    """Return the rows of atoms of several terms or designs, each as what the rows read of it where one has that."""
     counts = {one.shape[1] for one in rows if one.ndim == 2}
     if not counts:
         return np.concatenate(rows)

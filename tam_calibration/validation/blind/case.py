@@ -11,7 +11,7 @@ from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
 from tam_calibration.validation.blind.case_plan import CasePlan
 from tam_calibration.validation.blind.catalogue import CATALOGUE, CAUSES, CHANNELS
-from tam_calibration.validation.blind.continuous_motion import MOTIONS
+from tam_calibration.validation.blind.continuous_motion import MOTIONS, VOYAGES
 from tam_calibration.validation.blind.disturbance import ALL, Signal
 from tam_calibration.validation.blind.scene import Scene, Wish, draw_scene
 from tam_calibration.validation.blind.visible import NominalModel, Scaled, scale_to
@@ -178,7 +178,8 @@ def _draw_wish(rng: Generator, plan: CasePlan) -> Wish:
     other_array = rng.random() < 0.15
     sensor_count = int(rng.choice(counts)) if other_array and counts else 4
     without = rng.random() < 0.12 and sensor_count >= 3
-    motions = [motion for motion in MOTIONS if all(motion in entry.motions for entry in entries)]
+    allowed = [entry.motions for entry in entries] or [MOTIONS]
+    motions = [motion for motion in (*MOTIONS, *VOYAGES) if all(motion in each for each in allowed)]
     few = plan.kind == "short"
     recorded = {channel for channel in CHANNELS if rng.random() < 0.5} | {entry.channel for entry in entries} - {""}
     drawn = int(rng.integers(60, 201)) if few else int(360 * (4000 / 360) ** rng.random())
@@ -216,6 +217,8 @@ def can_be_seen(model: NominalModel, scaled: Scaled) -> bool:
 def is_natural(scaled: Scaled, scene: Scene) -> bool:
     """Whether a cause changes no reading by more, nor faster, than it does in nature."""
     entry = CAUSES[scaled.disturbance.effect]
+    if scaled.amplitude > scaled.disturbance.largest_amplitude:
+        return False
     largest_T = max(float(np.abs(part).max()) for part in scaled.signal)
     if to_nanotesla(largest_T) > entry.most_nT:
         return False

@@ -46,6 +46,8 @@ class Disturbance:
         values in nT, nT/A, nT/°C or s.
     columns : dict
         What is recorded beside the fields because of it: from names of columns to values (N,).
+    largest_amplitude : float
+        That what was drawn has in nature.
     """
 
     effect: str
@@ -57,6 +59,7 @@ class Disturbance:
     after_noise: bool = False
     coefficients: dict[str, float] = field(default_factory=dict)
     columns: dict[str, FloatArray] = field(default_factory=dict)
+    largest_amplitude: float = float("inf")
 
 
 Draw = Callable[[Generator, Scene], Disturbance]

@@ -1,5 +1,6 @@
 """The vehicle that carries an array: ellipsoids of iron and shells of metal along its hull, a rudder and a cable."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,13 +13,13 @@ from tam_calibration.validation.blind.disturbance import ALL, Disturbance, Signa
 from tam_calibration.validation.blind.processes import draw_wander
 from tam_calibration.validation.blind.scene import Scene
 
-_PERMEABILITY = 4e-7 * np.pi
+PERMEABILITY = 4e-7 * np.pi
 """μ0 in SI."""
 
 _FINE = 6
 """Steps of the conductors' integration within one of the recording."""
 
-_IRON_OVER_CURRENTS = (3.0, 8.0)
+IRON_OVER_CURRENTS = (3.0, 8.0)
 """What the iron makes over what the currents make, at the scalar: not so much that its square counts."""
 
 
@@ -60,7 +61,7 @@ class Body:
         root = np.sqrt(ratio**2 - 1)
         lengthwise = (ratio / root * np.log(ratio + root) - 1) / root**2
         factors = np.array([lengthwise, (1 - lengthwise) / 2])
-        along, across = filled * self.volume_m3 / _PERMEABILITY * susceptibility / (1 + susceptibility * factors)
+        along, across = filled * self.volume_m3 / PERMEABILITY * susceptibility / (1 + susceptibility * factors)
         return self.tensor(along, across)
 
     def dipole(self, at_m: FloatArray) -> FloatArray:
@@ -82,21 +83,26 @@ def platform_field(rng: Generator, scene: Scene) -> Disturbance:
     places = np.vstack([scene.positions_m, scalar_m])
     hull = _draw_hull(rng, toward, distance)
     shells = _shells(rng, scene, hull, places)
-    iron = _iron(rng, scene, hull, places)
-    iron *= rng.uniform(*_IRON_OVER_CURRENTS) * _size(shells) / _size(iron)
-    moved, columns = _moved(rng, scene, hull, places, _size(shells))
-    extra = (iron + shells + moved) * (1e-9 / _size(shells + moved))
+    iron = iron_of(rng, scene, hull, places)
+    iron *= rng.uniform(*IRON_OVER_CURRENTS) * size_of(shells) / size_of(iron)
+    moved, columns = _moved(rng, scene, hull, places, size_of(shells))
+    extra = (iron + shells + moved) * (1e-9 / size_of(shells + moved))
+    parameters = {"distance_m": distance, "bodies": len(hull), "scalar_m": float(norm(scalar_m))}
+    return Disturbance("platform_field", (ALL,), (), carried(scene, extra), "nT", parameters, columns=columns)
+
+
+def carried(scene: Scene, extra_T: FloatArray) -> Callable[[float, Signal], Signal]:
+    """Return the change of the readings by a field (N, K + 1, 3) at the sensors and the scalar, which is a length."""
 
     def change(amplitude: float, _seen: Signal) -> Signal:
-        field = amplitude * extra
+        field = amplitude * extra_T
         intensity = norm(scene.field_T + field[:, -1], axis=1)
         return scene.through(field[:, :-1]), intensity - scene.intensity_T
 
-    parameters = {"distance_m": distance, "bodies": len(hull), "scalar_m": float(norm(scalar_m))}
-    return Disturbance("platform_field", (ALL,), (), change, "nT", parameters, columns=columns)
+    return change
 
 
-def _size(field: FloatArray) -> float:
+def size_of(field: FloatArray) -> float:
     """Return the root of the mean square of what changes of fields (N, P, 3)."""
     return float(np.sqrt(np.mean((field - field.mean(axis=0)) ** 2)))
 
@@ -113,7 +119,7 @@ def _draw_hull(rng: Generator, toward: FloatArray, distance: float) -> list[Body
     ]
 
 
-def _iron(rng: Generator, scene: Scene, hull: list[Body], places: FloatArray) -> FloatArray:
+def iron_of(rng: Generator, scene: Scene, hull: list[Body], places: FloatArray) -> FloatArray:
     """Return the field (N, P, 3) of iron that keeps a moment and is magnetised by the Earth's field."""
     total = np.zeros((scene.sample_count, len(places), 3))
     for body in hull:
@@ -136,7 +142,7 @@ def _shells(rng: Generator, scene: Scene, hull: list[Body], places: FloatArray) 
         own_s = lag_s * rng.uniform(0.8, 1.25)
         fine_s = np.arange(-8 * own_s, scene.duration_s + scene.step_s, min(scene.step_s, own_s) / _FINE)
         field = scene.field_at(fine_s)
-        answer = -1.5 * body.volume_m3 / _PERMEABILITY * body.tensor(*rng.uniform(0.5, 1.0, 2))
+        answer = -1.5 * body.volume_m3 / PERMEABILITY * body.tensor(*rng.uniform(0.5, 1.0, 2))
         moment = driven(np.diff(field, axis=0) @ answer.T, float(fine_s[1] - fine_s[0]), own_s)
         sampled = np.stack([np.interp(scene.time_s, fine_s, one) for one in moment.T], axis=1)
         total += np.einsum("pij,nj->npi", body.dipole(places), sampled)
@@ -168,12 +174,12 @@ def _moved(
         in_blade = np.einsum("nji,nj->ni", turn, scene.field_T) @ induced.T + kept
         moment = np.einsum("nij,nj->ni", turn, in_blade) - (scene.field_T @ induced.T + kept)
         field = np.einsum("pij,nj->npi", blade.dipole(places), moment)
-        total += field * (size * rng.uniform(0.5, 1.5) / _size(field))
+        total += field * (size * rng.uniform(0.5, 1.5) / size_of(field))
         columns["actuator_rudder"] = np.round(angle + rng.normal(0, 2e-4, len(angle)), 5)
     if rng.random() < 0.3:
         load = 4 + 3 * np.sign(draw_wander(rng, scene.duration_s, 10)(scene.time_s))
         loop = hull[0].dipole(places) @ draw_direction(rng)
         field = load[:, None, None] * loop
-        total += field * (size * rng.uniform(0.5, 1.5) / _size(field))
+        total += field * (size * rng.uniform(0.5, 1.5) / size_of(field))
         columns["current_2_A"] = np.round(load + rng.normal(0, 0.01, len(load)), 4)
     return total, columns
