@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from comparisons import comparison, mistaken  # noqa: F401  fixtures are found by their names here
-from ros_bench import bench, ros_domain  # noqa: F401
+from ros_bench import bench, fork_server, ros_domain  # noqa: F401
 
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording

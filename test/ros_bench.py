@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from forked_children import ForkedChildren, start_server
 from ros_domains import lock_domain
 
 from tam_calibration.files.configuration import configuration_folder
+from tam_calibration.nodes.children import START, Children
 
 NO_ROS = "rclpy is not installed: pip install 'tam_calibration[ros]'"
 
@@ -55,6 +57,12 @@ def _environment(folder):
         return b""
 
 
+def node_command(name, parameters):
+    """Return the arguments of the Python interpreter that run a node with parameters."""
+    settings = [part for key, value in parameters.items() for part in ("-p", f"{key}:={value}")]
+    return [*START, name, "--ros-args", *settings]
+
+
 class Bench:
     """A ROS client in the test, and the processes that it watches."""
 
@@ -81,23 +89,20 @@ class Bench:
         self.context.try_shutdown()
         assert all(code == 0 for each in codes for code in each.values()), codes
 
-    def start(self, commands):
+    def start(self, commands, kind=Children):
         """Start processes of the Python interpreter: a mapping of names to arguments."""
-        from tam_calibration.nodes.children import Children
-
-        children = Children(commands, self.logs / str(len(self.children))).__enter__()
+        children = kind(commands, self.logs / str(len(self.children))).__enter__()
         self.children.append(children)
         return children
 
+    def fork(self, commands):
+        """Start the same with their libraries loaded, where a test is not about how a process begins or ends."""
+        return self.start(commands, ForkedChildren)
+
     def start_nodes(self, **parameters):
         """Start nodes, each with its parameters, and wait until they are seen."""
-        commands = {
-            name: ["-m", "tam_calibration.nodes.start", name, "--ros-args"]
-            + [part for key, value in own.items() for part in ("-p", f"{key}:={value}")]
-            for name, own in parameters.items()
-        }
-        children = self.start(commands)
-        self.spin_until(lambda: set(commands) <= set(self.node.get_node_names()), f"{list(commands)} are seen")
+        children = self.fork({name: node_command(name, own) for name, own in parameters.items()})
+        self.spin_until(lambda: set(parameters) <= set(self.node.get_node_names()), f"{list(parameters)} are seen")
         return children
 
     def spin_until(self, condition, what, timeout_s=_PATIENCE_S):
@@ -248,8 +253,14 @@ def write_driver(folder, name, stamps_s, readings_T, speed=1.0):
     return [DRIVER, name, str(path)]
 
 
+@pytest.fixture(scope="session")
+def fork_server():
+    """Start what nodes are forked from, before a test sets variables of ROS, by which what it leaves is found."""
+    start_server()
+
+
 @pytest.fixture
-def bench(ros_domain, monkeypatch):
+def bench(fork_server, ros_domain, monkeypatch):
     """Return a ROS client; at the end its processes must end with exit code 0, on a busy machine not within seconds."""
     monkeypatch.setattr("tam_calibration.nodes.children._GRACE_S", _PATIENCE_S)
     bench = Bench(ros_domain)

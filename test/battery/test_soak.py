@@ -13,7 +13,7 @@ from itertools import count
 import numpy as np
 import pytest
 from nodes.hostile import hostile_messages
-from ros_bench import NO_ROS
+from ros_bench import NO_ROS, node_command
 
 from battery.trial import pick
 from tam_calibration.files import calibration_to_yaml
@@ -134,7 +134,8 @@ class Soak:
 
     def _start(self, name):
         parameters = {"samples_file": self._path} if name == "calibrator" else {}
-        self._children[name] = self._bench.start_nodes(**{name: parameters})
+        self._children[name] = self._bench.start({name: node_command(name, parameters)})
+        self._bench.spin_until(lambda: name in self._bench.node.get_node_names(), f"{name} is seen")
 
     def wait(self, duration_s):
         """Let the run go on."""

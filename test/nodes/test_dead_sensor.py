@@ -55,7 +55,7 @@ class Array:
 
     def start(self, sensor):
         """Start the driver of a sensor, which goes on where it would be now."""
-        self.drivers[sensor] = self.bench.start({f"driver_{sensor}": self.commands[sensor]})
+        self.drivers[sensor] = self.bench.fork({f"driver_{sensor}": self.commands[sensor]})
 
     def kill(self, sensor):
         """Kill the driver of a sensor."""

@@ -60,7 +60,7 @@ class Drivers:
         intensity = np.linalg.norm(field_of_array(time_s), axis=1) + 1e-10 * random.normal(size=scalar_count)
         stamps_s, readings = time_s + self.late_s[-1], intensity[:, None] * [1, 0, 0]
         commands["driver_scalar"] = write_driver(folder, TOPICS[-1], stamps_s, readings, self.speed)
-        children = bench.start(commands)
+        children = bench.fork(commands)
         return children, partial(begin, bench, len(commands))
 
 

@@ -4,6 +4,7 @@ import os
 
 import pytest
 from core_only import CORE_ONLY
+from ros_bench import node_command
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 
@@ -17,8 +18,13 @@ def core_only(tmp_path, monkeypatch):
 
 def test_the_nodes_need_no_extra(core_only, bench, recording, tmp_path):
     """The chain calibrates and corrects, with a field of IGRF; a page is refused at once, with what to install."""
-    own = {"calibrator": {"gap_report_file": tmp_path / "gap.html"}, "localizer": {"regional": "47.37,8.54,2025-06-30"}}
-    bench.start_nodes(collector={}, corrector={}, **own)
+    parameters = {
+        "collector": {},
+        "corrector": {},
+        "calibrator": {"gap_report_file": tmp_path / "gap.html"},
+        "localizer": {"regional": "47.37,8.54,2025-06-30"},
+    }
+    bench.start({name: node_command(name, own) for name, own in parameters.items()})
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     centers = bench.listen(sensor_msgs.MagneticField, "center")
     publish = bench.publish_sensors()

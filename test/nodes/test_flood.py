@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from nodes.hostile import hostile_messages, own_memory_bytes
 from numpy.testing import assert_array_equal
-from ros_bench import NO_ROS
+from ros_bench import NO_ROS, node_command
 
 from tam_calibration.files import calibration_to_yaml, write_calibration
 from tam_calibration.fit import calibrate
@@ -39,12 +39,13 @@ def test_nothing_ends_and_nothing_is_lost_in_a_flood(bench, recording, cross, tm
     calibration = calibrate(recording, cross)
     write_calibration(tmp_path / "calibration.yaml", calibration)
     loaded = {"calibration_file": tmp_path / "calibration.yaml"}
-    nodes = bench.start_nodes(
-        collector={},
-        calibrator={"gap_file": tmp_path / "gap.json", "samples_file": tmp_path / "samples"},
-        corrector=loaded,
-        localizer=loaded,
-    )
+    parameters = {
+        "collector": {},
+        "calibrator": {"gap_file": tmp_path / "gap.json", "samples_file": tmp_path / "samples"},
+        "corrector": loaded,
+        "localizer": loaded,
+    }
+    nodes = bench.start({name: node_command(name, own) for name, own in parameters.items()})
     publish = bench.publish_sensors()
     flood = Flood(bench, recording, publish)
     bench.connect(collector={"samples": 4}, corrector={"field_gradient": 2})

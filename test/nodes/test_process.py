@@ -27,13 +27,13 @@ NODES = ("collector", "calibrator", "corrector", "localizer")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_ends_every_node_well(bench, number):
     """SIGINT and SIGTERM end a node with exit code 0 and nothing on its output but the line of the start."""
-    children = bench.start_nodes(**{name: {} for name in NODES})
+    children = bench.start({name: [*START, name] for name in NODES})
     bench.spin_until(lambda: all(map(children.log, NODES)), "each has said that it started")
     assert {name: children.end_one(name, number) for name in NODES} == dict.fromkeys(NODES, 0)
     assert [len(children.log(name).splitlines()) for name in NODES] == [1] * len(NODES)
 
 
-def test_unusable_parameter_ends_the_node_with_a_sentence(ros_domain):
+def test_unusable_parameter_ends_the_node_with_a_sentence(bench):
     """It ends with exit code 2."""
     refused = {
         ("collector", "tolerance_s:=soon"): "of type 'STRING', expecting type 'DOUBLE': tolerance_s",
@@ -50,18 +50,15 @@ def test_unusable_parameter_ends_the_node_with_a_sentence(ros_domain):
         ("localizer", "index:=11"): "Max: 10.0, value: 11.0: index",
         ("localizer", "regional:=here"): "a place must be LAT,LON,DATE",
     }
-    processes = {
-        sentence: subprocess.Popen(
-            [sys.executable, "-m", "tam_calibration.nodes.start", name, "--ros-args", "-p", parameter],
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for (name, parameter), sentence in refused.items()
+    commands = {
+        str(number): [*START, name, "--ros-args", "-p", parameter] for number, (name, parameter) in enumerate(refused)
     }
-    for sentence, process in processes.items():
-        _, errors = process.communicate(timeout=60)
-        assert process.returncode == 2, sentence
+    children = bench.fork(commands)
+    bench.children.remove(children)  # spin without the check that all still run
+    bench.spin_until(lambda: not any(map(children.is_running, commands)), "each has ended")
+    for sentence, errors in zip(refused.values(), map(children.log, commands), strict=True):
         assert errors.startswith("tam: ") and sentence in errors and len(errors.splitlines()) == 1
+    assert set(children.end().values()) == {2}
 
 
 def test_unusable_arguments_end_the_node_with_a_sentence(ros_domain, tmp_path):
@@ -148,7 +145,7 @@ def test_shipped_parameters_are_known(bench):
     commands = {
         name: ["-m", "tam_calibration.nodes.start", name, "--ros-args", "--params-file", str(path)] for name in NODES
     }
-    bench.start(commands)
+    bench.fork(commands)
     bench.spin_until(lambda: set(NODES) <= set(bench.node.get_node_names()), "the nodes are seen")
     stated = yaml.safe_load(path.read_text())["/**"]
     for name in NODES:
@@ -158,7 +155,7 @@ def test_shipped_parameters_are_known(bench):
 
 def test_namespace_moves_the_topics(bench):
     """Relative names follow the namespace, so that two arrays can live side by side."""
-    bench.start({"collector": ["-m", "tam_calibration.nodes.start", "collector", "--ros-args", "-r", "__ns:=/auv"]})
+    bench.fork({"collector": ["-m", "tam_calibration.nodes.start", "collector", "--ros-args", "-r", "__ns:=/auv"]})
     wanted = {"/auv/tam_1/magnetic_field", "/auv/samples", "/diagnostics"}
     topics = bench.node.get_topic_names_and_types
     bench.spin_until(lambda: wanted <= {name for name, _ in topics()}, "the topics are in the namespace")
@@ -172,7 +169,7 @@ def test_unknown_parameters_are_warned_of(bench, tmp_path):
         "/**:\n  ros__parameters:\n    vehicle_name: auv\n    silence_s: 3.0\n    tolerence_s: 0.1\n"
         f"    {overrides}durabilty: volatile\n    {overrides}depth: 7\n"
     )
-    children = bench.start({"collector": [*START, "collector", "--ros-args", "--params-file", str(path)]})
+    children = bench.fork({"collector": [*START, "collector", "--ros-args", "--params-file", str(path)]})
     _, figures = bench.health("collector", lambda *_: True, "it runs")
     assert sorted(figures["unknown_parameters"].split()) == [f"{overrides}durabilty", "tolerence_s", "vehicle_name"]
     told = [line.partition("the parameter ")[2] for line in children.log("collector").splitlines()]

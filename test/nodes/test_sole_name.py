@@ -28,7 +28,7 @@ def wait_for_the_end_of(bench, children, name):
 def test_second_start_is_refused_and_the_first_goes_on(bench):
     """The second ends with exit code 2 and the number of the first, which answers as before."""
     first = bench.start_nodes(calibrator={})
-    second = bench.start(commands_of("second"))
+    second = bench.fork(commands_of("second"))
     wait_for_the_end_of(bench, second, "second")
     assert second.end() == {"second": 2}
     sentence = f"tam: /calibrator runs already in ROS domain {bench.context.get_domain_id()}, as process "
@@ -40,7 +40,7 @@ def test_second_start_is_refused_and_the_first_goes_on(bench):
 def test_of_many_that_start_at_once_one_stays(bench):
     """However close the starts are."""
     names = {"one", "two", "three"}
-    children = bench.start(commands_of(*names))
+    children = bench.fork(commands_of(*names))
     bench.children.remove(children)
     bench.spin_until(lambda: len(ended(children)) == 2, "two have ended")
     bench.spin_until(lambda: bench.node.count_services("calibrator/save"), "the third offers its services")
@@ -51,14 +51,14 @@ def test_of_many_that_start_at_once_one_stays(bench):
 def test_name_of_a_node_that_was_killed_is_free_at_once(bench):
     """Nothing is left behind that a person would have to remove; and no ghost of it is taken for a twin."""
     assert bench.start_nodes(calibrator={}).end_one("calibrator", signal.SIGKILL) == -signal.SIGKILL
-    bench.start(commands_of("next"))
+    bench.fork(commands_of("next"))
     status, _ = bench.health("calibrator", lambda *_: True, "the next is well")
     assert status.message == "no samples yet"
 
 
 def test_another_namespace_is_another_name(bench):
     """Two arrays on a machine have a calibrator each."""
-    bench.start(commands_of("first") | {"second": [*START, "calibrator", "--ros-args", "-r", "__ns:=/auv"]})
+    bench.fork(commands_of("first") | {"second": [*START, "calibrator", "--ros-args", "-r", "__ns:=/auv"]})
     bench.health("calibrator", lambda *_: True, "the first is there")
     bench.health("auv/calibrator", lambda *_: True, "the second is there")
 

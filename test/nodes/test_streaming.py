@@ -93,7 +93,7 @@ def test_quality_of_service_and_names_can_be_changed(bench):
     overrides = ["-p", "qos_overrides./tam_1/magnetic_field.subscription.reliability:=reliable"]
     overrides += ["-p", "qos_overrides./moved.publisher.depth:=7", "-r", "samples:=moved"]
     overrides += ["-p", "qos_overrides./moved.publisher.durability:=transient_local"]
-    bench.start({"collector": ["-m", "tam_calibration.nodes.start", "collector", "--ros-args", *overrides]})
+    bench.fork({"collector": ["-m", "tam_calibration.nodes.start", "collector", "--ros-args", *overrides]})
     bench.spin_until(lambda: all(map(bench.node.count_subscribers, SENSORS)), "the collector subscribes")
     infos = [bench.node.get_subscriptions_info_by_topic(f"/{topic}")[0].qos_profile for topic in SENSORS]
     assert [info.reliability == ReliabilityPolicy.RELIABLE for info in infos] == [True, False, False, False]
@@ -117,7 +117,7 @@ def test_samples_flow_while_the_clock_of_a_simulation_stands_still(bench, record
 def test_two_nodes_in_one_process_do_what_two_processes_do(bench, recording, calibration_file):
     """The outputs of ``stream`` equal those offline bit for bit, and each node tells its health."""
     arguments = ["--ros-args", "-p", f"corrector:calibration_file:={calibration_file}"]
-    bench.start({"stream": ["-m", "tam_calibration.nodes.start", "stream", *arguments]})
+    bench.fork({"stream": ["-m", "tam_calibration.nodes.start", "stream", *arguments]})
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     outputs = bench.listen(sensor_msgs.PointCloud2, "field_gradient")
     publish = bench.publish_sensors()
