@@ -6,7 +6,8 @@ in time; intensities are lengths of vector sums. A run is calibrated without and
 the scalar are those of that run and of another one of the same vehicle, over the floor of the noise.
 
 FOLDER is ``test/test_data`` of github.com/MIT-AI-Accelerator/MagNav.jl: of the line in ``test_data_TL.mat`` it tells
-what the 18 terms of the effect and a trend leave of the scalar, and whether fits of the fluxgate take such lines.
+what the 18 terms of the effect and a trend leave of the scalar, and whether fits of the fluxgate take such lines. It also
+tells what errors that are known to `SHEET` beforehand and fitted to one half of that line leave in either.
 """
 
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from typing import Any
 import click
 import numpy as np
 from numpy.linalg import norm
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
@@ -45,6 +47,12 @@ ARRAY = Array.cross(0.5, 1e-9, 1e-10)
 
 RATE_HZ, SECONDS, FINE = 20.0, 200.0, 10
 WORLD_T = np.array([3e-6, 18e-6, -46e-6])
+SHEET = np.array([0.05] * 6 + [3e-6] * 3)
+"""Standard deviations of scale factors, angles and biases (tesla) that are known beforehand: a fluxgate in a cabin."""
+
+OTHERWISE_T = 10e-9
+"""What the field at the fluxgate may do otherwise than that at the scalar magnetometer."""
+
 MOTIONS: dict[str, Motion] = {
     "turned over ashore": Tumble(np.radians(20)),
     "at sea, pitch and roll of 30°": Manoeuvre(np.radians(30), np.radians(30), 40.0),
@@ -144,11 +152,34 @@ def of_flights(folder: Path) -> Iterator[tuple[str, str, float]]:
         yield "flight, test_data_TL", f"scalar after 18 terms and {trend}, nT", float(to_nanotesla(left.std()))
     recording = Recording(time_s, fluxgate[:, None], scalar)
     yield "flight, test_data_TL", "calibrated with platform_field", _is_calibrated(recording, array)
+    yield from of_halves(fluxgate, scalar)
     other = matlab(folder / "test_data_traj.mat", "traj")
     to_world = Rotation.from_matrix(np.moveaxis(other["Cnb"], -1, 0)).inv().as_quat()
     readings = from_nanotesla(np.column_stack([other[f"flux_a_{axis}"] for axis in "xyz"]))[:, None]
     recording = Recording(np.asarray(other["tt"], dtype=float), readings, attitude=to_world)
     yield "flight, test_data_traj, with attitude", "calibrated", _is_calibrated(recording, array, ())
+
+
+def of_halves(fluxgate_T: FloatArray, scalar_T: FloatArray) -> Iterator[tuple[str, str, float]]:
+    """Yield what the most probable errors by a data sheet and one half of a line leave of |B| in each half."""
+    upper = np.triu_indices(3)
+
+    def left_T(errors: FloatArray, half: slice) -> FloatArray:
+        matrix = np.eye(3)
+        matrix[upper] += errors[:6] * SHEET[:6]
+        return norm(fluxgate_T[half] @ matrix.T + errors[6:] * SHEET[6:], axis=1) - scalar_T[half]
+
+    def misfit(errors: FloatArray, half: slice) -> FloatArray:
+        return np.append(left_T(errors, half) / OTHERWISE_T, errors)
+
+    middle = len(scalar_T) // 2
+    halves = {"first": slice(middle), "second": slice(middle, None)}
+    for fitted, half in halves.items():
+        found = least_squares(misfit, np.zeros(9), args=(half,)).x
+        for judged, other in halves.items():
+            rms_T = float(np.sqrt(np.mean(left_T(found, other) ** 2)))
+            name = f"errors by a data sheet and the {fitted} half leave in the {judged}, nT"
+            yield "flight, test_data_TL", name, float(to_nanotesla(rms_T))
 
 
 def _is_calibrated(recording: Recording, array: Array, effects: tuple[str, ...] = ("platform_field",)) -> float:
