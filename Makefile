@@ -68,9 +68,10 @@ $(READY): setup.py setup.cfg pyproject.toml constraints.txt
 	and $(PYTHON) is %d.%d: name another one, as in make PYTHON=python3.12" % sys.version_info[:2])'
 	@echo "Setting up .venv with $(PYTHON): this takes a minute or two, once"
 	@$(PYTHON) -m venv .venv
-	@$(BIN)/pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt \
+	@$(BIN)/pip install -qq --disable-pip-version-check --no-compile --constraint constraints.txt --upgrade pip \
+		|| true  # that of Python 3.11 resolves some two hundred packages in twice the time
+	@$(BIN)/pip install -qq --disable-pip-version-check --no-compile --constraint constraints.txt \
 		--editable '.[ros,test]'
-	@$(BIN)/python -m compileall -qq -j 0 .venv/lib || true  # on all cores, as pip does not; some are templates
 	@touch $@
 
 clean:

@@ -62,20 +62,32 @@ def changed_since(commit: str) -> dict[str, set[int]] | None:
 
 @cache
 def tests_of(module: str, is_nearest: bool = False) -> list[str]:
-    """Return the test files of a module, the nearest first, or these alone: of its room where there are none."""
+    """Return the test files of a module, the nearest first, or these alone: of its users' users where none are."""
     room, name = module.split("/")
-    named = re.compile(rf"\b{room}\.{name} import|\b{room} import .*\b{name}\b")
-    sources = (ROOT / PACKAGE / room).glob("*.py")
-    users = {path.stem for path in sources if named.search(path.read_text("utf-8"))}
+    files = sorted(path for path in (ROOT / "test" / room).glob("test_*.py") if path.name != IGNORED)
+    is_named = re.compile(_named(room, name)).search
+    mirrored = {path: path.stem.removeprefix("test_") for path in files}
+    users = {name} | _users_of(room, {name})
+    while not (near := [path for path in files if mirrored[path] in users or is_named(path.read_text("utf-8"))]):
+        users, before = users | _users_of(room, users), users
+        if users == before:
+            break
 
     def distance(path: Path) -> int:
-        mirrored = path.stem.removeprefix("test_")
-        return 0 if mirrored == name else 1 if named.search(path.read_text("utf-8")) else 2 if mirrored in users else 3
+        return 0 if mirrored[path] == name else 1 if is_named(path.read_text("utf-8")) else 2
 
-    files = sorted(path for path in (ROOT / "test" / room).glob("test_*.py") if path.name != IGNORED)
-    least = min(map(distance, files)) if is_nearest else 2
-    near = [path for path in files if distance(path) <= least]
-    return [str(path.relative_to(ROOT)) for path in sorted(near or files, key=distance)]
+    near = sorted(near or files, key=distance)
+    return [str(path.relative_to(ROOT)) for path in near if not is_nearest or distance(path) == distance(near[0])]
+
+
+def _users_of(room: str, names: set[str]) -> set[str]:
+    """Return the modules of a room that import one of some names."""
+    named = re.compile("|".join(_named(room, name) for name in names))
+    return {path.stem for path in (ROOT / PACKAGE / room).glob("*.py") if named.search(path.read_text("utf-8"))}
+
+
+def _named(room: str, name: str) -> str:
+    return rf"\b{room}\.{name} import|\b{room} import .*\b{name}\b"
 
 
 def mutants_of(module: str, within: set[int] | None = None, most: int = SAMPLE) -> list[Mutant]:

@@ -13,6 +13,7 @@ from tam_calibration.fit.moments import gather, jackknife
 from tam_calibration.fit.scale import free_scale
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
 
 
@@ -32,8 +33,20 @@ def leave_each_out(recording):
 @pytest.mark.parametrize("has_scalar", [True, False])
 def test_it_is_the_jackknife_over_single_samples(wu_run, wu_scenario, has_scalar):
     """Variances differ by a few per cent, which is the share of a sample in the fit, correlations by less."""
-    recording = wu_run.recording if has_scalar else replace(wu_run.recording, scalar_T=None)
-    covariance, expected = lossless(recording, wu_scenario.array).covariance, leave_each_out(recording)
+    check_covariance(wu_run.recording if has_scalar else replace(wu_run.recording, scalar_T=None), wu_scenario.array)
+
+
+def test_it_is_the_jackknife_where_axes_are_far_from_rectangular(wu_scenario):
+    """Angles of 20 degrees between the axes, scales of 0.7 to 1.3: no matrix may be taken for its transpose."""
+    rng = np.random.default_rng(7)
+    skew = from_degrees(20) * rng.choice([-1, 1], (4, 3))
+    errors = replace(wu_scenario.errors, scale_factor=rng.uniform(0.7, 1.3, (4, 3)), non_orthogonality=skew)
+    check_covariance(simulate(replace(wu_scenario, errors=errors)).recording, wu_scenario.array)
+
+
+def check_covariance(recording, array):
+    """Compare the covariance of the lossless fit with the jackknife's."""
+    covariance, expected = lossless(recording, array).covariance, leave_each_out(recording)
     free = np.delete(np.arange(48), [9, 10, 11])
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))[np.ix_(free, free)]
     assert_allclose(covariance[np.ix_(free, free)] / scale, expected[np.ix_(free, free)] / scale, atol=0.05)
