@@ -143,7 +143,7 @@ def plot_sphere(simulation: Side, recording: Side, row: int, name: str) -> Figur
     draw_borders(axes)
     x, y, z = cell_directions()[np.isfinite(dots)].T
     axes.scatter(
-        -np.arctan2(y, x), np.arcsin(z), 30, dots[np.isfinite(dots)], edgecolors="white", linewidths=0.6, **shades
+        -np.arctan2(y, x), np.arcsin(z), 45, dots[np.isfinite(dots)], edgecolors=QUIET_COLOR, linewidths=0.5, **shades
     )
     label = f"mean residual of {name} (nT): ground recording, dots simulation"
     figure.colorbar(mesh, ax=axes, location="bottom", shrink=0.5, aspect=40, label=label)
