@@ -8,6 +8,7 @@ import numpy as np
 from tam_calibration.comparison.result import Figure, Side, Standing
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.quantization import find_lattices
+from tam_calibration.effects.saturation import find_limits
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.gap.delays import estimate_delays
 from tam_calibration.model.exceptions import InputError, Refused
@@ -35,6 +36,8 @@ SAME_PART = 0.01
 SAME_STEP = 0.01
 """Part of a step by which two may differ: it is found to much less."""
 
+SAME_RANGE = 0.01
+"""Part of a range by which two may differ: the offset of an amplifier moves its ends by as much."""
 
 UNITS = ("1", "rad", "T", "rad")
 """SI units of scale factors, non-orthogonality, biases and misalignment."""
@@ -166,14 +169,21 @@ def _errors_of_sensors(side: Side) -> Iterator[ReadingFigure]:
 
 
 def _of_sensors(side: Side) -> Iterator[ReadingFigure]:
-    """Yield the step of each axis, NaN where none is seen beside the noise, and each sensor's largest reading."""
-    lattices = find_lattices(side.found.nominal.channels().residuals)
-    steps = {lattice.row: lattice.step_T for lattice in lattices}
+    """Yield the step of each axis, each sensor's range, and its largest reading.
+
+    The step is NaN where none is seen beside the noise. The range is where the readings of an axis stay at an end, the
+    least of its axes; NaN where the field never reached it.
+    """
+    residuals = side.found.nominal.channels().residuals
+    steps = {lattice.row: lattice.step_T for lattice in find_lattices(residuals)}
+    ends = [(limit.row // 3, abs(limit.value_T)) for limit in find_limits(residuals)]
     for row in range(3 * side.recording.sensor_count):
         step, name = steps.get(row, np.nan), f"{'xyz'[row % 3]} step"
         yield ReadingFigure(f"sensor {row // 3 + 1}", name, "T", step, np.nan, SAME_STEP * step, True)
-    for sensor, largest in enumerate(np.abs(side.recording.readings_T).max(axis=(0, 2)).tolist(), 1):
-        yield ReadingFigure(f"sensor {sensor}", "largest reading", "T", largest, np.nan, 0.0, False)
+    for sensor, largest in enumerate(np.abs(side.recording.readings_T).max(axis=(0, 2)).tolist()):
+        reached, group = min((end for of, end in ends if of == sensor), default=np.nan), f"sensor {sensor + 1}"
+        yield ReadingFigure(group, "range", "T", reached, np.nan, SAME_RANGE * reached, True)
+        yield ReadingFigure(group, "largest reading", "T", largest, np.nan, 0.0, False)
 
 
 def _of_scalar(side: Side) -> Iterator[ReadingFigure]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Limit, LinearEffect
 from tam_calibration.effects.motion import jumps, rates
-from tam_calibration.effects.recursions import mode
+from tam_calibration.effects.recursions import follow, mode
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
 from tam_calibration.model.fitted_effect import Shape
 from tam_calibration.model.units import FloatArray
@@ -119,13 +119,11 @@ def _response(covariates: Covariates, frequency_hz: float, damping: float) -> Fl
 
 def _tail(covariates: Covariates, frequency_hz: float, damping: float) -> NDArray[np.complexfloating]:
     """Return the tails of the field's jumps (N, 3): each begins with the jump, turns and dies; none behind a hole."""
-    from scipy.signal import lfilter
-
     turn = -2 * np.pi * frequency_hz * covariates.step_s * complex(damping, -np.sqrt(1 - damping**2))
     tail = np.zeros(covariates.field_T.shape, dtype=complex)
     for stretch in covariates.stretches:
-        field = covariates.field_T[stretch]
-        tail[stretch] = lfilter([1.0], [1.0, -np.exp(turn)], np.diff(field, axis=0, prepend=field[:1]), axis=0)
+        jump = np.diff(covariates.field_T[stretch], axis=0).astype(complex)
+        tail[stretch] = follow(jump, np.zeros_like(jump), np.zeros(3, complex), np.full((len(jump), 1), -turn))
     return tail
 
 

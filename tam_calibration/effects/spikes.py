@@ -104,7 +104,7 @@ def come_with_motion(residuals: WhitenedResiduals, spikes: Spikes) -> bool:
     spikes : Spikes
         Their samples, and the row of each.
     """
-    from scipy.stats import combine_pvalues, norm
+    from scipy.special import chdtrc, ndtr
 
     sensed, parts = residuals.covariates.sensed_T, list[tuple[float, float]]()
     for row in np.unique(spikes.rows[spikes.rows < residuals.covariates.scalar_row]):
@@ -117,8 +117,8 @@ def come_with_motion(residuals: WhitenedResiduals, spikes: Spikes) -> bool:
                 parts.append((float(np.mean(across >= across[before])), float(np.mean(across <= across[before]))))
     if not parts:
         return False
-    fastest, slowest = (combine_pvalues(of_one).pvalue for of_one in zip(*parts, strict=True))
-    return bool(fastest < NEGLIGIBLE or slowest < norm.sf(CERTAIN))
+    fastest, slowest = chdtrc(2 * len(parts), -2 * np.log(parts).sum(axis=0))
+    return bool(fastest < NEGLIGIBLE or slowest < ndtr(-CERTAIN))
 
 
 def without_spikes_of_motion(residuals: WhitenedResiduals) -> WhitenedResiduals:

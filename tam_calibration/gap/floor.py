@@ -107,16 +107,22 @@ def floor_of(channels: WhitenedChannels, stated: Array) -> Floor:
     return Floor(level, colour, floor.stated_T, _remarks(floor, stated, int(channels.is_counted.sum())))
 
 
-def white_variance(channels: WhitenedChannels) -> float:
-    """Return the variance of the white noise of the channels between the sensors, the median of them; 0 without any.
+def white_variance(series: FloatArray) -> tuple[float, float]:
+    """Return the variance of the white noise of channels, the median of them, and its standard error; 0 without any.
+
+    The median of m powers of white noise has the relative error 1 / (ln 2 √m), and N samples have N / 4 in the upper
+    half of the band; the median of C channels has √(π / 2C) of the error of one.
 
     Parameters
     ----------
-    channels : WhitenedChannels
-        Whitened residuals of a model, in which it is 1.
+    series : (N, C) array
+        Samples that count, of channels with noise alike.
     """
-    counted = channels.differential[channels.is_counted]
-    return float(np.median([_white(series) for series in counted.T])) if counted.size else 0.0
+    count, width = series.shape
+    if not width or count < LEAST_SAMPLES:
+        return 0.0, 0.0
+    variance = float(np.median([_white(one) for one in series.T]))
+    return variance, variance * 2 / np.log(2) / np.sqrt(count) * min(np.sqrt(np.pi / 2 / width), 1.0)
 
 
 def _of_rows(channels: WhitenedChannels, stated_T: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -198,15 +198,20 @@ def growth_with_rate(values: FloatArray, rate: FloatArray) -> float | None:
     rate : (N,) array
         Rate at which the field turns in the array frame, rad/s; NaN where it is not known.
     """
-    from scipy.stats import spearmanr
-
     known = np.isfinite(values) & np.isfinite(rate)
     values, rate = values[known], rate[known]
     if not (np.ptp(rate) and np.ptp(np.abs(values))):
         return None
-    correlation = float(spearmanr(np.abs(values), rate).statistic)
+    correlation = float(np.corrcoef(_ranks(np.abs(values)), _ranks(rate))[0, 1])
     evidence = -len(values) * np.log1p(-(correlation**2)) - np.log(len(values))
     if correlation <= 0 or evidence < LEAST_EVIDENCE:
         return None
     is_fast = rate > np.median(rate)
     return float(np.sqrt(np.mean(values[is_fast] ** 2) / np.mean(values[~is_fast] ** 2)))
+
+
+def _ranks(values: FloatArray) -> FloatArray:
+    """Return the ranks of values (N,), but for a constant; equal ones share theirs."""
+    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
+    ranks: FloatArray = (np.cumsum(count) - count / 2)[place]
+    return ranks

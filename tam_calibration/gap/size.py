@@ -10,6 +10,7 @@ import numpy as np
 from tam_calibration.core.normal_equations import Normal
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.excess_variance import LARGEST_NOISE
+from tam_calibration.effects.grades import CERTAIN
 from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.evidence import Evidence
 from tam_calibration.gap.floor import floor_of, white_variance
@@ -153,15 +154,20 @@ def noise_variance(model: Model, rivals: tuple[Evidence, ...], least_evidence: f
 
 
 def certain_noise(channels: WhitenedChannels) -> float:
-    """Return the energy that no regression explains: most of the white noise between the sensors.
+    """Return the energy that no regression explains: the white noise, but for what it may be estimated too large.
 
     Parameters
     ----------
     channels : WhitenedChannels
         Of a model; more noise than the model's array has is not taken for certain.
     """
-    count = channels.is_counted[:: channels.stride].sum() * channels.differential.shape[1]
-    return float(_CERTAIN_PART * min(white_variance(channels), 1.0) * count)
+    has_reference = channels.is_counted & (channels.precision > 0)
+    common = (np.sqrt(channels.precision) * channels.intensity_residual_T)[has_reference, None]
+    energy = 0.0
+    for series in (channels.differential[channels.is_counted], common):
+        variance, error = white_variance(series)
+        energy += series.size * min(max(variance - CERTAIN * error, 0.0), 1.0)
+    return energy / channels.stride
 
 
 def _white_part(model: Model) -> float:

@@ -55,7 +55,7 @@ def misfit_of(residuals: FloatArray, slopes: FloatArray, covariance: FloatArray)
         Of the unknowns.
     """
     from scipy.fft import dct
-    from scipy.stats import chi2, f
+    from scipy.special import chdtr, chdtrc, fdtrc
 
     energy = np.sum(dct(residuals, axis=0, norm="ortho") ** 2, axis=1)
     waves = dct(slopes, axis=0, norm="ortho")
@@ -71,7 +71,7 @@ def misfit_of(residuals: FloatArray, slopes: FloatArray, covariance: FloatArray)
         if own < 1:
             continue
         ratio = float(energy[band].sum()) / own / variance
-        if f.sf(ratio, own, most) * len(bands) < CHANCE:
+        if fdtrc(own, most, ratio) * len(bands) < CHANCE:
             colour = max(colour, ratio)
-    chance = 2 * min(chi2.cdf(variance * most, most), chi2.sf(variance * most, most))
+    chance = 2 * min(chdtr(most, variance * most), chdtrc(most, variance * most))
     return Misfit(variance if chance < CHANCE else 1.0, colour)

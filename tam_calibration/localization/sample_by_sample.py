@@ -158,7 +158,7 @@ def require_one_source(solutions: EulerSolutions, index: float = DIPOLE_INDEX) -
         When all samples together leave more than noise beside one source and a uniform regional field, known as it is,
         or too few are located to tell.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     assert solutions.chi_square is not None
     left = solutions.chi_square[solutions.is_located]
@@ -168,7 +168,7 @@ def require_one_source(solutions: EulerSolutions, index: float = DIPOLE_INDEX) -
             f"several. {_MEND}"
         )
     freedom, total = len(left) * (3 if index == CURRENT_INDEX else 2), float(left.sum())
-    if len(left) and chi2.sf(total, freedom) < _CHANCE:
+    if len(left) and chdtrc(freedom, total) < _CHANCE:
         raise Refused(
             f"the samples are not those of one {SOURCES[index]} beside a uniform regional field: what is left is "
             f"{np.sqrt(total / freedom):.3g} times the noise. {_MEND}"

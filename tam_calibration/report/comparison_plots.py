@@ -1,6 +1,7 @@
 """A simulation and a recording drawn over each other: noise, residuals, the closing of the gap, source errors."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -9,11 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from tam_calibration.comparison.result import AxisNoise, Closing, NoiseDifference, Side
+from tam_calibration.fit.coverage import cell_directions
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report.comparison_rows import axis_name, source_errors
 from tam_calibration.report.formatting import number
-from tam_calibration.report.gap_cause_plots import OnSphere, plot_on_sphere
+from tam_calibration.report.gap_cause_plots import SHADES, cell_means
 from tam_calibration.report.gap_residual_plots import Distribution, plot_distributions
+from tam_calibration.report.recording_plots import cells_on_map, draw_borders
 from tam_calibration.report.style import AFTER_COLOR, BEFORE_COLOR, MISSING_COLOR, PAGE_WIDTH_INCH, QUIET_COLOR, STYLE
 
 SIMULATION_COLOR, RECORDING_COLOR = AFTER_COLOR, BEFORE_COLOR
@@ -112,8 +115,9 @@ def _root_mean_square(rows: FloatArray) -> FloatArray:
     return size
 
 
-def plot_spheres(simulation: Side, recording: Side, row: int, name: str) -> Figure:
-    """Draw the residuals of one row over the directions of the field, simulation and recording side by side.
+@matplotlib.rc_context(STYLE)
+def plot_sphere(simulation: Side, recording: Side, row: int, name: str) -> Figure:
+    """Draw mean residuals of one row over the directions of the field: the simulation's as dots on the recording's.
 
     Parameters
     ----------
@@ -124,12 +128,26 @@ def plot_spheres(simulation: Side, recording: Side, row: int, name: str) -> Figu
     name : str
         Of the row.
     """
-    sides = {"simulation": simulation.gap.residue, "recording": recording.gap.residue}
-    maps = [
-        OnSphere(side, _COLORS[side], to_nanotesla(residue.before[:, row]), residue.direction)
-        for side, residue in sides.items()
-    ]
-    return plot_on_sphere(maps, name)
+    dots, ground = (
+        cell_means(to_nanotesla(side.gap.residue.before[:, row]), side.gap.residue.direction)
+        for side in (simulation, recording)
+    )
+    reach = float(np.nanmax(np.abs([dots, ground]), initial=0.0)) or 1.0
+    shades: dict[str, Any] = {"cmap": SHADES, "vmin": -reach, "vmax": reach}
+    figure = Figure(figsize=(PAGE_WIDTH_INCH, 3.8), layout="constrained")
+    axes = figure.add_subplot(projection="hammer")
+    longitude, latitude, cell = cells_on_map()
+    mesh = axes.pcolormesh(
+        longitude, latitude, np.ma.masked_invalid(ground[cell]), shading="nearest", rasterized=True, **shades
+    )
+    draw_borders(axes)
+    x, y, z = cell_directions()[np.isfinite(dots)].T
+    axes.scatter(
+        -np.arctan2(y, x), np.arcsin(z), 45, dots[np.isfinite(dots)], edgecolors=QUIET_COLOR, linewidths=0.5, **shades
+    )
+    label = f"mean residual of {name} (nT): ground recording, dots simulation"
+    figure.colorbar(mesh, ax=axes, location="bottom", shrink=0.5, aspect=40, label=label)
+    return figure
 
 
 def plot_histograms(simulation: Side, recording: Side, row: int, name: str) -> Figure:

@@ -12,7 +12,7 @@ from tam_calibration.report.comparison_plots import (
     plot_histograms,
     plot_noise,
     plot_source_errors,
-    plot_spheres,
+    plot_sphere,
     plot_steps,
     row_to_draw,
 )
@@ -112,13 +112,13 @@ def residuals_section(comparison: Comparison) -> Section | None:
             f"What a calibration of each leaves of its own readings, for {name}, the row in which the two differ most. "
             "Paths need not be alike: each residual is that of its own run."
         ),
-        embed(plot_spheres(*sides), "Residuals by direction", "Mean residual over the directions of the field"),
+        embed(plot_sphere(*sides), "Residuals by direction", "Mean residual over the directions of the field"),
         embed(plot_histograms(*sides), "Residuals by size", "How often the residual has which size"),
         Points(
             [
-                "What you see: a smooth pattern on one map only is an effect of attitude that the other side lacks; "
-                "broader shoulders or longer tails are noise or outliers that it lacks.",
-                "When they are the same: both maps are alike, and the two lines lie on each other.",
+                "What you see: a smooth pattern of the ground or of the dots alone is an effect of attitude that the "
+                "other side lacks; broader shoulders or longer tails are noise or outliers that it lacks.",
+                "When they are the same: the dots have the shade of the ground, and the two lines lie on each other.",
             ]
         ),
     ]

@@ -1,7 +1,6 @@
 """The causes of a gap drawn: their probabilities and shares, and residuals over what they may depend on."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import matplotlib
 import numpy as np
@@ -10,7 +9,7 @@ from matplotlib.figure import Figure
 
 from tam_calibration.fit.coverage import CELLS, cell_of
 from tam_calibration.gap.result import Gap
-from tam_calibration.model.units import FloatArray, IntArray, to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 from tam_calibration.report.gap_rows import percent
 from tam_calibration.report.gap_view import GapView
 from tam_calibration.report.recording_plots import cells_on_map, draw_borders
@@ -131,21 +130,13 @@ def _root_mean_square(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-_SHADES = LinearSegmentedColormap.from_list("signed", [AFTER_COLOR, "#f4f6f8", BEFORE_COLOR])
+SHADES = LinearSegmentedColormap.from_list("signed", [AFTER_COLOR, "#f4f6f8", BEFORE_COLOR])
+"""Of mean residuals on the sphere, from the least to the largest."""
 
 
-@dataclass(frozen=True, eq=False)
-class OnSphere:
-    """A residual (N,), nT, NaN where there is none, to draw over the directions (N, 3) of the field."""
-
-    name: str
-    color: str
-    values_nT: FloatArray
-    direction: FloatArray
-
-
+@matplotlib.rc_context(STYLE)
 def plot_sphere(view: GapView, row: int) -> Figure:
-    """Draw the mean residual of one row in each cell of the sphere of field directions (Hammer), one map a state.
+    """Draw mean residuals of a row in each cell of the sphere of field directions (Hammer), a map a state on one scale.
 
     Parameters
     ----------
@@ -154,44 +145,36 @@ def plot_sphere(view: GapView, row: int) -> Figure:
     row : int
         3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
     """
-    direction = view.gap.residue.direction
-    maps = [OnSphere(each.name, each.color, to_nanotesla(each.rows_T[:, row]), direction) for each in view.states]
-    return plot_on_sphere(maps, view.row_name(row))
-
-
-@matplotlib.rc_context(STYLE)
-def plot_on_sphere(maps: Sequence[OnSphere], name: str) -> Figure:
-    """Draw mean residuals in each cell of the sphere of field directions (Hammer), side by side on one scale.
-
-    Parameters
-    ----------
-    maps : sequence of OnSphere
-        One a map.
-    name : str
-        Of the row that they are of, such as "sensor 2 x".
-    """
-    means = [_cell_means(each.values_nT, cell_of(each.direction)) for each in maps]
+    means = [cell_means(to_nanotesla(each.rows_T[:, row]), view.gap.residue.direction) for each in view.states]
     reach = float(np.nanmax(np.abs(means), initial=0.0)) or 1.0
     longitude, latitude, map_cell = cells_on_map()
     figure = Figure(figsize=(PAGE_WIDTH_INCH, 2.2), layout="constrained")
-    plots = figure.subplots(1, len(maps), subplot_kw={"projection": "hammer"}, squeeze=False)[0]
-    for axes, each, mean in zip(plots, maps, means, strict=True):
+    plots = figure.subplots(1, len(means), subplot_kw={"projection": "hammer"}, squeeze=False)[0]
+    for axes, each, mean in zip(plots, view.states, means, strict=True):
         shades = np.ma.masked_invalid(mean[map_cell])
         mesh = axes.pcolormesh(
-            longitude, latitude, shades, cmap=_SHADES, vmin=-reach, vmax=reach, shading="nearest", rasterized=True
+            longitude, latitude, shades, cmap=SHADES, vmin=-reach, vmax=reach, shading="nearest", rasterized=True
         )
         draw_borders(axes)
         axes.set_title(each.name, color=each.color)
-    figure.colorbar(
-        mesh, ax=list(plots), location="bottom", shrink=0.5, aspect=40, label=f"mean residual of {name} (nT)"
-    )
+    label = f"mean residual of {view.row_name(row)} (nT)"
+    figure.colorbar(mesh, ax=list(plots), location="bottom", shrink=0.5, aspect=40, label=label)
     return figure
 
 
-def _cell_means(values: FloatArray, cell: IntArray) -> FloatArray:
-    """Return the mean of the known values in each cell, NaN where there is none."""
+def cell_means(values: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return the mean of the known values in each cell of the sphere, NaN where there is none.
+
+    Parameters
+    ----------
+    values : (N,) array
+        NaN where they are not known.
+    direction : (N, 3) array
+        Of the field, unit vectors.
+    """
     known = np.isfinite(values)
-    counts = np.bincount(cell[known], minlength=CELLS)
-    sums = np.bincount(cell[known], values[known], minlength=CELLS)
+    cell = cell_of(direction[known])
+    counts = np.bincount(cell, minlength=CELLS)
+    sums = np.bincount(cell, values[known], minlength=CELLS)
     mean: FloatArray = np.divide(sums, counts, out=np.full(CELLS, np.nan), where=counts > 0)
     return mean

@@ -191,6 +191,9 @@ def embed(figure: Figure, alternative: str, caption: str = "") -> Image:
     caption : str
         Words under it.
     """
+    if (layout := figure.get_layout_engine()) is not None:
+        layout.execute(figure)
+        figure.set_layout_engine(None)  # else all is drawn twice, at first for the layout alone
     buffer = BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "tam_calibration"}):
         figure.savefig(buffer, format="svg", dpi=_RASTER_DPI, metadata={"Date": None})

@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.signal import freqz, lfilter
 
+from tam_calibration.effects.grades import LEAST_SAMPLES
 from tam_calibration.gap.floor import Floor, _median_turn, _middle, floor_of, white_variance
 from tam_calibration.model.array import Array
 
@@ -191,8 +192,18 @@ def test_what_most_rows_have_is_the_lower_median():
 
 
 def test_the_white_variance_between_the_sensors_is_that_of_the_noise_alone(run):
-    """It is 1 where the array has it, beside a drift of twenty times the noise too; a sensor alone has none."""
+    """It is 1 where the array has it, beside a drift of twenty times the noise too; 0 without channels or samples."""
     made = run(3000)
     drifting = made.with_row(4, 20e-9 * np.sin(np.linspace(0, 9, 3000)))
-    assert_allclose([white_variance(one.channels()) for one in (made, drifting)], 1, rtol=0.1)
-    assert white_variance(run(300, 1).channels()) == 0
+    for one in (made, drifting):
+        variance, error = white_variance(one.channels().differential)
+        assert abs(variance - 1) < 4 * error and error < 0.03
+    assert white_variance(np.zeros((300, 0))) == white_variance(np.ones((LEAST_SAMPLES - 1, 3))) == (0, 0)
+
+
+@pytest.mark.parametrize(("count", "width"), [(400, 1), (1600, 1), (400, 9)])
+def test_the_standard_error_of_the_white_variance_is_its_scatter(count, width):
+    """Of three hundred draws of white noise."""
+    noise = np.random.default_rng(5).normal(size=(300, count, width))
+    found = np.array([white_variance(one) for one in noise])
+    assert np.std(found[:, 0]) == pytest.approx(np.mean(found[:, 1]), rel=0.2)

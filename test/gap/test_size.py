@@ -9,8 +9,10 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from tam_calibration.effects.geomagnetic_drift import GeomagneticDrift
+from tam_calibration.effects.grades import CERTAIN
 from tam_calibration.effects.temperature_drift import TemperatureDrift
 from tam_calibration.gap.evidence import rivals
+from tam_calibration.gap.floor import white_variance
 from tam_calibration.gap.hypothesis import given_form
 from tam_calibration.gap.size import (
     FOLDS,
@@ -247,10 +249,16 @@ def test_a_planted_effect_lowers_it_and_noise_raises_it(run):
     assert_allclose(true / channels.count, 1, atol=0.08)
 
 
-@pytest.mark.parametrize(("factor", "part"), [(1.0, 0.8), (0.5, 0.2), (2.0, 0.8)])
-def test_most_of_the_white_noise_is_certain(run, factor, part):
-    """Four fifths of what differences tell between the sensors; of a sheet that says too little, of the sheet."""
+@pytest.mark.parametrize(("factor", "level"), [(1.0, 1.0), (0.5, 0.25), (2.0, 1.0)])
+def test_the_white_noise_but_for_its_standard_errors_is_certain(run, factor, level):
+    """Of the sensors and of the scalar; of a sheet that says too little, what the sheet says."""
     made = run(3000)
     stated = replace(made.array, vector_noise_T=made.array.vector_noise_T / factor)
     channels = replace(made, array=stated).channels()
-    assert_allclose(certain_noise(channels), part * 3000 * 9, rtol=0.1)
+    common = (np.sqrt(channels.precision) * channels.intensity_residual_T)[:, None]
+    least = [variance - CERTAIN * error for variance, error in map(white_variance, (channels.differential, common))]
+    assert certain_noise(channels) == pytest.approx(3000 * (9 * min(least[0], 1) + min(least[1], 1)))
+    assert 0.85 * level * 30000 < certain_noise(channels) <= level * 30000
+    counted = np.arange(3000) < 1500
+    assert certain_noise(replace(channels, is_counted=counted)) <= 0.5 * certain_noise(channels)
+    assert certain_noise(replace(channels, stride=3)) == pytest.approx(certain_noise(channels) / 3)

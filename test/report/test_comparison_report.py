@@ -14,6 +14,8 @@ from tam_calibration.correction.calibration import Provenance
 from tam_calibration.files.comparison_json import Sources
 from tam_calibration.files.mend_yaml import mend_to_mapping
 from tam_calibration.files.yaml_document import dump_mapping
+from tam_calibration.fit.coverage import cell_of
+from tam_calibration.model.units import to_nanotesla
 from tam_calibration.report.comparison_plots import (
     RECORDING_COLOR,
     SIMULATION_COLOR,
@@ -21,12 +23,13 @@ from tam_calibration.report.comparison_plots import (
     plot_histograms,
     plot_noise,
     plot_source_errors,
-    plot_spheres,
+    plot_sphere,
     plot_steps,
     row_to_draw,
 )
 from tam_calibration.report.comparison_report import write_comparison_report
 from tam_calibration.report.comparison_rows import most_other, next_words
+from tam_calibration.report.gap_cause_plots import cell_means
 
 SOURCES = Sources(Provenance("sim<1>.mcap", 12, "ab" * 32), Provenance("dive.csv", 34, "cd" * 32))
 
@@ -177,12 +180,19 @@ def test_a_simulator_without_noise_is_drawn(comparison):
 
 
 def test_residuals_of_both_are_drawn_of_the_row_that_differs_most(comparison):
-    """An axis of sensor 2: side by side on the sphere, over each other by size."""
+    """An axis of sensor 2: over each other, on the sphere and by size."""
     simulation, recording = comparison.simulation, comparison.recording
     row = row_to_draw(simulation, recording)
     assert row // 3 == 1
-    maps = plot_spheres(simulation, recording, row, "sensor 2 x").axes
-    assert [axes.get_title() for axes in maps[:2]] == ["simulation", "recording"]
+    ground, dots = plot_sphere(simulation, recording, row, "sensor 2 x").axes[0].collections
+    assert ground.get_clim() == dots.get_clim()
+    means = cell_means(to_nanotesla(simulation.gap.residue.before[:, row]), simulation.gap.residue.direction)
+    places = dots.get_offsets().data
+    for (longitude, latitude), value in zip(places, dots.get_array(), strict=True):
+        level = np.cos(latitude)
+        direction = np.array([[level * np.cos(longitude), -level * np.sin(longitude), np.sin(latitude)]])
+        assert value == means[cell_of(direction)[0]]
+    assert len(places) == np.isfinite(means).sum()
     labels = plot_histograms(simulation, recording, row, "sensor 2 x").axes[0].get_legend_handles_labels()[1]
     assert labels == ["simulation", "recording", "noise floor alone"]
 
