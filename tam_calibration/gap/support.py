@@ -117,9 +117,18 @@ def special_case(best: Evidence, others: Sequence[Evidence]) -> Evidence:
         if isinstance(one.form, Hypothesis)
         and one.form.effect.is_within(best.effect)
         and one.form.selection.rank <= rank
-        and one.gain > NEARLY_ALL * best.gain
+        and _explains_nearly_as_much(one, best)
     ]
     return max(nearly, key=lambda one: one.delta_bic, default=best)
+
+
+def _explains_nearly_as_much(one: Evidence, best: Evidence) -> bool:
+    """Whether a special case leaves little more evidence, or no more energy than effects are modelled to."""
+    if one.gain > NEARLY_ALL * best.gain:
+        return True
+    if not (isinstance(one.form, Hypothesis) and isinstance(best.form, Hypothesis)):
+        return False
+    return one.form.selection.gain > (1 - SLIGHT**2) * best.form.selection.gain
 
 
 def beyond_surrogates(one: Evidence, surrogate_test: SurrogateTest | None) -> float:
