@@ -123,10 +123,14 @@ def special_case(best: Evidence, others: Sequence[Evidence]) -> Evidence:
 
 
 def _explains_nearly_as_much(one: Evidence, best: Evidence) -> bool:
-    """Whether a special case leaves little more evidence, or no more energy than effects are modelled to."""
+    """Whether a special case has nearly the same evidence; one that is no exact limit may leave what models leave.
+
+    Effects are modelled to some per cent of their amplitude. Far above the noise as little is much evidence.
+    """
     if one.gain > NEARLY_ALL * best.gain:
         return True
-    if not (isinstance(one.form, Hypothesis) and isinstance(best.form, Hypothesis)):
+    assert isinstance(one.form, Hypothesis)
+    if not isinstance(best.form, Hypothesis) or best.effect not in one.form.effect.nearly_within:
         return False
     return one.form.selection.gain > (1 - SLIGHT**2) * best.form.selection.gain
 
