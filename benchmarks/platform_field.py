@@ -6,8 +6,8 @@ in time; intensities are lengths of vector sums. A run is calibrated without and
 the scalar are those of that run and of another one of the same vehicle, over the floor of the noise.
 
 FOLDER is ``test/test_data`` of github.com/MIT-AI-Accelerator/MagNav.jl: of the line in ``test_data_TL.mat`` it tells
-what the 18 terms of the effect and a trend leave of the scalar, and whether fits of the fluxgate take such lines. It also
-tells what errors that are known to `SHEET` beforehand and fitted to one half of that line leave in either.
+what the 18 terms of the effect and a trend leave of the scalar, and whether fits of the fluxgate take such lines. It
+also tells what errors that are known to `SHEET` beforehand and fitted to one half of that line leave in either.
 """
 
 from collections.abc import Iterator

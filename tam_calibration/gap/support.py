@@ -117,9 +117,22 @@ def special_case(best: Evidence, others: Sequence[Evidence]) -> Evidence:
         if isinstance(one.form, Hypothesis)
         and one.form.effect.is_within(best.effect)
         and one.form.selection.rank <= rank
-        and one.gain > NEARLY_ALL * best.gain
+        and _explains_nearly_as_much(one, best)
     ]
     return max(nearly, key=lambda one: one.delta_bic, default=best)
+
+
+def _explains_nearly_as_much(one: Evidence, best: Evidence) -> bool:
+    """Whether a special case has nearly the same evidence; one that is no exact limit may leave what models leave.
+
+    Effects are modelled to some per cent of their amplitude. Far above the noise as little is much evidence.
+    """
+    if one.gain > NEARLY_ALL * best.gain:
+        return True
+    assert isinstance(one.form, Hypothesis)
+    if not isinstance(best.form, Hypothesis) or best.effect not in one.form.effect.nearly_within:
+        return False
+    return one.form.selection.gain > (1 - SLIGHT**2) * best.form.selection.gain
 
 
 def beyond_surrogates(one: Evidence, surrogate_test: SurrogateTest | None) -> float:

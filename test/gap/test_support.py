@@ -206,6 +206,32 @@ def test_a_special_case_takes_no_more_coefficients_than_the_whole(rank, named):
     assert support.special_case(whole, [whole, special]).effect == named
 
 
+@pytest.mark.parametrize(
+    ("energy", "gain", "nearly", "named"),
+    [
+        (0.998, 0.9, ("whole",), "special"),
+        (0.997, 0.9, ("whole",), "whole"),
+        (0.998, 0.9, (), "whole"),
+        (0.9, 0.98, (), "special"),
+        (0.9, 0.96, ("whole",), "whole"),
+    ],
+)
+def test_a_special_case_leaves_little_evidence_or_as_little_energy_as_models_leave(energy, gain, nearly, named):
+    """Far above the noise a twentieth of the amplitude is much evidence; exact limits are held to the evidence."""
+
+    def evidence(name, energy, gain):
+        is_special = name == "special"
+        effect = SimpleNamespace(
+            name=name,
+            is_within=lambda whole: is_special and whole == "whole",
+            nearly_within=nearly if is_special else (),
+        )
+        return Evidence(name, Hypothesis(effect, {}, (), Selection((), energy, 9, 0.0)), gain, gain)
+
+    whole, special = evidence("whole", 1e6, 1000.0), evidence("special", 1e6 * energy, 1000 * gain)
+    assert support.special_case(whole, [whole, special]).effect == named
+
+
 def test_further_currents_and_actuators_count_as_recorded(base):
     """A form of an effect of other surrogates follows a channel where one of its terms does."""
     field = effect_named("platform_field")

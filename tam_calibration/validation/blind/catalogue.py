@@ -2,6 +2,7 @@
 
 from tam_calibration.validation.blind.disorder import bias_jump, noise_excess, outliers, periodic_interference
 from tam_calibration.validation.blind.disturbance import MOVING, SEVERAL, Entry
+from tam_calibration.validation.blind.further_vehicles import FURTHER_VEHICLES
 from tam_calibration.validation.blind.instrument_faults import (
     crosstalk,
     gain_switching,
@@ -69,7 +70,7 @@ pumped scalars without compensation; an hour of a magnetic storm; a magnet at a 
 spikes of twice the field; the steps of a phone's converter; elsewhere a fifth of the field, past which nobody
 calibrates."""
 
-CAUSES = {**CATALOGUE, **OTHER_VEHICLES, **OUTSIDE, **SEALED}
+CAUSES = {**CATALOGUE, **OTHER_VEHICLES, **FURTHER_VEHICLES, **OUTSIDE, **SEALED}
 """Every cause that a case may hold."""
 
 CHANNELS = ("temperature", "current", "attitude")

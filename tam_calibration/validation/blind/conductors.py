@@ -85,6 +85,15 @@ def of_wires(path_m: FloatArray, places_m: FloatArray) -> FloatArray:
     return np.asarray(PERMEABILITY / (4 * np.pi) * np.sum(np.cross(begin, end) * size[:, :, None], axis=1))
 
 
+def neumann(path_m: FloatArray, other_m: FloatArray) -> float:
+    """Return the mutual inductance of two closed polygons (S, 3) that are some edges apart, by Neumann's integral."""
+    (middle, edge), (far, opposite) = (
+        ((one + np.roll(one, -1, axis=0)) / 2, np.roll(one, -1, axis=0) - one) for one in (path_m, other_m)
+    )
+    distance = norm(middle[:, None] - far, axis=2)
+    return float(PERMEABILITY / (4 * np.pi) * np.sum(edge @ opposite.T / distance))
+
+
 def ribs(along_m: FloatArray, across_m: FloatArray, up_m: FloatArray, wire_m: float, ohm_per_m: float) -> Loops:
     """Return equal rectangles behind each other, one lengthwise upright through their axis and one lying.
 

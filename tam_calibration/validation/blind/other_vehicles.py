@@ -4,7 +4,7 @@ No rule of the diagnosis was made by them. Conductors are loops, plates and soli
 answers by more than it does in nature; what moves is recorded beside, and currents flow through wires.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from tam_calibration.validation.blind.processes import draw_load, draw_wander
 from tam_calibration.validation.blind.scene import Scene
 from tam_calibration.validation.blind.vehicle import IRON_OVER_CURRENTS, PERMEABILITY, Body, carried, iron_of, size_of
 
-_CONDUCTIVITIES = (1.4e6, 1.6e7, 2.5e7, 5.8e7)
+CONDUCTIVITIES = (1.4e6, 1.6e7, 2.5e7, 5.8e7)
 """Of stainless steel, brass, an alloy of aluminium, and copper, S/m."""
 
 Columns = dict[str, FloatArray]
@@ -85,7 +85,7 @@ def frame(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) -> t
     reach = float(sum(abs(edge @ mount.away) for edge in half))
     centres = np.array([mount.at((0.1 + spacing * rib, 0, 0.3), reach) for rib in range(int(rng.integers(2, 5)))])
     wire = mount.distance_m * rng.uniform(0.01, 0.025)
-    ohm_per_m = 1 / (float(rng.choice(_CONDUCTIVITIES)) * np.pi * wire**2 * rng.uniform(0.2, 1.0))
+    ohm_per_m = 1 / (float(rng.choice(CONDUCTIVITIES)) * np.pi * wire**2 * rng.uniform(0.2, 1.0))
     return ribs(centres, *half, wire, ohm_per_m).field(scene, places_m), {}
 
 
@@ -96,7 +96,7 @@ def plates(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) -> 
         radius = mount.distance_m * rng.uniform(0.3, 0.8)
         reach = radius * float(norm(np.cross(normal, mount.away)))
         centre = mount.at(rng.uniform([0.0, 0.0, 0.0], [0.5, 0.3, 0.3]), reach)
-        ohm = 1 / (float(rng.choice(_CONDUCTIVITIES)) * rng.uniform(0.001, 0.006))
+        ohm = 1 / (float(rng.choice(CONDUCTIVITIES)) * rng.uniform(0.001, 0.006))
         total += disc(centre, normal, radius, ohm).field(scene, places_m)
     return total, {}
 
@@ -107,7 +107,7 @@ def spheres(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) ->
     for _ in range(int(rng.integers(1, 4))):
         radius = min(mount.distance_m * rng.uniform(0.1, 0.3), rng.uniform(0.1, 0.5))
         centre = mount.at(rng.uniform([0.0, 0.0, 0.0], [0.8, 0.4, 0.4]), radius)
-        total += of_sphere(scene, places_m, centre, radius, float(rng.choice(_CONDUCTIVITIES)))
+        total += of_sphere(scene, places_m, centre, radius, float(rng.choice(CONDUCTIVITIES)))
     return total, {}
 
 
@@ -117,7 +117,7 @@ def shafts(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) -> 
     for across in (0.0, rng.uniform(0.2, 0.6))[: int(rng.integers(1, 3))]:
         ends = np.array([mount.at((start, across, 0.1)) for start in (0.0, rng.uniform(0.5, 1.2))])
         radius = min(mount.distance_m * rng.uniform(0.05, 0.12), 0.4)
-        total += of_cylinder(scene, places_m, ends, radius, float(rng.choice(_CONDUCTIVITIES[1:])))
+        total += of_cylinder(scene, places_m, ends, radius, float(rng.choice(CONDUCTIVITIES[1:])))
     return total, {}
 
 
@@ -173,7 +173,7 @@ def motor(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) -> t
     top = rng.uniform(2, 12)
     speed = top * (0.6 + 0.4 * np.tanh(draw_wander(rng, scene.duration_s, int(rng.integers(8, 20)))(scene.time_s)))
     centre, radius, length = mount.at((0.2, 0, 0.1)), rng.uniform(0.02, 0.04), rng.uniform(0.1, 0.3)
-    lagging = 2 * np.pi * speed * PERMEABILITY * float(rng.choice(_CONDUCTIVITIES[1:])) * (radius / SLOWEST_ACROSS) ** 2
+    lagging = 2 * np.pi * speed * PERMEABILITY * float(rng.choice(CONDUCTIVITIES[1:])) * (radius / SLOWEST_ACROSS) ** 2
     across = scene.field_T - np.outer(scene.field_T @ mount.along, mount.along)
     answer = lagging[:, None] * (lagging[:, None] * across + np.cross(mount.along, scene.field_T))
     moment = -2 * np.pi * radius**2 * length / PERMEABILITY * answer / (1 + lagging[:, None] ** 2)
@@ -197,7 +197,7 @@ def batteries(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) 
         apart = mount.distance_m * rng.uniform(0.02, 0.15) * draw_direction(rng)
         there = np.array([home, home + apart, home + apart + far, home + far])
         total += current[:, None, None] * of_wires(np.vstack([there, returns]), places_m)
-    return total, _recorded(rng, currents)
+    return total, recorded(rng, currents)
 
 
 def thrusters(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) -> tuple[FloatArray, Columns]:
@@ -213,10 +213,10 @@ def thrusters(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) 
         beside = mount.distance_m * rng.uniform(0.01, 0.1) * draw_direction(rng)
         total += current[:, None, None] * of_wires(np.array([home, end, end + beside, home + beside, home]), places_m)
         currents.append(current)
-    return total, _recorded(rng, currents)
+    return total, recorded(rng, currents)
 
 
-def _recorded(rng: Generator, currents: list[FloatArray]) -> Columns:
+def recorded(rng: Generator, currents: list[FloatArray]) -> Columns:
     """Return the columns of currents, from the second on, as a shunt measures them."""
     return {
         f"current_{number}_A": np.round(one + rng.normal(0, 0.01, len(one)), 4)
@@ -229,8 +229,15 @@ CONDUCTORS: tuple[Source, ...] = (frame, plates, spheres, shafts)
 MOVED: tuple[Source, ...] = (trim_tabs, motor, batteries, thrusters)
 
 
-def carrying(*sources: Source) -> Callable[[Generator, Scene], Disturbance]:
-    """Return what draws a vehicle with these sources, beside its iron; of several each is as strong as the first."""
+def carrying(*sources: Source, is_bounded: bool) -> Callable[[Generator, Scene], Disturbance]:
+    """Return what draws a vehicle with these sources, beside its iron; of several each is as strong as the first.
+
+    Parameters
+    ----------
+    *sources : callable
+    is_bounded : bool
+        Whether the first is a conductor, which answers by no more than it does in nature.
+    """
 
     def draw(rng: Generator, scene: Scene) -> Disturbance:
         mount = draw_mount(rng, float(np.abs(scene.positions_m).max()))
@@ -244,7 +251,7 @@ def carrying(*sources: Source) -> Callable[[Generator, Scene], Disturbance]:
         change = carried(scene, (own + iron) * (1e-9 / size))
         columns = {name: values for _, own_columns in drawn for name, values in own_columns.items()}
         cause = Disturbance("platform_field", (ALL,), (), change, "nT", parameters, columns=columns)
-        return replace(cause, largest_amplitude=size * 1e9) if sources[0] in CONDUCTORS else cause
+        return replace(cause, largest_amplitude=size * 1e9) if is_bounded else cause
 
     return draw
 
@@ -255,10 +262,28 @@ def _hull(mount: Mount) -> list[Body]:
     return [Body(mount.at((along, 0, 0.2)), mount.along, half, radius) for along in (0.3, 0.9)]
 
 
-_ENTRY = Entry(carrying(frame), "motion", motions=VOYAGES, sensor_counts=(4, 6), scalar_needed=True, large=(30.0,))
+def vehicles(
+    kinds: Iterable[tuple[Source, ...]], conductors: tuple[Source, ...], motions: tuple[str, ...]
+) -> dict[str, Entry]:
+    """Return the entries of vehicles with each of some tuples of sources, under way in some motions, by their names."""
+    return {
+        f"vehicle_with_{'_and_'.join(source.__name__ for source in sources)}": Entry(
+            carrying(*sources, is_bounded=sources[0] in conductors),
+            "motion",
+            motions=motions,
+            sensor_counts=(4, 6),
+            scalar_needed=True,
+            large=(30.0,),
+        )
+        for sources in kinds
+    }
 
-OTHER_VEHICLES = {
-    f"vehicle_with_{'_and_'.join(source.__name__ for source in sources)}": replace(_ENTRY, draw=carrying(*sources))
-    for sources in (*((one,) for one in (*CONDUCTORS, *MOVED)), (spheres, trim_tabs), (frame, thrusters))
-}
+
+_KINDS: list[tuple[Source, ...]] = [
+    *((one,) for one in (*CONDUCTORS, *MOVED)),
+    (spheres, trim_tabs),
+    (frame, thrusters),
+]
+
+OTHER_VEHICLES = vehicles(_KINDS, CONDUCTORS, VOYAGES)
 """By their names; their effect in a key is ``platform_field``."""

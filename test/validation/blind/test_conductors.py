@@ -7,7 +7,7 @@ import pytest
 from numpy.linalg import norm
 from numpy.testing import assert_allclose
 
-from tam_calibration.validation.blind.conductors import disc, faded, of_cylinder, of_sphere, of_wires, ribs
+from tam_calibration.validation.blind.conductors import disc, faded, neumann, of_cylinder, of_sphere, of_wires, ribs
 
 MU0 = 4e-7 * np.pi
 FAR = np.array([[0.0, 0.0, 50.0]])
@@ -84,3 +84,11 @@ def test_currents_in_a_frame_oppose_the_change():
     frame = ribs(np.array([[0.0, 0, 0], [0.3, 0, 0]]), np.array([0, 0.5, 0]), np.array([0, 0, 0.5]), 0.005, 1.0)
     field = frame.field(rising([1e-5, 0, 0]), np.array([[50.0, 0, 0]]))[-1, 0, 0]
     assert field == pytest.approx(2e-7 * 2 * (-1e-5 / 4) / 49.85**3, rel=5e-3)
+
+
+def test_the_mutual_inductance_of_small_loops_far_apart():
+    """μ0 A² / (2 π d³) of two squares with one axis, and half as much the other way in one plane."""
+    square = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) * 0.05
+    expected = MU0 * 0.01**2 / (2 * np.pi * 2.0**3)
+    assert neumann(square, square + np.array([0, 0, 2.0])) == pytest.approx(expected, rel=0.01)
+    assert neumann(square, square + np.array([2.0, 0, 0])) == pytest.approx(-expected / 2, rel=0.01)

@@ -8,13 +8,18 @@ from tam_calibration.validation.blind.case import make_case
 from tam_calibration.validation.blind.case_plan import CasePlan
 from tam_calibration.validation.blind.catalogue import CATALOGUE
 from tam_calibration.validation.blind.continuous_motion import VOYAGES
+from tam_calibration.validation.blind.further_vehicles import FURTHER_VEHICLES
 from tam_calibration.validation.blind.other_vehicles import OTHER_VEHICLES
 
 TABS = {"actuator_tab_port", "actuator_tab_starboard"}
 COLUMNS = {"trim_tabs": TABS, "motor": {"actuator_motor"}, "batteries": {"current_2_A", "current_3_A"}}
+COLUMNS |= {"arm": {"actuator_arm"}, "pump": {"actuator_pump"}, "electrodes": {"current_2_A", "current_3_A"}}
 
 
-@pytest.fixture(params=OTHER_VEHICLES)
+KINDS = OTHER_VEHICLES | FURTHER_VEHICLES
+
+
+@pytest.fixture(params=KINDS)
 def kind(request):
     """Return each kind in turn."""
     return request.param
@@ -23,7 +28,7 @@ def kind(request):
 def test_the_field_is_that_of_the_vehicle_at_every_sensor(kind, draw):
     """Nothing of it is NaN or still, what moves is recorded, and conductors have a size that nature has."""
     scene = draw(4, motions=VOYAGES)
-    cause = OTHER_VEHICLES[kind].draw(np.random.default_rng(4), scene)
+    cause = KINDS[kind].draw(np.random.default_rng(4), scene)
     vectors, scalar = cause.change(1.0, (scene.readings_T, scene.intensity_T))
     assert np.isfinite(vectors).all()
     assert np.isfinite(scalar).all()
@@ -32,8 +37,8 @@ def test_the_field_is_that_of_the_vehicle_at_every_sensor(kind, draw):
     for part, names in COLUMNS.items():
         assert not kind.endswith(part) or set(cause.columns) == names
     assert all(len(values) == scene.sample_count for values in cause.columns.values())
-    is_bounded = any(name in kind for name in ("frame", "plates", "spheres", "shafts"))
-    assert np.isfinite(cause.largest_amplitude) == is_bounded
+    conductors = ("frame", "plates", "spheres", "shafts", "hulls", "pipes", "hoops")
+    assert np.isfinite(cause.largest_amplitude) == kind.removeprefix("vehicle_with_").startswith(conductors)
 
 
 def test_no_conductor_answers_by_more_than_a_perfect_one(draw):
@@ -50,4 +55,4 @@ def test_a_case_is_called_by_the_name_of_the_effect():
     assert [one["effect"] for one in case.key["effects"]] == ["platform_field"]
     assert case.key["motion"] in VOYAGES
     assert case.key["visible_gap"] == pytest.approx(0.3, rel=0.02)
-    assert not set(OTHER_VEHICLES) & set(CATALOGUE)
+    assert not set(KINDS) & set(CATALOGUE)
