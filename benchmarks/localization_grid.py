@@ -1,17 +1,18 @@
 """Whether the intervals of located sources hold what they say, beside all that a pass may bring.
 
-Run ``python benchmarks/localization_grid.py [--runs 500] [--sweep 400]``: a platform of 1 m/s that sways by 6° passes
-dipoles of 30 to 500 A m² at 2.5 to 5 m with a cross of 0.5 m, 150 samples at 2.5 Hz. From a middle cell each condition
-is changed by itself, then all at once. Then passes are drawn from the whole product of noise 0.03 to 3 nT, attitude 0
-to 0.3°, gradient 0 to 5 nT/m, velocity error 0 to 3 %, one or two sources and structural index 1 to 3; attitude,
-gradient and velocity are each exact in a third of them, and figures are pooled. The dipoles of a pass are located by
+Run ``python benchmarks/localization_grid.py [--sweep 500] [--runs 500]``: a platform of 1 m/s that sways by 6° passes
+dipoles of 30 to 500 A m² at 2.5 to 5 m with a cross of 0.5 m, 150 samples at 2.5 Hz. Of one or two sources of
+structural index 1 to 3 so many passes each are drawn from the whole product of noise 0.03 to 3 nT, attitude 0 to 0.3°,
+gradient 0 to 5 nT/m and velocity error 0 to 3 %; attitude, gradient and velocity are each exact in a third of them, and
+figures are pooled. Then from a middle cell each condition is changed by itself, then all at once. Figures are written
+while the passes go on: a run that is ended early says of how many they are. The dipoles of a pass are located by
 ``track_dipole``, with the velocity's standard error that `tam locate --velocity` takes where none is stated, and by
 each sample. Lines of current and of dipoles, structural index 1 and 2, are crossed at the same distances and located by
 each sample; the nearest point of the line is what is sought. Of dipoles and currents the regional field of samples by
 themselves is that of the run, of lines of dipoles it is known to 140 nT as IGRF is. What is refused counts as refused.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -53,7 +54,10 @@ _TIME_S = np.arange(150) / 2.5
 _NINETY_FIVE, _FAR_OFF = 1.96, 5.0
 """Standard errors within which 95 % of normal errors lie, and beyond which no answer may be."""
 
-_KINDS = {1: "line(s) of current", 2: "line(s) of dipoles", 3: "dipole(s)"}
+_WRITTEN = 20
+"""Passes after which the figures are written again."""
+
+_NAMES = {1: "line(s) of current", 2: "line(s) of dipoles", 3: "dipole(s)"}
 _MU0_OVER_2_PI = 2e-7
 """μ₀ / 2 π, T m / A."""
 _CURRENT_A = 10.0
@@ -82,11 +86,12 @@ class Cell:
     @property
     def what(self) -> str:
         """How many of which source."""
-        return f"{self.sources} {_KINDS[self.index].replace('(s)', 's' * (self.sources > 1))}"
+        return f"{self.sources} {_NAMES[self.index].replace('(s)', 's' * (self.sources > 1))}"
 
 
 MIDDLE = Cell()
 CELLS = (
+    *(Cell(noise, 0.0, 0.0, 0.0, 1, index) for index in (1, 2) for noise in (0.03, 0.3, 3.0)),
     # each condition by itself to its ends, then the corners of several at once
     MIDDLE,
     *(replace(MIDDLE, noise_nT=noise) for noise in (0.03, 3.0)),
@@ -98,8 +103,9 @@ CELLS = (
     Cell(3.0, 0.3, 5.0, 0.03),
     Cell(0.03, 0.1, 5.0, 0.03, 2),
     Cell(1.0, 0.1, 0.0, 0.0),
-    *(Cell(noise, 0.0, 0.0, 0.0, 1, index) for index in (1, 2) for noise in (0.03, 0.3, 3.0)),
 )
+KINDS = ((1, 3), (1, 1), (1, 2), (2, 1), (2, 2), (2, 3))
+"""How many sources of which structural index the whole product has."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,8 +190,8 @@ class Pass:
             beside = regional_of(outputs, attitude)
             regional = regional_beside_current(outputs, self.array, covariance, attitude, beside)
         own = locate_samples(outputs, self.array, covariance, index=self.index, regional=regional, attitude=attitude)
-        require_one_source(own, self.index)
         world = turned(own, attitude, noise)
+        require_one_source(world, self.index)
         at = world.is_located
         errors = np.sqrt(np.diagonal(world.position_covariance_m2[at], axis1=1, axis2=2))
         return self._pulls(world.position_m[at] + self.path_m[at], errors, self.path_m[at])
@@ -212,9 +218,12 @@ def _source(generator: np.random.Generator, index: int) -> Dipole | Line:
     return Line(place, along, _CURRENT_A, np.zeros(3)) if index == 1 else Line(place, along, 0.0, across)
 
 
-def _judged(cell: Cell, seed: tuple[int, int], run: int) -> tuple[FloatArray | None, FloatArray | None]:
-    """Return the pulls of one pass: of all samples together, None where that is refused, and of each by itself."""
-    made = Pass.of(cell, np.random.default_rng((*seed, run)))
+_Pulls = tuple[FloatArray | None, FloatArray | None]
+"""Of one pass: of all samples together, None where that is refused, and of each by itself."""
+
+
+def _judged(cell: Cell, seed: tuple[int, ...]) -> _Pulls:
+    made = Pass.of(cell, np.random.default_rng(seed))
     together = one_by_one = None
     if cell.index == DIPOLE_INDEX:
         with suppress(Refused):
@@ -224,33 +233,31 @@ def _judged(cell: Cell, seed: tuple[int, int], run: int) -> tuple[FloatArray | N
     return together, one_by_one
 
 
-def _swept(seed: int, run: int) -> tuple[str, tuple[FloatArray | None, FloatArray | None]]:
-    """Return what is passed, and the pulls of one pass that is drawn from the whole product."""
-    generator = np.random.default_rng((seed, run))
+def _of_cell(seed: int, number: int, run: int) -> _Pulls:
+    return _judged(CELLS[number], (seed, number, run))
+
+
+def _of_product(seed: int, kind: int, run: int) -> _Pulls:
+    generator = np.random.default_rng((seed, len(CELLS) + kind, run))
     attitude, gradient, velocity = generator.uniform(0, [0.3, 5.0, 0.03]) * (generator.uniform(size=3) > 1 / 3)
-    noise, index = 10 ** generator.uniform(np.log10(0.03), np.log10(3)), int(generator.choice([1, 2, 3, 3]))
-    cell = Cell(noise, attitude, gradient, velocity, int(generator.choice([1, 2])), index)
-    what = f"the whole product, {cell.what}"
-    return what, _judged(cell, (seed, len(CELLS)), run)
+    noise = 10 ** generator.uniform(np.log10(0.03), np.log10(3))
+    return _judged(Cell(noise, attitude, gradient, velocity, *KINDS[kind]), (seed, len(CELLS) + kind, run, 1))
 
 
-def _cell_figures(cell: Cell, number: int, runs: int, seed: int) -> Iterator[Figure]:
-    with ProcessPoolExecutor() as pool:
-        results = pool.map(partial(_judged, cell, (seed, number)), range(runs))
-        together, one_by_one = zip(*track(results, description=cell.words, total=runs), strict=True)
-    if cell.index == DIPOLE_INDEX:
-        yield from _figures(cell.words, "track", together)
-    yield from _figures(cell.words, "each sample", one_by_one)
+@dataclass(frozen=True)
+class _Row:
+    """What is passed, how often, and what makes the pulls of one pass."""
 
+    what: str
+    passes: int
+    judge: Callable[[int], _Pulls]
 
-def _sweep_figures(runs: int, seed: int) -> Iterator[Figure]:
-    with ProcessPoolExecutor() as pool:
-        results = list(track(pool.map(partial(_swept, seed), range(runs)), description="sweep", total=runs))
-    for what in sorted({what for what, _ in results}):
-        together, one_by_one = zip(*(each for own, each in results if own == what), strict=True)
-        if "line" not in what:
-            yield from _figures(what, "track", together)
-        yield from _figures(what, "each sample", one_by_one)
+    def figures(self, results: Sequence[_Pulls]) -> Iterator[Figure]:
+        """Yield the figures of so many results."""
+        together, one_by_one = zip(*results, strict=True)
+        if "line" not in self.what:
+            yield from _figures(self.what, "track", together)
+        yield from _figures(self.what, "each sample", one_by_one)
 
 
 def _figures(what: str, method: str, each_run: Sequence[FloatArray | None]) -> Iterator[Figure]:
@@ -261,27 +268,48 @@ def _figures(what: str, method: str, each_run: Sequence[FloatArray | None]) -> I
     if parts:
         pulls = np.concatenate(parts)
         covered = float((np.abs(pulls) < _NINETY_FIVE).mean())
-        error = float(np.std([(np.abs(part) < _NINETY_FIVE).mean() for part in parts]) / np.sqrt(len(parts)))
-        yield Figure(what, method, "95 % intervals that cover", covered, error, (0.93, 0.97))
+        yield Figure(what, method, "95 % intervals that cover", covered, _spread(parts, covered), (0.93, 0.97))
         yield Figure(what, method, "beyond 5 σ", float((np.abs(pulls) > _FAR_OFF).mean()), asked=(0.0, 0.001))
 
 
+def _spread(parts: Sequence[FloatArray], covered: float) -> float:
+    """Return the standard error of a ratio whose passes, not pulls, are independent."""
+    counts = np.array([part.size for part in parts])
+    hits = np.array([(np.abs(part) < _NINETY_FIVE).sum() for part in parts])
+    return float(np.sqrt(np.sum((hits - covered * counts) ** 2)) / counts.sum())
+
+
 @click.command(help=__doc__)
-@click.option("--runs", default=500, show_default=True, help="Of each cell; 0 leaves the cells out.")
-@click.option("--sweep", default=400, show_default=True, help="Passes drawn from the whole product.")
+@click.option("--sweep", default=500, show_default=True, help="Passes of each kind from the whole product; 0 none.")
+@click.option("--runs", default=500, show_default=True, help="Passes of each cell; 0 none.")
 @click.option("--seed", default=17, show_default=True, help="Of all random numbers.")
-def main(runs: int, sweep: int, seed: int) -> None:
+@click.option("--processes", type=int, help="That work side by side; as many as there are cores by default.")
+def main(sweep: int, runs: int, seed: int, processes: int | None) -> None:
     """Run the benchmark."""
-    cells = enumerate(CELLS if runs else ())
-    figures = [figure for number, cell in cells for figure in _cell_figures(cell, number, runs, seed)]
-    figures += _sweep_figures(sweep, seed)
-    show(figures, f"Intervals of located sources, {runs} runs of each cell, {sweep} of the sweep", "method")
+    rows = [
+        _Row(
+            f"the whole product, {Cell(sources=kind[0], index=kind[1]).what}", sweep, partial(_of_product, seed, number)
+        )
+        for number, kind in enumerate(KINDS)
+    ]
+    rows += [_Row(cell.words, runs, partial(_of_cell, seed, number)) for number, cell in enumerate(CELLS)]
+    command = f"# python benchmarks/localization_grid.py --sweep {sweep} --runs {runs} --seed {seed}"
+    done: list[Figure] = []
+    with ProcessPoolExecutor(processes) as pool:
+        for row in rows:
+            results: list[_Pulls] = []
+            for result in track(pool.map(row.judge, range(row.passes)), description=row.what, total=row.passes):
+                results.append(result)
+                if len(results) % _WRITTEN == 0 or len(results) == row.passes:
+                    _write(command, [*done, *row.figures(results)])
+            done += row.figures(results) if results else []
+    show(done, f"Intervals of located sources, {sweep} passes of each kind, {runs} of each cell", "method")
+
+
+def _write(command: str, figures: Sequence[Figure]) -> None:
+    lines = [command, "case,method,figure,value,standard_error,asked,met", *(figure.line for figure in figures)]
     with write_whole(RESULTS) as path:
-        lines = [
-            f"# python benchmarks/localization_grid.py --runs {runs} --sweep {sweep} --seed {seed}",
-            "case,method,figure,value,standard_error,asked,met",
-        ]
-        path.write_text("\n".join([*lines, *(figure.line for figure in figures)]) + "\n")
+        path.write_text("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -28,11 +28,18 @@ OF_SOURCE = 6
 UNIFORM, GRADIENT, VELOCITY = slice(0, 3), slice(3, 8), slice(8, 11)
 """What the further unknowns are: u [T], G's components xx, xy, xz, yy and yz [T/m], and δv [m/s]."""
 
-_TURNS = 3
-"""Steps to the error of an attitude: each leaves about the square of what the last one left, of radians."""
+_TURNS, _TURNED = 3, 1e-3
+"""Steps to the error of an attitude, and the size of the last one, in units of the error's size: each step leaves about
+the square of what the last one left, of radians."""
+
+_FARTHEST_TURN = 10.0
+"""In units of its size: an error of the attitude that is larger belongs to unknowns that are far off."""
 
 SETTLED = 1e-9
 """Part of a place, and of a moment, below which a step is the last."""
+
+_MOST_STALLED = 10
+"""Steps in a row that hardly lower χ² and still do not end a fit: damping rises tenfold with each that does not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,11 +163,18 @@ class Passage:
         field, _, _ = self._fields(unknowns, np.zeros((len(self.matrix), 3)))
         return self.readings_T - field.reshape(self.readings_T.shape) * self.noise_T[:, None]
 
-    def turns(self, unknowns: FloatArray) -> FloatArray:
-        """Return the errors (N, 3) of the attitudes that explain most beside some unknowns, in units of their size."""
-        turn = np.zeros((len(self.matrix), 3))
+    def turns(self, unknowns: FloatArray, near: FloatArray | None = None) -> FloatArray:
+        """Return the errors (N, 3) of the attitudes that explain most beside some unknowns, in units of their size.
+
+        They are sought from those near by, which speeds it up, or from zero.
+        """
+        is_near = near is not None and np.abs(near).max() < _FARTHEST_TURN
+        turn = near if near is not None and is_near else np.zeros((len(self.matrix), 3))
         for _ in range(_TURNS if self.attitude_noise else 0):
-            turn = turn + self._step(turn, *self._fields(unknowns, turn)[:2])
+            step = self._step(turn, *self._fields(unknowns, turn)[:2])
+            turn = turn + step
+            if np.abs(step).max() < _TURNED:
+                break
         return turn
 
     def whitened(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -175,21 +189,42 @@ class Passage:
         parts = np.concatenate([residual[..., None], slopes], axis=2)
         if self.attitude_noise:
             parts[..., 0] += (by_turn @ turn[..., None])[..., 0]
-            values, vectors = np.linalg.eigh(np.eye(field.shape[1]) + by_turn @ np.swapaxes(by_turn, 1, 2))
-            parts = vectors @ ((np.swapaxes(vectors, 1, 2) @ parts) / np.sqrt(values)[..., None])
-        sensors = parts.reshape(len(turn), -1, 3, parts.shape[2])
-        world = (self.matrix[:, None] @ sensors).reshape(parts.shape)
+        world = self._whitening(by_turn) @ parts
         return world[..., 0], world[..., 1:]
 
-    def predict(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def seen(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return where the sensors are (N, K, 3) in the world, and what makes whitened data of the fields there.
+
+        Parameters
+        ----------
+        unknowns : (P,) array
+            Places and moments of the sources, and what is free of u, G and δv.
+
+        Returns
+        -------
+        points : (N, K, 3) array
+            Metres.
+        weights : (N, 3 K, 3 K) array
+            From stacked fields in the world, tesla, to the data that ``whitened`` has.
+        """
+        turn = self.turns(unknowns)
+        _, by_turn, _ = self._fields(unknowns, turn)
+        rotation = self._rotation(turn)
+        by_sensor = self._whitening(by_turn).reshape(len(turn), -1, len(self.noise_T), 3)
+        weights = np.einsum("nakj,nij->naki", by_sensor, rotation) / self.noise_T[:, None]
+        return self._points(unknowns, rotation), weights.reshape(len(turn), by_sensor.shape[1], -1)
+
+    def predict(self, unknowns: FloatArray, turn: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
         """Return the data (D,) and their derivatives (D, P), from which those along errors of the attitude are taken.
 
         Parameters
         ----------
         unknowns : (P,) array
             Places and moments of the sources, and what is free of u, G and δv.
+        turn : (N, 3) array, optional
+            What ``turns`` returns for them.
         """
-        turn = self.turns(unknowns)
+        turn = self.turns(unknowns) if turn is None else turn
         field, by_turn, slopes = self._fields(unknowns, turn, with_slopes=True)
         if self.attitude_noise:
             field, slopes = np.hstack([field, turn]), self._across(by_turn, slopes)
@@ -200,6 +235,28 @@ class Passage:
         of_known = np.hstack([np.zeros((len(rows), slopes.shape[2] - int(free.sum()))), rows[:, free]])
         data = np.concatenate([field.ravel(), rows @ self.further(unknowns)])
         return data, np.concatenate([slopes.reshape(-1, slopes.shape[2]), of_known])
+
+    def _whitening(self, by_turn: FloatArray) -> FloatArray:
+        """Return what makes white data (N, 3 K, 3 K) along the world's axes of the whitened readings."""
+        root = np.broadcast_to(np.eye(3 * len(self.noise_T)), (len(self.matrix), *[3 * len(self.noise_T)] * 2))
+        if self.attitude_noise:
+            values, vectors = np.linalg.eigh(root + by_turn @ np.swapaxes(by_turn, 1, 2))
+            root = (vectors / np.sqrt(values)[:, None]) @ np.swapaxes(vectors, 1, 2)
+        sensors = root.reshape(len(root), -1, 3, root.shape[2])
+        world: FloatArray = (self.matrix[:, None] @ sensors).reshape(root.shape)
+        return world
+
+    def _rotation(self, turn: FloatArray) -> FloatArray:
+        """Return the rotations Q (N, 3, 3) from the array frame to the world for errors (N, 3) of the attitudes."""
+        from scipy.spatial.transform import Rotation
+
+        rotation: FloatArray = self.matrix @ Rotation.from_rotvec(self.attitude_noise * turn).as_matrix()
+        return rotation
+
+    def _points(self, unknowns: FloatArray, rotation: FloatArray) -> FloatArray:
+        """Return the places (N, K, 3) of the sensors in the world, metres."""
+        points: FloatArray = self.center_m(unknowns)[:, None] + self.array.positions_m @ np.swapaxes(rotation, 1, 2)
+        return points
 
     def _step(self, turn: FloatArray, field: FloatArray, by_turn: FloatArray) -> FloatArray:
         """Return the step (N, 3) of the attitudes' errors, in units of their size, towards the readings (N, 3 K)."""
@@ -223,12 +280,10 @@ class Passage:
 
         The errors ``turn`` (N, 3) are in units of their size.
         """
-        from scipy.spatial.transform import Rotation
-
         further, sources = self.further(unknowns), self.sources(unknowns)
         sources = sources if with_slopes else sources[sources[:, 3:].any(axis=1)]
-        rotation: FloatArray = self.matrix @ Rotation.from_rotvec(self.attitude_noise * turn).as_matrix()
-        points = self.center_m(unknowns)[:, None] + np.einsum("nij,kj->nki", rotation, self.array.positions_m)
+        rotation = self._rotation(turn)
+        points = self._points(unknowns, rotation)
         made = [self.kernel(points - source[:3], source[3:]) for source in sources]
         tensor = np.tensordot(further[GRADIENT], UNIT_TENSORS, 1)
         back = np.swapaxes(rotation, 1, 2)[:, None]
@@ -264,7 +319,10 @@ class Passage:
 
 def _crossing(vectors: FloatArray) -> FloatArray:
     """Return the matrices [v]× (…, 3, 3) of vectors (…, 3): [v]× w = v × w."""
-    matrices: FloatArray = np.swapaxes(np.cross(vectors[..., None, :], np.eye(3)), -1, -2)
+    matrices = np.zeros((*vectors.shape, 3))
+    for first, second, third in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        matrices[..., second, third] = -vectors[..., first]
+        matrices[..., third, second] = vectors[..., first]
     return matrices
 
 
@@ -277,7 +335,7 @@ def _added(turns: FloatArray) -> FloatArray:
     return added
 
 
-def solve(passage: Passage, start: FloatArray, smallest_step: float = SETTLED) -> Solution:
+def solve(passage: Passage, start: FloatArray, smallest_step: float = SETTLED, least_fall: float = 0.0) -> Solution:
     """Return the solution of a passage: one problem.
 
     Parameters
@@ -288,17 +346,28 @@ def solve(passage: Passage, start: FloatArray, smallest_step: float = SETTLED) -
         Places and moments of the sources, and what is free of u, G and δv.
     smallest_step : float
         Part of a place, and of a moment, below which a step is the last.
+    least_fall : float
+        Part of χ² by which ten steps must lower it, or they are the last.
     """
+    turn: FloatArray = np.zeros((len(passage.matrix), 3))
+    own, lowest, stalled = passage.data, np.inf, 0
 
     def predict(unknowns: FloatArray, at: np.ndarray) -> tuple[FloatArray, FloatArray]:
-        data, slopes = passage.predict(unknowns[0])
+        nonlocal turn, lowest, stalled
+        turn = passage.turns(unknowns[0], turn)
+        data, slopes = passage.predict(unknowns[0], turn)
+        chi_square = float(np.sum((own - data) ** 2))
+        is_falling = chi_square <= (1 - least_fall) * lowest
+        lowest, stalled = (chi_square, 0) if is_falling else (lowest, stalled + 1)
         return data[None], slopes[None]
 
     def is_small(unknowns: FloatArray, step: FloatArray) -> np.ndarray:
+        if least_fall and stalled >= _MOST_STALLED:
+            return np.array([True])
         if not passage.sources(unknowns[0]).size:
             return np.array([norm(step) <= smallest_step * norm(unknowns)])
         size, change = (norm(passage.sources(each[0]).reshape(-1, 2, 3), axis=2) for each in (unknowns, step))
         return np.array([(change <= smallest_step * size).all()])
 
     with np.errstate(over="ignore", invalid="ignore"):  # what a step leads far away makes no field there
-        return solve_damped(predict, passage.data[None], start[None], is_small)
+        return solve_damped(predict, own[None], start[None], is_small)

@@ -25,6 +25,9 @@ _CHANCE = 1e-3
 _FEWEST_LOCATED = 10
 """Samples of a run: of fewer, what is left does not tell a second source that moves them by ten standard errors."""
 
+_SEEN_MOMENT = 3.0
+"""Standard errors of a moment that tells by its likeness to others whether they are of one source."""
+
 _MEND = (
     "Take a longer stretch about one source, or of dipoles give the velocity of a straight track, along which several "
     "of them and a gradient of the field are found"
@@ -145,10 +148,13 @@ def locate_samples(
 def require_one_source(solutions: EulerSolutions, index: float = DIPOLE_INDEX) -> None:
     """Refuse the samples of a run that several sources, or a field that is not uniform, have made.
 
+    Of eight outputs a dipole takes six, and a regional field that is uncertain, or an attitude, hides what a second one
+    does to the other two. But the moment of a source at rest is the same in all samples.
+
     Parameters
     ----------
     solutions : EulerSolutions
-        Of all samples.
+        Of all samples, along the axes of the world.
     index : float
         Structural index.
 
@@ -156,23 +162,44 @@ def require_one_source(solutions: EulerSolutions, index: float = DIPOLE_INDEX) -
     ------
     Refused
         When all samples together leave more than noise beside one source and a uniform regional field, known as it is,
-        or too few are located to tell.
+        their moments differ by more, or too few are located to tell.
     """
     from scipy.special import chdtrc
 
     assert solutions.chi_square is not None
-    left = solutions.chi_square[solutions.is_located]
-    if 0 < len(left) < _FEWEST_LOCATED:
+    at = solutions.is_located
+    left, moments, covariance = (
+        each[at] for each in (solutions.chi_square, solutions.moment_Am2, solutions.moment_covariance_A2m4)
+    )
+    if not len(left):
+        return
+    is_told = np.sum(moments**2, axis=1) > _SEEN_MOMENT**2 * np.trace(covariance, axis1=1, axis2=2)
+    telling = int(is_told.sum()) if index == DIPOLE_INDEX else len(left)
+    if telling < _FEWEST_LOCATED:
         raise Refused(
-            f"{len(left)} samples can be located, of which {_FEWEST_LOCATED} are needed to tell one source from "
-            f"several. {_MEND}"
+            f"only {telling} samples are located so well that one source is told from several: {_FEWEST_LOCATED} are "
+            f"needed. {_MEND}"
         )
-    freedom, total = len(left) * (3 if index == CURRENT_INDEX else 2), float(left.sum())
-    if len(left) and chdtrc(freedom, total) < _CHANCE:
-        raise Refused(
-            f"the samples are not those of one {SOURCES[index]} beside a uniform regional field: what is left is "
-            f"{np.sqrt(total / freedom):.3g} times the noise. {_MEND}"
-        )
+    tests = [
+        (float(left.sum()), len(left) * (3 if index == CURRENT_INDEX else 2), "what is left is {:.3g} times the noise")
+    ]
+    if index == DIPOLE_INDEX:
+        apart = _chi_square_of_equal(moments, covariance)
+        tests.append((apart, 3 * (len(left) - 1), "their moments differ by {:.3g} of their standard errors"))
+    for total, freedom, words in tests:
+        if chdtrc(freedom, total) < _CHANCE:
+            raise Refused(
+                f"the samples are not those of one {SOURCES[index]} at rest beside a uniform regional field: "
+                f"{words.format(np.sqrt(total / freedom))}. {_MEND}"
+            )
+
+
+def _chi_square_of_equal(vectors: FloatArray, covariance: FloatArray) -> float:
+    """Return χ² of vectors (n, 3) with covariances (n, 3, 3) about their weighted mean."""
+    weight = np.linalg.inv(covariance)
+    mean = np.linalg.solve(weight.sum(axis=0), np.einsum("nij,nj->i", weight, vectors))
+    off = vectors - mean
+    return float(np.einsum("ni,nij,nj->", off, weight, off))
 
 
 def turned(solutions: EulerSolutions, attitude: FloatArray, attitude_noise: float = 0.0) -> EulerSolutions:

@@ -259,9 +259,9 @@ def _sample_by_sample(
         regional=known,
         attitude=recording.attitude,
     )
-    require_one_source(solutions, index)
     center = np.zeros((recording.sample_count, 3))
     world = turned(solutions, recording.attitude, attitude_noise)
+    require_one_source(world, index)
     return Survey(WORLD_FRAME, recording.time_s, world, center, regional_T=known.field_T)
 
 

@@ -33,11 +33,21 @@ _DIRECTIONS = np.array(
 _DIRECTIONS /= norm(_DIRECTIONS, axis=1, keepdims=True)
 """In which it is looked for: the corners of an icosahedron."""
 
+_APART = 0.4
+"""Part of a source's distance from the path by which it is split into two: a pair that is nearer is seen as one."""
+
 _MOST_BESIDE = 3
 """Starts of a further source that are fitted: the best places along the path are often those of one source."""
 
 _COARSE, _ROUGH_STEP = 200, 1e-3
 """Samples at which a fit begins, and the part of a place and a moment below which its steps end then."""
+
+_LEAST_FALL, _HOPELESS = 1e-3, 2.0
+"""Part of χ² by which steps go on with fewer sources, and the χ² over that of noise, or of all sources, with which no
+further step helps."""
+
+_MOST_ROUNDS = 6
+"""Fits in a row of what nearly explains the readings: the valley between two dipoles that are alike is long."""
 
 _SIGNAL = 10.0
 """What is read of sources over the noise with which a fit begins."""
@@ -92,7 +102,7 @@ def fit_track(passage: Passage) -> TrackFit:
         When the readings do not determine the dipoles, or are not those of dipoles, with the reason.
     """
     best = last = _tested(passage, _best_fit(passage, 1))
-    nothing = solve(passage, _without_source(passage))
+    nothing = solve(passage, _without_source(passage), least_fall=_LEAST_FALL)
     if float(nothing.chi_square[0]) - float(best.solution.chi_square[0]) < _LEAST_GAIN * best.misfit.variance_factor:
         raise Refused("no dipole is seen: noise beside the regional field explains the readings as well")
     while last.misfit.colour > 1 and _count(passage, last) < MOST_SOURCES:
@@ -152,7 +162,10 @@ def _without_needless(passage: Passage, fit: TrackFit) -> TrackFit:
     unknowns = fit.solution.unknowns[0]
     for number in range(_count(passage, fit) if _count(passage, fit) > 1 else 0):
         others = np.delete(unknowns, slice(OF_SOURCE * number, OF_SOURCE * (number + 1)))
-        fewer = solve(passage, others)
+        fewer = solve(passage, others, least_fall=_LEAST_FALL)
+        if fewer.chi_square[0] > _HOPELESS * fit.solution.chi_square[0]:
+            continue
+        fewer = solve(passage, fewer.unknowns[0])
         if fewer.is_found[0] and _gain(fewer, fit) < _LEAST_GAIN:
             return _without_needless(passage, _tested(passage, fewer))
     return fit
@@ -228,12 +241,19 @@ def _best_fit(passage: Passage, count: int, before: FloatArray | None = None) ->
     """Return the best fit of so many sources, whether it is found or not.
 
     It begins at places that Euler's equation sees in the readings, and where one source less was fitted ``before``
-    also beside that.
+    also beside that, and if that does not settle or leaves more than noise, with each of its sources split in two.
     """
     nothing = _without_source(passage)
     fits = [_annealed(passage, nothing, partial(_starts, count=count))]
     if before is not None:
         fits.append(_annealed(passage, before, _starts_beside))
+        best = _tested(passage, _lowest(fits))
+        if not best.is_found or best.misfit.colour > 1:
+            fits.append(_annealed(passage, before, _starts_split))
+    return _lowest(fits)
+
+
+def _lowest(fits: list[Solution]) -> Solution:
     return min(fits, key=lambda each: float(each.chi_square[0]))
 
 
@@ -248,10 +268,14 @@ def _annealed(
     sizes = 10.0 ** np.arange(_decades(passage, begun) if passage.attitude_noise else 0, -1, -1)
     rough = passage.coarse(sizes[0], _COARSE)
     tried = [solve(rough, start, _ROUGH_STEP) for start in starts_of(rough, begun)]
-    solution = min(tried, key=lambda each: float(each.chi_square[0]))
+    solution = _lowest(tried)
     for size in sizes[1:-1]:
         solution = solve(passage.coarse(size, _COARSE), solution.unknowns[0], _ROUGH_STEP)
-    return solve(passage, solution.unknowns[0])
+    for _ in range(_MOST_ROUNDS):
+        solution = solve(passage, solution.unknowns[0])
+        if solution.is_found[0] or solution.chi_square[0] > _HOPELESS * len(passage.data):
+            break
+    return solution
 
 
 def _decades(passage: Passage, unknowns: FloatArray) -> int:
@@ -287,21 +311,50 @@ def _starts(passage: Passage, unknowns: FloatArray, count: int) -> list[FloatArr
 def _starts_beside(passage: Passage, unknowns: FloatArray) -> list[FloatArray]:
     """Return the best starts (P + 6,) of one more dipole beside the sources of unknowns (P,).
 
-    Places all round the path are tried: Euler's equation sees none where errors of the attitude are left.
+    Places all round the path are tried: Euler's equation sees none where errors of the attitude are left. Its moment is
+    that by which χ² falls most where the unknowns change with it, to first order.
     """
     arm_m = float(norm(passage.array.positions_m, axis=1).max())
     offsets = (arm_m * _DISTANCES[:, None, None] * _DIRECTIONS).reshape(-1, 3)
     count = len(passage.path_m)
     along = np.linspace(0, count - 1, min(count, _STARTS)).round().astype(int)
+    points, weights = passage.seen(unknowns)
+    predicted, slopes = passage.predict(unknowns)
+    normal, scale = scaled(slopes.T @ slopes)
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    residuals, others = passage.whitened(unknowns)
+    others = others.reshape(-1, len(scale)) / scale
+    left = residuals.ravel() - others @ (inverse @ (slopes.T @ (passage.data - predicted) / scale))
     best: list[tuple[float, FloatArray]] = []
     for center in passage.center_m(unknowns)[along]:
         places = center + offsets
-        tried, moments = _resting(places, unknowns)
-        others = np.arange(len(tried) - len(unknowns), len(tried))
-        gain, change = _gains(passage, tried, np.array([[*own, *others] for own in moments]))
+        _, _, by_moment = passage.kernel(points[:, None] - places[:, None], np.zeros(3))
+        stacked = np.moveaxis(by_moment, 1, 3).reshape(len(points), -1, by_moment[0, :, 0, 0].size)
+        columns = (weights @ stacked).reshape(len(left), len(places), 3).transpose(1, 2, 0)
+        across = columns @ others
+        own, size = scaled(columns @ columns.swapaxes(1, 2) - across @ inverse @ across.swapaxes(1, 2))
+        slope = columns @ left / size
+        moment = (np.linalg.pinv(own, hermitian=True) @ slope[..., None])[..., 0]
+        gain = np.sum(moment * slope, axis=1)
         at = int(np.argmax(gain))
-        best.append((float(gain[at]), np.concatenate([places[at], change[at, :3], unknowns])))
+        best.append((float(gain[at]), np.concatenate([places[at], moment[at] / size[at], unknowns])))
     return [start for _, start in sorted(best, key=lambda each: -each[0])[:_MOST_BESIDE]]
+
+
+def _starts_split(passage: Passage, unknowns: FloatArray) -> list[FloatArray]:
+    """Return starts (P + 6,) with one of the sources of unknowns (P,) as two halves beside each other, along each axis.
+
+    Two dipoles that are near to each other are fitted as one between them, and no place elsewhere leads to them.
+    """
+    center, starts = passage.center_m(unknowns), []
+    for number, source in enumerate(passage.sources(unknowns)):
+        distance = norm(center - source[:3], axis=1).min()
+        for axis in np.eye(3):
+            shift = np.concatenate([_APART / 2 * distance * axis, -source[3:] / 2])
+            start = unknowns.copy()
+            start[OF_SOURCE * number : OF_SOURCE * (number + 1)] += shift
+            starts.append(np.concatenate([source - shift * np.repeat([1.0, -1.0], 3), start]))
+    return starts
 
 
 def _resting(places: FloatArray, unknowns: FloatArray) -> tuple[FloatArray, np.ndarray]:

@@ -65,7 +65,7 @@ def test_the_regional_field_is_found_beside_a_current():
 @pytest.mark.parametrize(("places", "gradient"), [((0.0,), 2e-9), ((-4.0, 4.0), 0.0)])
 def test_what_is_no_single_current_in_a_uniform_field_is_refused(places, gradient):
     """A gradient of the regional field, and a second current."""
-    with pytest.raises(Refused, match="line of current beside a uniform regional field"):
+    with pytest.raises(Refused, match=r"line of current (at rest )?beside a uniform regional field"):
         located(passed(3, places, gradient))
 
 
@@ -83,5 +83,5 @@ def test_few_samples_tell_no_source_from_several():
     attitude, outputs = SWAY.as_quat()[near], passed(5)[near]
     own = locate_samples(outputs, ARRAY, NOISE, index=1, regional=Regional(EARTH_T), attitude=attitude)
     assert own.is_located.all()
-    with pytest.raises(Refused, match="9 samples can be located, of which 10 are needed"):
+    with pytest.raises(Refused, match=r"only 9 samples are located so well .* 10 are needed"):
         require_one_source(own, 1)

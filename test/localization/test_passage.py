@@ -162,6 +162,27 @@ def test_whitened_readings_say_of_the_unknowns_what_the_data_say(attitude_noise_
     assert_allclose(rows.T @ residuals.ravel(), right, atol=1e-5 * np.abs(right).max())
 
 
+@pytest.mark.parametrize("attitude_noise_deg", [0.0, 0.3])
+def test_fields_in_the_world_are_whitened_as_the_readings_are(attitude_noise_deg):
+    """What moments make at the sensors' places has the derivatives that the whitened readings have."""
+    course = Course(20, 1e-9, from_degrees(attitude_noise_deg), velocity_error_m_per_s=VELOCITY_ERROR)
+    passage = passage_of(course, seed=8)
+    points, weights = passage.seen(TRUTH)
+    _, _, by_moment = dipole_field(points - SOURCES[0].position_m, np.zeros(3))
+    expected = passage.whitened(TRUTH)[1][..., 3:6]
+    assert_allclose(weights @ by_moment.reshape(20, -1, 3), expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_errors_of_the_attitude_are_the_same_wherever_they_are_sought():
+    """From zero, from near by, and from what is too far to begin with or is no number."""
+    passage = passage_of(Course(20, 1e-9, from_degrees(0.3), velocity_error_m_per_s=VELOCITY_ERROR), seed=9)
+    best = passage.turns(TRUTH)
+    assert_allclose(passage.turns(TRUTH, best + 0.5), best, atol=1e-6)
+    for far in (10.1, np.nan):
+        assert_array_equal(passage.turns(TRUTH, np.full_like(best, far)), best)
+    assert not np.array_equal(passage.turns(TRUTH, np.full_like(best, 9.9)), best)
+
+
 def test_whitened_residuals_have_the_axes_of_the_world():
     """What is missing in the world stays what it is, however the array is turned."""
     course, missing = Course(30, 1e-9), np.array([3e-9, -5e-9, 8e-9])

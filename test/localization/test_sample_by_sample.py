@@ -6,10 +6,16 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of, turned
-from tam_calibration.localization.solutions import Status
+from tam_calibration.localization.sample_by_sample import (
+    Regional,
+    locate_samples,
+    regional_of,
+    require_one_source,
+    turned,
+)
+from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import from_degrees
 from tam_calibration.sources.dipole import Dipole
 
@@ -167,3 +173,48 @@ def test_errors_of_the_attitude_do_not_shorten_the_regional_field():
     found, plain = (regional_of(outputs, measured, each).field_T for each in (noise, 0.0))
     assert np.linalg.norm(found) == pytest.approx(length, rel=noise**2 / 8)
     assert np.linalg.norm(plain) == pytest.approx(length * (1 - noise**2 / 2), rel=noise**2 / 8)
+
+
+def of_moments(moments_Am2, error_Am2, chi_square=2.0):
+    """Return solutions along the axes of the world with moments (N, 3), all of one standard error, that fit so well."""
+    count = len(moments_Am2)
+    own = EulerSolutions.refused(count, Status.LOCATED)
+    own.moment_Am2[:] = moments_Am2
+    own.moment_covariance_A2m4[:] = error_Am2**2 * np.eye(3)
+    own.chi_square[:] = chi_square
+    return own
+
+
+def test_samples_of_one_dipole_have_one_moment():
+    """Moments that differ by their standard errors are of one source; every second other by five is not."""
+    alike = DIPOLE.moment_Am2 + 5.0 * np.random.default_rng(13).normal(size=(20, 3))
+    require_one_source(of_moments(alike, 5.0))
+    alike[::2] += [25.0, 0.0, 0.0]
+    with pytest.raises(Refused, match=r"one dipole at rest .* their moments differ by 1\.\d+ of their standard errors"):
+        require_one_source(of_moments(alike, 5.0))
+
+
+def test_what_a_dipole_leaves_is_told():
+    """Twice the noise of 20 samples that have one moment, of which two numbers each are left."""
+    same = np.tile(DIPOLE.moment_Am2, (20, 1))
+    with pytest.raises(Refused, match="what is left is 2 times the noise"):
+        require_one_source(of_moments(same, 5.0, chi_square=8.0))
+
+
+@pytest.mark.parametrize(("errors", "is_told"), [(3.1, True), (2.9, False)])
+def test_a_moment_below_three_standard_errors_tells_nothing(errors, is_told):
+    """Ten samples that see it are needed."""
+    size = np.linalg.norm(DIPOLE.moment_Am2)
+    own = of_moments(np.tile(DIPOLE.moment_Am2, (10, 1)), size / errors / np.sqrt(3))
+    if is_told:
+        require_one_source(own)
+        return
+    with pytest.raises(Refused, match="only 0 samples are located so well that one source is told from several"):
+        require_one_source(own)
+
+
+def test_lines_need_no_moment():
+    """It is unknown of them; samples of which none is located are no reason either."""
+    unknown = np.full((12, 3), np.nan)
+    require_one_source(of_moments(unknown, np.nan, chi_square=3.0), 1)
+    require_one_source(EulerSolutions.refused(12, Status.NO_FIELD))

@@ -15,6 +15,8 @@ BESIDE = Dipole(np.array([38.0, -1.5, -3.0]), np.array([100.0, 60.0, -80.0]))
 BEFORE = Dipole(np.array([20.0, 2.5, -2.0]), np.array([-100.0, 160.0, -80.0]))
 BELOW = Dipole(np.array([30.2, -0.05, -4.53]), np.array([-68.2, -104.5, -136.0]))
 FIRST = Dipole(np.array([10.0, -2.5, -2.0]), np.array([100.0, -100.0, 80.0]))
+ABOVE = Dipole(np.array([29.4, -2.0, -1.8]), np.array([-24.9, 24.5, -17.0]))
+STRONG = Dipole(np.array([29.2, -2.1, -2.4]), np.array([-303.7, 296.7, -188.4]))
 LAST = Dipole(np.array([48.0, -2.5, -2.0]), np.array([100.0, 100.0, -80.0]))
 
 
@@ -71,6 +73,16 @@ def test_a_weak_dipole_beside_a_strong_one_is_found(attitude_noise_deg):
     track = tracked(Course(80, attitude_noise=from_degrees(attitude_noise_deg)), [WRECK, weak])
     assert len(track.sources) == 2
     for (found, covariance), true in zip(track.sources, [WRECK, weak], strict=True):
+        assert (np.abs(found.position_m - true.position_m) < 4.5 * np.sqrt(np.diag(covariance)[:3])).all()
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_two_dipoles_nearer_to_each_other_than_to_the_path_are_found(seed):
+    """Six tenths of a metre apart, three from the path: one alone is between them, no start elsewhere leads there."""
+    track = tracked(Course(noise_T=3e-10), [STRONG, ABOVE], seed)
+    assert track.fit.misfit.variance_factor == 1
+    assert len(track.sources) == 2
+    for (found, covariance), true in zip(track.sources, [STRONG, ABOVE], strict=True):
         assert (np.abs(found.position_m - true.position_m) < 4.5 * np.sqrt(np.diag(covariance)[:3])).all()
 
 
