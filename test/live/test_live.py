@@ -1,5 +1,6 @@
 """The live calibration: what it tells of changes, what it does then, and when it publishes."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from tam_calibration.live.change_window import (
     DECIDE_S,
     FALSE_ALARMS_A_DAY,
     FEWEST_AFTER,
+    SCREENED,
     WINDOW,
     chance_of_test,
 )
@@ -147,6 +149,42 @@ def test_stamps_that_step_back_begin_another_block(prior, true_errors, cross):
     assert live.state.learned > len(rows) and live.state.changes == ()
 
 
+def test_a_block_has_as_many_degrees_of_freedom_as_its_readings_leave(prior, true_errors, cross):
+    """Nine differences of a sample, its intensity where it is known, less 45 errors; too few samples tell nothing."""
+    rows = dive(true_errors, cross, np.random.default_rng(16), np.arange(3 * 32 + 1) / 16)
+    rows[::2, -2] = np.nan
+    live = Live(prior, "tell")
+    live.add(rows)
+    assert live.state.learned == 3 * 32 and live.state.freedom == 3 * (32 * 9 + 16 - 45)
+    few = Live(prior, "tell")
+    few.add(rows[::8])
+    assert few.state.learned == 3 * 4 and (few.state.freedom, few.state.excess) == (0.0, 1.0)
+
+
+def test_the_temperature_of_a_block_is_the_mean_of_those_that_are_known(prior, true_errors, cross):
+    """Of samples without intensity here: each channel is known where it is."""
+    rows = dive(true_errors, cross, np.random.default_rng(17), np.arange(33) / 16)
+    rows[::2, -2] = np.nan
+    rows[::2, -1] = np.linspace(10, 14, 17)
+    live = Live(prior, "tell")
+    live.add(rows)
+    assert live.state.recursion.now.temperature_C == pytest.approx(rows[:32:2, -1].mean())
+
+
+def test_what_it_does_is_said(prior, true_errors, cross):
+    """How much is learned, and while a change is looked into, which it may be."""
+    live = Live(prior, "tell")
+    after = moved(true_errors, 2, bias_T=np.array([20e-9, 0, 0]))
+    for each, time_s in ((true_errors, np.arange(0, 20, 0.05)), (after, np.arange(20, 40, 0.05))):
+        rows = dive(each, cross, np.random.default_rng(18), time_s)
+        while len(rows) and not live.is_suspicious:
+            assert live.sentence == f"updated with {live.state.learned} samples"
+            live.add(rows[:1])
+            rows = rows[1:]
+    assert live.is_suspicious and rows[0, 0] < 30
+    assert re.fullmatch(r"updated with \d+ samples; a change is looked into: .*bias of sensor 2.*", live.sentence)
+
+
 def test_the_threshold_follows_from_the_alarms_that_are_allowed(true_errors, cross):
     """The chance of a test times all tests of a day is the stated number; 23 things may change in four sensors."""
     count = len(hypotheses(true_errors, cross))
@@ -158,5 +196,6 @@ def test_the_threshold_follows_from_the_alarms_that_are_allowed(true_errors, cro
 def test_constants():
     """What a reader of docs/live.md relies on."""
     assert (BLOCK_S, WINDOW, DECIDE_S, FEWEST_AFTER, FALSE_ALARMS_A_DAY) == (2.0, 15, 20.0, 2, 0.1)
+    assert SCREENED == (1, 2, 4, 8, 14)
     assert (PUBLISHED_FROM, WIDENED, MOST_CHANGES, LARGEST_WALK) == (0.5, 3.0, 100, 0.1)
     assert pytest.approx(2 * np.log(100)) == CLEAR_RATIO

@@ -13,7 +13,8 @@ from tam_calibration.fit.posterior import posterior_of
 from tam_calibration.fit.scale import Normalized
 from tam_calibration.live.recursion import LARGEST_WALK, Belief, Recursion, Walk
 from tam_calibration.live.sample_moments import MomentLikelihood, SampleMoments
-from tam_calibration.model.change_rates import ChangeRates
+from tam_calibration.model.change_rates import DAY_S, ChangeRates
+from tam_calibration.model.sensor_errors import SensorErrors
 
 
 def learned(prior, rows, size):
@@ -117,3 +118,25 @@ def test_noise_does_not_pull_what_a_narrow_swing_hardly_determines(true_errors, 
     # The covariance times the score is the step to where the moments have their most probable errors.
     step = np.abs(batch.covariance @ gradient)
     assert np.all(step < 0.02 * batch.standard_errors.ravel() + 1e-18)
+
+
+def test_a_belief_has_changed_by_its_errors_or_its_standard_errors(far_prior):
+    """Twice the standard errors are a change by one of them, half of them by a half; a step by its own size."""
+    prior, _ = far_prior
+    belief = Belief(prior.errors, prior.covariance, 0.0, np.nan)
+    for factor, change in ((1.0, 0.0), (2.0, 1.0), (0.5, 0.5)):
+        assert belief.change_to(replace(belief, covariance=factor**2 * belief.covariance)) == pytest.approx(change)
+    step = 3 * np.sqrt(np.diag(prior.covariance)).reshape(4, 12)
+    moved_errors = SensorErrors.from_vector(prior.errors.to_vector() + step)
+    assert belief.distance(moved_errors) > 1
+    assert belief.change_to(replace(belief, errors=moved_errors)) == pytest.approx(belief.distance(moved_errors))
+
+
+def test_what_changes_since_a_belief_asks_for_the_time_between(true_errors, cross):
+    """The same after a day from any stamp on; nothing where stamps go back."""
+    prior = ashore(true_errors, cross, np.random.default_rng(7), ChangeRates())
+    walk, belief = Walk(prior), Belief(prior.errors, prior.covariance, 1.7e9, np.nan)
+    day = walk.covariance(belief, belief.time_s + DAY_S, np.nan)
+    assert_allclose(day, walk.covariance(replace(belief, time_s=0.0), DAY_S, np.nan))
+    assert day[12 + 6, 12 + 6] == pytest.approx(ChangeRates().variances(DAY_S, 0.0)[6])
+    assert not walk.covariance(belief, belief.time_s - DAY_S, np.nan).any()
