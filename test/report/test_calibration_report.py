@@ -61,7 +61,7 @@ def write(tmp_path):
     return write
 
 
-def test_sections_stand_in_order(make, write):
+def test_sections_stand_in_order(make, write, undrawn):
     """The verdict comes first, the provenance last."""
     page = write(*make())
     assert page.headings == [
@@ -108,7 +108,7 @@ def test_one_sensor_has_no_tensor(make, write, one_sensor):
     assert "nan" not in page.text.lower().split()
 
 
-def test_several_sensors_in_one_place_have_no_tensor(make, write):
+def test_several_sensors_in_one_place_have_no_tensor(make, write, undrawn):
     """A geometry without gradient still has a centre."""
     page = write(*make(Array(np.zeros((3, 3)), np.full(3, 1e-9), 1e-10)))
     assert "|B|, centre (nT)" in page.text

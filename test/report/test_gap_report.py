@@ -128,7 +128,7 @@ def of_size(gap, sample_count, sensor_count=4):
     return replace(gap, residue=residue)
 
 
-def test_the_questions_are_answered_in_order(gap, write):
+def test_the_questions_are_answered_in_order(gap, write, undrawn):
     """Is there a gap, where, which cause, how far does it shrink, what explained nothing, what next."""
     page = write(gap)
     assert page.headings == [
@@ -151,7 +151,7 @@ def test_the_questions_are_answered_in_order(gap, write):
     ("verdict", "name", "images"),
     [("no_gap", "No gap", 7), ("unexplained", "Unexplained", 7), ("not_identifiable", "Not identifiable", 0)],
 )
-def test_every_verdict_has_a_page(gap, write, verdict, name, images):
+def test_every_verdict_has_a_page(gap, write, undrawn, verdict, name, images):
     """Without causes nothing is taken away; without a verdict there is nothing to draw."""
     page = write(replace(gap, verdict=verdict, causes=(), where=replace(gap.where, sensors=(), axes=())))
     assert page.text.count(f"{name}: ") == 1
