@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.integrated import integrated
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.recorded_attitude import aligned, into_array_frame
+from tam_calibration.fit.recorded_attitude import aligned, into_array_frame, marginal_information
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import from_degrees
@@ -259,3 +259,16 @@ def test_without_attitude_the_frame_is_not_to_be_found(case, exact):
     turned = replace(exact, readings_T=errors.distort(field), attitude=steps.as_quat())
     with pytest.raises(InputError, match="two axes"):
         into_array_frame(errors, turned)
+
+
+def test_a_gradient_that_the_data_leave_open_is_infinite():
+    """And takes nothing from what is known of the rows; one that they tell costs what it shares with them."""
+    information = np.diag(np.append(np.full(48, 3.0), np.zeros(5)))
+    rows, covariance = marginal_information(information, np.ones(48, dtype=bool))
+    assert_allclose(rows, 3 * np.eye(48))
+    assert covariance.shape == (5, 5) and np.isinf(covariance).all()
+    information[48:, 48:] = 2 * np.eye(5)
+    information[0, 48] = information[48, 0] = 1.0
+    rows, covariance = marginal_information(information, np.ones(48, dtype=bool))
+    assert_allclose(np.diag(rows), np.append(3 - 1 / 2, np.full(47, 3.0)))
+    assert_allclose(np.diag(covariance), np.append(1 / (2 - 1 / 3), np.full(4, 1 / 2)))
