@@ -71,7 +71,7 @@ class WhitenedChannels:
     intensity_residual_T: FloatArray
     precision: FloatArray
     is_counted: NDArray[np.bool_]
-    stride: int = 1
+    stride: int
 
     @classmethod
     def at(

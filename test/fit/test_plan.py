@@ -1,6 +1,7 @@
 """Plans keep their promise, beat chance, and refuse what cannot be reached."""
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -181,6 +182,32 @@ def test_a_level_circle_is_made_use_of(wu_scenario, reach, nothing):
     assert "bias z" in start.note or "scale factor z" in start.note
     plan = make_plan(start, start.model.intensity_T * reach.directions, 6, SAMPLES)
     assert plan.worst[-1] < 2 * make_plan(nothing, INTENSITY_T * reach.directions, 12, SAMPLES).worst[-1]
+
+
+def test_raw_readings_without_scalar_tell_the_intensity(wu_scenario):
+    """By their lengths, where a calibration is not to be had."""
+    circle = np.zeros((200, 3))
+    circle[:, 0] = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    recording = replace(simulate(scenario_of(wu_scenario, circle)).recording, scalar_T=None)
+    start = start_from_recording(recording, wu_scenario.array)
+    assert start.standard_errors is None
+    assert start.model.intensity_T == pytest.approx(INTENSITY_T, rel=0.03)
+
+
+def test_no_other_pose_is_better_instead_of_one(nothing):
+    """By a thousandth of the largest standard error, each in units of what noise makes of it, which the plan tells."""
+    wide = reach_of_vehicle(from_degrees(60), from_degrees(60), INCLINATION)
+    model, candidates = nothing.model, INTENSITY_T * wide.directions[::7]
+    plan, rows = make_plan(nothing, candidates, POSES, SAMPLES), model.rows(candidates)
+
+    def worst(chosen):
+        information = rows[np.array(chosen)].information * SAMPLES
+        return np.max(np.sqrt(model.variances(information)) * model.noise_units)
+
+    chosen = plan.poses.tolist()
+    assert worst(chosen) == pytest.approx(plan.worst[-1], rel=1e-6)
+    for place, other in product(range(POSES), range(len(candidates))):
+        assert worst([*chosen[:place], other, *chosen[place + 1 :]]) > 0.999 * plan.worst[-1]
 
 
 def test_a_calibration_tells_as_much_as_its_recording(narrow, wu_scenario, start):
