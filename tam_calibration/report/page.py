@@ -196,8 +196,5 @@ def embed(figure: Figure, alternative: str, caption: str = "") -> Image:
         figure.set_layout_engine(None)  # else all is drawn twice, at first for the layout alone
     buffer = BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "tam_calibration"}):
-        if layout := figure.get_layout_engine():
-            layout.execute(figure)
-            figure.set_layout_engine(None)  # savefig would find the layout twice, with a drawing that nobody sees
         figure.savefig(buffer, format="svg", dpi=_RASTER_DPI, metadata={"Date": None})
     return Image(f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode()}", alternative, caption)

@@ -62,11 +62,20 @@ def test_a_change_is_told_by_sensor_and_parameters(prior, true_errors, cross, pa
     assert told.sentence.startswith(f"{parameters} of sensor 3 by ")
 
 
+def test_what_the_rates_allow_is_no_change(true_errors, cross):
+    """A step that is told elsewhere is none of sensors whose bias walks so far each second."""
+    rates = replace(UNCHANGING, bias_per_day=20e-9 * np.sqrt(86_400.0))
+    prior = ashore(true_errors, cross, np.random.default_rng(19), rates)
+    live, _ = run(prior, true_errors, moved(true_errors, 3, bias_T=np.array([12e-9, 8e-9, 0])), cross)
+    assert live.state.changes == ()
+
+
 def test_what_the_motion_cannot_tell_apart_is_told_as_such(prior, true_errors, cross):
     """In a vehicle that hardly pitches a scale factor along z is told beside the bias that it looks like."""
     live, told_s = run(prior, true_errors, moved(true_errors, 3, scale_factor=np.array([0, 0, 1e-4])), cross, tilt=0.01)
     [told] = live.state.changes
     assert set(told.parameters) == {"bias", "scale factor"} and told.sensor == 3
+    assert told.sentence.startswith(f"{told.parameters[0]} of sensor 3 by ")
     assert "which the motion cannot tell apart" in told.sentence
     assert DECIDE_S < told_s - told.since_s < 30
 

@@ -103,7 +103,8 @@ def test_a_stretch_ends_when_the_walk_is_no_longer_small(true_errors, cross):
     walking = learned(ashore(true_errors, cross, generator, replace(ChangeRates(), bias_per_day=50e-9)), rows, 20)
     assert still.moments.count == 2000
     assert 0 < walking.moments.count < 1000
-    assert SampleMoments.none(4).count == 0
+    nothing = SampleMoments.none(4)
+    assert (nothing.count, nothing.scalar_count) == (0, 0)
 
 
 def test_noise_does_not_pull_what_a_narrow_swing_hardly_determines(true_errors, cross):
@@ -128,7 +129,11 @@ def test_a_belief_has_changed_by_its_errors_or_its_standard_errors(far_prior):
         assert belief.change_to(replace(belief, covariance=factor**2 * belief.covariance)) == pytest.approx(change)
     step = 3 * np.sqrt(np.diag(prior.covariance)).reshape(4, 12)
     moved_errors = SensorErrors.from_vector(prior.errors.to_vector() + step)
-    assert belief.distance(moved_errors) > 1
+    free = np.diag(prior.covariance) > 0
+    inverse = np.linalg.inv(prior.covariance[np.ix_(free, free)] * 1e18) * 1e18
+    assert belief.distance(moved_errors) == pytest.approx(
+        np.sqrt(step.ravel()[free] @ inverse @ step.ravel()[free] / 45)
+    )
     assert belief.change_to(replace(belief, errors=moved_errors)) == pytest.approx(belief.distance(moved_errors))
 
 
@@ -140,3 +145,28 @@ def test_what_changes_since_a_belief_asks_for_the_time_between(true_errors, cros
     assert_allclose(day, walk.covariance(replace(belief, time_s=0.0), DAY_S, np.nan))
     assert day[12 + 6, 12 + 6] == pytest.approx(ChangeRates().variances(DAY_S, 0.0)[6])
     assert not walk.covariance(belief, belief.time_s - DAY_S, np.nan).any()
+
+
+def test_what_the_prior_holds_does_not_change(true_errors, cross):
+    """A bias that is known for certain stays so, however its sensor drifts."""
+    prior = ashore(true_errors, cross, np.random.default_rng(8), ChangeRates())
+    covariance = prior.covariance.copy()
+    covariance[18:21], covariance[:, 18:21] = 0, 0
+    walk = Walk(replace(prior, covariance=covariance))
+    change = walk.covariance(Belief(prior.errors, covariance, 0.0, np.nan), DAY_S, np.nan)
+    assert not change[18:21].any() and (np.diag(change)[12:18] > 0).all()
+    assert not walk.kept(np.eye(48))[18:21].any()
+
+
+def test_a_temperature_that_is_not_known_is_the_last_one_that_was(true_errors, cross):
+    """Of blocks with a temperature, with another, and without."""
+    prior = ashore(true_errors, cross, np.random.default_rng(9))
+    likelihood = MomentLikelihood(prior.errors, prior.calibration.array, prior.calibration.intensity_T)
+    recursion = Recursion.at(Belief(prior.errors, prior.covariance, 0.0, 10.0))
+    rows = dive(true_errors, cross, np.random.default_rng(9), np.arange(90) / 10)
+    told = []
+    for block, temperature_C in zip(np.split(rows, 3), (11.0, 12.0, np.nan), strict=True):
+        moments = likelihood.moments(block[:, 1:-2].reshape(len(block), -1, 3), block[:, -2])
+        recursion = recursion.after(moments, block[-1, 0], temperature_C, likelihood, Walk(prior))
+        told.append(recursion.now.temperature_C)
+    assert told == [11.0, 12.0, 12.0]
