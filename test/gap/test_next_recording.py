@@ -1,6 +1,7 @@
 """What to record next tells two hypotheses apart, or shows what the recording at hand cannot."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from tam_calibration.files.scenario import read_scenario
 from tam_calibration.gap.candidates import Setting, signal_of
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.evidence import Evidence
-from tam_calibration.gap.next_recording import next_recording
+from tam_calibration.gap.next_recording import _also, next_recording
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.search import search
 from tam_calibration.gap.separation import ambiguity_of, separate
@@ -104,6 +105,17 @@ def test_a_missing_channel_is_named(withheld):
     words = sentence(found, gap)
     assert "with the temperature recorded" in words
     assert "temperature drift" in words
+
+
+@pytest.mark.parametrize(
+    ("current_A", "words"), [(None, " (and the current, which may be the cause as well)"), ([1.0, 2.0], "")]
+)
+def test_what_another_plausible_effect_needs_is_named_where_it_is_missing(current_A, words):
+    """A channel that is recorded, or asked for already, is not asked for again."""
+    recording = SimpleNamespace(current_A=current_A, temperature_C=None)
+    setting = SimpleNamespace(model=SimpleNamespace(recording=recording))
+    plausible = ["current_interference", "temperature_drift"]
+    assert _also(setting, plausible, ["temperature_C"]) == words
 
 
 def test_no_gap_needs_nothing_more():

@@ -2,13 +2,18 @@ import numpy as np
 import pytest
 from numpy.linalg import norm
 from numpy.testing import assert_allclose
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.localization.passage import GRADIENT, UNIFORM, VELOCITY
 from tam_calibration.localization.sample_by_sample import Regional
-from tam_calibration.localization.steady import straight_track, track_dipole
+from tam_calibration.localization.steady import locate_steady, straight_track, track_dipole
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.residuals import noise_floor
+from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.sources.dipole import Dipole
 from tam_calibration.sources.poses import Poses
@@ -170,3 +175,40 @@ def test_bad_tracks_are_refused():
         Poses(SWAY.as_quat(), POSITION_M[:5])
     with pytest.raises(InputError, match="not finite"):
         Poses(SWAY.as_quat(), np.full_like(POSITION_M, np.nan))
+
+
+def perfect():
+    """Return the calibration of sensors without errors, known exactly."""
+    errors = SensorErrors.none(4)
+    floor = noise_floor(errors, ARRAY, 1e-10)
+    return Calibration(
+        "maximum_likelihood", ARRAY, False, errors, None, True, 48e-6, floor, floor, floor, 100, (0.0, 1.0), 1.0
+    )
+
+
+def test_a_survey_along_a_track_tells_place_and_moment_with_their_errors():
+    """In the world, of all samples whose attitude is known: pulls of both have their size, and are no larger."""
+    generator, pulls = np.random.default_rng(35), []
+    begin = Dipole(SOURCE.position_m - POSITION_M[0], SOURCE.moment_Am2)
+    for _ in range(6):
+        fields, poses = pass_by(generator)
+        attitude = poses.attitude.copy()
+        attitude[5:8] = np.nan
+        recording = Recording(TIME_S, fields, attitude=attitude)
+        along = {"velocity_m_per_s": np.array([1.0, 0, 0]), "velocity_error_m_per_s": 1e-3}
+        survey = locate_steady(recording, perfect(), **along)
+        found = survey.overall
+        assert len(survey.time_s) == len(TIME_S) - 3
+        assert found.moment_covariance_A2m4.shape == (3, 3)
+        covariance = block_diag(found.position_covariance_m2, found.moment_covariance_A2m4)
+        pulls.append(pulls_of(found, covariance, begin))
+    assert np.mean(np.square(pulls)) == pytest.approx(1, abs=0.7)
+
+
+def test_without_a_velocity_every_sample_of_a_survey_stands_by_itself():
+    """As they are located along the track before all are taken together: places count from the array."""
+    fields, poses = pass_by(np.random.default_rng(36))
+    survey = locate_steady(Recording(TIME_S, fields, attitude=poses.attitude), perfect(), regional_T=REGIONAL)
+    located = survey.solutions.is_located
+    place = survey.solutions.position_m[located] + POSITION_M[located]
+    assert located.sum() > 20 and norm(np.median(place, axis=0) - SOURCE.position_m) < 0.1
