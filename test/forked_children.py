@@ -58,6 +58,7 @@ class _Forked:
 
 def _run(command, environment, log):
     bound._bind(os.getppid())
+    os.close(forkserver._forkserver._forkserver_alive_fd)  # else the server outlives a test that is killed, and so this
     os.setsid()
     output = os.open(log, os.O_WRONLY | os.O_APPEND)
     for stream in (1, 2):

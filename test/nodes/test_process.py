@@ -1,6 +1,7 @@
 """A node's process: what it says at the start, how it ends, and what it refuses to begin with."""
 
 import os
+import select
 import shlex
 import shutil
 import signal
@@ -264,3 +265,25 @@ def test_a_process_that_had_to_be_killed_changes_no_exit_code(tmp_path, monkeypa
             pass
         if end is not None:
             raise end
+
+
+def test_what_is_forked_ends_with_what_is_killed(tmp_path):
+    """Tests that are killed leave no node behind, which the next in its domain would meet."""
+    script = tmp_path / "idle.py"
+    script.write_text("import signal; signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM]); signal.pause()")
+    tests = f"""
+from pathlib import Path
+from forked_children import ForkedChildren, start_server
+start_server()
+with ForkedChildren({{"idle": [{str(script)!r}]}}, Path({str(tmp_path)!r})) as children:
+    print(children.pids["idle"], flush=True)
+    input()
+"""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", tests], **pipes, env=environment) as killed:
+        idle = os.pidfd_open(int(killed.stdout.readline()))
+        killed.kill()
+    ended, _, _ = select.select([idle], [], [], 60)
+    os.close(idle)
+    assert ended
