@@ -264,7 +264,7 @@ def expected_evidence(setting: Setting, first: Part, second: Part, candidate: Ca
     is_nested : bool
         Whether the second hypothesis is a limit of the first.
     """
-    covariates = candidate.covariates(setting.covariates, {*first.effect.channels, *second.effect.channels})
+    covariates = candidate.covariates(setting.covariates, first.channels | second.channels)
     energy = _unexplained(setting, covariates, first, second)
     if not is_nested:
         energy = min(energy, _unexplained(setting, covariates, second, first))

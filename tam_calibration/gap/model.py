@@ -65,6 +65,12 @@ class Part:
         """Accept a hypothesis, with values to start from where it has them."""
         return cls(form.effect, form.shape, form.keys, np.zeros(form.width) if form.values is None else form.values)
 
+    @property
+    def channels(self) -> set[str]:
+        """Names of the recorded channels that its terms follow, or that its effect always needs."""
+        own = tuple(Contribution(sensor, axis, name, {}) for sensor, axis, name in self.keys)
+        return {*self.effect.channels, *self.effect.needs(FittedEffect(self.effect.name, self.shape, own))}
+
     def terms(self, channels: WhitenedChannels) -> list[Term]:
         """Return the terms for the covariates of the channels, at all samples."""
         return chosen(self.effect.terms(channels.covariates, self.shape), self.keys)

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.gap.candidates import Setting, _world_field, candidates
+from tam_calibration.effects.library import effect_named
+from tam_calibration.gap.candidates import Setting, _world_field, candidates, expected_evidence
+from tam_calibration.gap.model import Part
 
 
 @pytest.mark.parametrize(("step_s", "shortest_s"), [(0.05, 3.5), (1.0, 16.0)])
@@ -50,3 +52,15 @@ def test_a_simulated_recording_has_the_scalar_as_often_as_the_one_at_hand(run, e
     assert channels.count == pytest.approx(240 * 9 + 240 / every)
     moved = setting.channels(now, 1e-6 * (np.arange(13) == 4))
     assert np.abs(moved.residuals.row_shift_T[:, 4]).max() > 1e-7
+
+
+def test_a_channel_that_an_effect_follows_now_and_then_is_there_in_the_next_recording(run):
+    """The vehicle's field may be that of a current; told apart it is from a step where the current is switched."""
+    made = run(240)
+    now = replace(made.channels().covariates, current_A=np.repeat([1.0, 3.0], 120))
+    field = Part(effect_named("platform_field"), {}, ((0, None, "current_A"),), np.full(3, 1e-8))
+    step = Part(effect_named("bias_jump"), {"time_s": float(now.time_s[120])}, ((0, 0, "offset"),), np.full(1, 2e-8))
+    assert field.channels == {"current_A"} and step.channels == set()
+    setting = Setting(made.model(), now, 1.0)
+    (switched,) = candidates(now, ("current_A",))
+    assert expected_evidence(setting, field, step, switched, is_nested=False) > 100

@@ -21,24 +21,24 @@ def hulls(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) -> t
     """Hold one to three hollow spheres, thin of wall: τ = μ0 σ a t / 3."""
     total: FloatArray = np.zeros((scene.sample_count, len(places_m), 3))
     for _ in range(int(rng.integers(1, 4))):
-        radius, wall = mount.distance_m * rng.uniform(0.15, 0.4), rng.uniform(0.002, 0.02)
+        radius, wall = mount.distance_m * rng.uniform(0.15, 0.4), rng.uniform(0.005, 0.03)
         centre = mount.at(rng.uniform([0.0, 0.0, 0.0], [0.8, 0.4, 0.4]), radius)
-        constant = PERMEABILITY * float(rng.choice(CONDUCTIVITIES)) * radius * wall / 3
+        constant = PERMEABILITY * float(rng.choice(CONDUCTIVITIES[1:])) * radius * wall / 3
         moment = -2 * np.pi * radius**3 / PERMEABILITY * faded(scene, np.array([constant]))[0]
         total += np.einsum("pij,nj->npi", Body(centre, mount.along, radius, radius).dipole(places_m), moment)
     return total, {}
 
 
 def pipes(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) -> tuple[FloatArray, Columns]:
-    """Lead one to three pipes, thin of wall, in any direction away: τ = μ0 σ a t / 2, twice as strong across."""
+    """Lead two to five pipes, thin of wall, in any direction away: τ = μ0 σ a t / 2, twice as strong across."""
     total: FloatArray = np.zeros((scene.sample_count, len(places_m), 3))
-    for _ in range(int(rng.integers(1, 4))):
+    for _ in range(int(rng.integers(2, 6))):
         axis = draw_direction(rng)
         axis *= np.sign(axis @ mount.away)
-        radius, wall = mount.distance_m * rng.uniform(0.05, 0.15), rng.uniform(0.002, 0.01)
+        radius, wall = mount.distance_m * rng.uniform(0.1, 0.3), rng.uniform(0.005, 0.03)
         length = mount.distance_m * rng.uniform(0.5, 1.5)
         begin = mount.at(rng.uniform([0.0, 0.0, 0.0], [0.5, 0.4, 0.4]), radius)
-        constant = PERMEABILITY * float(rng.choice(CONDUCTIVITIES)) * radius * wall / 2
+        constant = PERMEABILITY * float(rng.choice(CONDUCTIVITIES[1:])) * radius * wall / 2
         answer = -np.pi * radius**2 * length / PERMEABILITY * (2 * np.eye(3) - np.outer(axis, axis))
         moment = faded(scene, np.array([constant]))[0] @ answer
         parts = begin + (np.arange(8) + 0.5)[:, None] / 8 * length * axis
@@ -49,7 +49,7 @@ def pipes(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) -> t
 
 def hoops(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) -> tuple[FloatArray, Columns]:
     """Put three to five closed hoops behind each other, each in a plane of its own."""
-    radius, wire = mount.distance_m * rng.uniform(0.25, 0.5), mount.distance_m * rng.uniform(0.01, 0.03)
+    radius, wire = mount.distance_m * rng.uniform(0.4, 0.8), mount.distance_m * rng.uniform(0.02, 0.05)
     circle, spacing = np.linspace(0, 2 * np.pi, _SIDES, endpoint=False)[:, None], rng.uniform(2.1, 2.6)
     corners = []
     for hoop in range(int(rng.integers(3, 6))):
@@ -58,7 +58,7 @@ def hoops(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) -> t
         first /= norm(first)
         centre = mount.at((0.1, 0.1, 0.1), (1 + spacing * hoop) * radius)
         corners.append(centre + radius * (np.cos(circle) * first + np.sin(circle) * np.cross(normal, first)))
-    ohm_per_m = 1 / (float(rng.choice(CONDUCTIVITIES)) * np.pi * wire**2 * rng.uniform(0.2, 1.0))
+    ohm_per_m = 1 / (float(rng.choice(CONDUCTIVITIES[1:])) * np.pi * wire**2 * rng.uniform(0.2, 1.0))
     own = PERMEABILITY * radius * (np.log(8 * radius / wire) - 2)
     inductance = np.array(
         [[own if i == j else neumann(one, other) for j, other in enumerate(corners)] for i, one in enumerate(corners)]
