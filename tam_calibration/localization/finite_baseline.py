@@ -96,9 +96,10 @@ def _locate(array: Array, index: float, outputs: FloatArray, covariance: FloatAr
     unknowns[found] = solution.unknowns[is_sure]
     if covariance is not None:
         spread[found], chi_square[found] = solution.covariance[is_sure], solution.chi_square[is_sure]
-    if index != DIPOLE_INDEX:
-        unknowns[:, 3:] = spread[:, 3:] = np.nan
-    return EulerSolutions(unknowns[:, :3], spread[:, :3, :3], unknowns[:, 3:], spread[:, 3:, 3:], status, chi_square)
+    own = unknowns[:, 3:], spread[:, 3:, 3:]
+    none = np.full_like(own[0], np.nan), np.full_like(own[1], np.nan)
+    moment, along = (own, none) if index == DIPOLE_INDEX else (none, own)
+    return EulerSolutions(unknowns[:, :3], spread[:, :3, :3], *moment, status, chi_square, *along)
 
 
 def is_certain(unknowns: FloatArray, covariance: FloatArray, is_known: bool = True) -> np.ndarray:

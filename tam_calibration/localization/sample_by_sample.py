@@ -28,6 +28,9 @@ _FEWEST_LOCATED = 10
 _SEEN_MOMENT = 3.0
 """Standard errors of a moment that tells by its likeness to others whether they are of one source."""
 
+_IN_COMMON = 3
+"""Normal numbers that turn all lines of a run: the errors of the regional field, which are the same in all samples."""
+
 _MEND = (
     "Take a longer stretch about one source, or of dipoles give the velocity of a straight track, along which several "
     "of them and a gradient of the field are found"
@@ -149,7 +152,8 @@ def require_one_source(solutions: EulerSolutions, index: float = DIPOLE_INDEX) -
     """Refuse the samples of a run that several sources, or a field that is not uniform, have made.
 
     Of eight outputs a dipole takes six, and a regional field that is uncertain, or an attitude, hides what a second one
-    does to the other two. But the moment of a source at rest is the same in all samples.
+    does to the other two. But the moment of a source at rest is the same in all samples, and so is the direction of a
+    line.
 
     Parameters
     ----------
@@ -162,7 +166,7 @@ def require_one_source(solutions: EulerSolutions, index: float = DIPOLE_INDEX) -
     ------
     Refused
         When all samples together leave more than noise beside one source and a uniform regional field, known as it is,
-        their moments differ by more, or too few are located to tell.
+        their moments or directions differ by more, or too few are located to tell.
     """
     from scipy.special import chdtrc
 
@@ -183,9 +187,14 @@ def require_one_source(solutions: EulerSolutions, index: float = DIPOLE_INDEX) -
     tests = [
         (float(left.sum()), len(left) * (3 if index == CURRENT_INDEX else 2), "what is left is {:.3g} times the noise")
     ]
+    words = "their {} differ by {{:.3g}} of their standard errors"
     if index == DIPOLE_INDEX:
-        apart = _chi_square_of_equal(moments, covariance)
-        tests.append((apart, 3 * (len(left) - 1), "their moments differ by {:.3g} of their standard errors"))
+        tests.append((_chi_square_of_equal(moments, covariance), moments[1:].size, words.format("moments")))
+    else:
+        assert solutions.along is not None and solutions.along_covariance is not None
+        turns, covariance = _turns_of(solutions.along[at], solutions.along_covariance[at])
+        size = _chi_square_of_equal(turns, covariance) / turns[1:].size
+        tests.append((_IN_COMMON * size, _IN_COMMON, words.format("directions")))
     for total, freedom, words in tests:
         if chdtrc(freedom, total) < _CHANCE:
             raise Refused(
@@ -195,11 +204,19 @@ def require_one_source(solutions: EulerSolutions, index: float = DIPOLE_INDEX) -
 
 
 def _chi_square_of_equal(vectors: FloatArray, covariance: FloatArray) -> float:
-    """Return χ² of vectors (n, 3) with covariances (n, 3, 3) about their weighted mean."""
+    """Return χ² of vectors (n, D) with covariances (n, D, D) about their weighted mean."""
     weight = np.linalg.inv(covariance)
     mean = np.linalg.solve(weight.sum(axis=0), np.einsum("nij,nj->i", weight, vectors))
     off = vectors - mean
     return float(np.einsum("ni,nij,nj->", off, weight, off))
+
+
+def _turns_of(along: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return by what unit vectors (n, 3), either way, are turned out of their mean (n, 2), and the covariances."""
+    _, vectors = np.linalg.eigh(along.T @ along)
+    across, mean = vectors[:, :2], vectors[:, 2]
+    turns = np.sign(along @ mean)[:, None] * along @ across
+    return turns, across.T @ covariance @ across
 
 
 def turned(solutions: EulerSolutions, attitude: FloatArray, attitude_noise: float = 0.0) -> EulerSolutions:
@@ -216,6 +233,7 @@ def turned(solutions: EulerSolutions, attitude: FloatArray, attitude_noise: floa
     attitude_noise : float
         Standard deviation of the attitude about each axis, radians.
     """
+    assert solutions.along is not None and solutions.along_covariance is not None
     matrix, variance = matrices_of(attitude), attitude_noise**2
     back = np.swapaxes(matrix, 1, 2)
     world = EulerSolutions(
@@ -225,6 +243,8 @@ def turned(solutions: EulerSolutions, attitude: FloatArray, attitude_noise: floa
         matrix @ _turning(solutions.moment_covariance_A2m4, solutions.moment_Am2, variance) @ back,
         solutions.status,
         solutions.chi_square,
+        (matrix @ solutions.along[..., None])[..., 0],
+        matrix @ _turning(solutions.along_covariance, solutions.along, variance) @ back,
     )
     return _unless_unknown(world, attitude)
 

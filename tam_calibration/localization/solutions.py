@@ -65,6 +65,10 @@ class EulerSolutions:
         A ``Status`` for each sample.
     chi_square : (N,) array, optional
         Squares that the source leaves of the outputs over their covariance: NaN where nothing was fitted.
+    along : (N, 3) array, optional
+        Unit vector along a line, either way, in the array frame; NaN for dipoles.
+    along_covariance : (N, 3, 3) array, optional
+        Likewise.
     """
 
     position_m: FloatArray
@@ -73,11 +77,14 @@ class EulerSolutions:
     moment_covariance_A2m4: FloatArray
     status: np.ndarray
     chi_square: FloatArray | None = None
+    along: FloatArray | None = None
+    along_covariance: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Fill in what is not known."""
-        if self.chi_square is None:
-            object.__setattr__(self, "chi_square", np.full(len(self.status), np.nan))
+        for name, shape in (("chi_square", ()), ("along", (3,)), ("along_covariance", (3, 3))):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.full((len(self.status), *shape), np.nan))
 
     @classmethod
     def refused(cls, count: int, status: Status) -> "EulerSolutions":

@@ -128,9 +128,11 @@ def locate_turned(
     assert result.chi_square is not None
     result.chi_square[located] = found.chi_square[kept]
     result.position_covariance_m2[located] = found.covariance[kept, :3, :3]
-    if index == DIPOLE_INDEX:
-        result.moment_Am2[located] = found.unknowns[kept, 3:]
-        result.moment_covariance_A2m4[located] = found.covariance[kept, 3:, 3:]
+    assert result.along is not None and result.along_covariance is not None
+    is_dipole = index == DIPOLE_INDEX
+    (result.moment_Am2 if is_dipole else result.along)[located] = found.unknowns[kept, 3:]
+    spread = result.moment_covariance_A2m4 if is_dipole else result.along_covariance
+    spread[located] = found.covariance[kept, 3:, 3:]
     return result
 
 

@@ -40,8 +40,9 @@ def located(outputs):
     attitude = SWAY.as_quat()
     regional = regional_beside_current(outputs, ARRAY, NOISE, attitude, regional_of(outputs, attitude))
     own = locate_samples(outputs, ARRAY, NOISE, index=1, regional=regional, attitude=attitude)
-    require_one_source(own, 1)
-    return regional, turned(own, attitude)
+    world = turned(own, attitude)
+    require_one_source(world, 1)
+    return regional, world
 
 
 def test_the_regional_field_is_found_beside_a_current():

@@ -213,8 +213,35 @@ def test_a_moment_below_three_standard_errors_tells_nothing(errors, is_told):
         require_one_source(own)
 
 
-def test_lines_need_no_moment():
-    """It is unknown of them; samples of which none is located are no reason either."""
-    unknown = np.full((12, 3), np.nan)
-    require_one_source(of_moments(unknown, np.nan, chi_square=3.0), 1)
+def of_directions(angles):
+    """Return solutions of lines that are turned by angles (N,) out of one direction, either way, known to 0.01 rad."""
+    angles = np.asarray(angles)
+    own = of_moments(np.full((len(angles), 3), np.nan), np.nan)
+    along = np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)])
+    own.along[:] = along * np.where(np.arange(len(angles)) % 3, 1, -1)[:, None]
+    own.along_covariance[:] = 1e-4 * (np.eye(3) - along[:, :, None] * along[:, None, :])
+    return own
+
+
+@pytest.mark.parametrize("index", [1, 2])
+def test_samples_of_one_line_have_one_direction(index):
+    """Either way along it, and by up to 2.3 standard errors in common: χ² of three over three at its 99.9 % point."""
+    apart = np.tile([0.0, 1.0], 10) * np.sqrt(4 * 2 * 19 / 20) * 0.01
+    require_one_source(of_directions(2.32 * apart), index)
+    with pytest.raises(Refused, match=r"one line of \w+ at rest .* their directions differ by 2.34 of their standard"):
+        require_one_source(of_directions(2.34 * apart), index)
+
+
+def test_samples_that_are_not_located_are_no_reason():
+    """Each has its own."""
     require_one_source(EulerSolutions.refused(12, Status.NO_FIELD))
+
+
+def test_the_direction_of_a_line_is_that_of_the_world():
+    """It is turned with the attitude, as its covariance is."""
+    turns = Rotation.random(12, random_state=5)
+    own = of_directions(np.zeros(12))
+    world = turned(own, turns.as_quat())
+    assert_allclose(world.along, turns.apply(own.along), atol=1e-12)
+    back = turns.inv().as_matrix()
+    assert_allclose(back @ world.along_covariance @ np.swapaxes(back, 1, 2), own.along_covariance, atol=1e-15)

@@ -18,11 +18,11 @@ def test_every_status_but_located_says_what_would_mend_it():
 
 
 def test_refused_samples_have_nothing_but_their_reason():
-    """No place, no moment, and no covariance of either; each its own array."""
+    """No place, no moment, no direction, and no covariance of any; each its own array."""
     refused = EulerSolutions.refused(3, Status.NO_FIELD)
     values = [getattr(refused, field.name) for field in fields(EulerSolutions)]
-    assert [value.shape for value in values] == [(3, 3), (3, 3, 3), (3, 3), (3, 3, 3), (3,), (3,)]
-    assert all(np.isnan(value).all() for value in (*values[:4], refused.chi_square))
+    assert [value.shape for value in values] == [(3, 3), (3, 3, 3), (3, 3), (3, 3, 3), (3,), (3,), (3, 3), (3, 3, 3)]
+    assert all(np.isnan(value).all() for value in (*values[:4], *values[5:]))
     assert refused.status.tolist() == [Status.NO_FIELD] * 3 and not refused.is_located.any()
     refused.position_m[:], refused.position_covariance_m2[:] = 1.0, 1.0
     assert np.isnan(refused.moment_Am2).all() and np.isnan(refused.moment_covariance_A2m4).all()
