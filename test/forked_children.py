@@ -5,7 +5,7 @@ import runpy
 import signal
 import subprocess
 import sys
-from multiprocessing import forkserver, get_context, resource_tracker
+from multiprocessing import active_children, forkserver, get_context, resource_tracker
 
 from tam_calibration.model import signals
 from tam_calibration.nodes import bound
@@ -20,6 +20,13 @@ def start_server():
     resource_tracker.ensure_running()  # it would let them through
     with signals.held_back():
         forkserver.ensure_running()
+
+
+def end_forked():
+    """Kill what was forked and still runs; its environment, which it got after its start, tells nobody whose it is."""
+    for process in active_children():
+        process.kill()
+        process.join()
 
 
 class ForkedChildren(Children):

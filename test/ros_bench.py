@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forked_children import ForkedChildren, start_server
+from forked_children import ForkedChildren, end_forked, start_server
 from ros_domains import lock_domain
 
 from tam_calibration.files.configuration import configuration_folder
@@ -34,7 +34,8 @@ def ros_domain(monkeypatch, tmp_path_factory):
     domain, lock = lock_domain()
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     yield logs
-    for process in processes_of(logs):  # of a test that failed: the next one has this domain
+    end_forked()  # of a test that failed, as what is started: the next one has this domain
+    for process in processes_of(logs):
         os.kill(process, signal.SIGKILL)
     os.close(lock)
 

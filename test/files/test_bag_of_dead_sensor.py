@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tam_calibration.cli.main import main
 from tam_calibration.correction.partial import PartialCorrection
-from tam_calibration.files import write_calibration, write_recording
+from tam_calibration.files import read_calibration, write_calibration, write_recording
 from tam_calibration.files.recording_file import read_source
 from tam_calibration.files.text_files import read_text
 from tam_calibration.fit import calibrate
@@ -63,6 +63,7 @@ def test_correct_goes_on_and_says_with_what(tmp_path, recording, calibration, de
             by_topic.setdefault(connection.topic, []).append(STORE.deserialize_cdr(raw, connection.msgtype))
     rows = np.array([cloud.data.view("<f8") for cloud in by_topic["/field_gradient"]])
     assert len(rows) == len(whole) + count == len(by_topic["/center"]) == len(by_topic["/gradient"])
+    calibration = read_calibration(tmp_path / "calibration.yaml")
     expected = calibration.apply(recording.readings_T)
     assert_array_equal(np.r_[rows[:DIES, :9], rows[-50:, :9]], expected[whole])
     part = PartialCorrection(calibration).without(sum(1 << sensor - 1 for sensor in dead))
