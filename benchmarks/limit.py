@@ -209,7 +209,8 @@ def out_of_sample(squares: list[tuple[float, float]]) -> Figure:
 @click.command(help=__doc__)
 @click.option("--runs", default=2000, show_default=True, help="Simulated recordings of each case.")
 @click.option("--first-seed", default=10_000, show_default=True, help="Seed of the first one.")
-def main(runs: int, first_seed: int) -> None:
+@click.option("--only", default="", help="The cases whose names have this in them; the others keep their rows.")
+def main(runs: int, first_seed: int, only: str) -> None:
     """Run the benchmark."""
     seeds = range(first_seed, first_seed + runs)
     with ProcessPoolExecutor() as pool:
@@ -217,18 +218,20 @@ def main(runs: int, first_seed: int) -> None:
         def run(function: Callable[[int], Any], title: str) -> list[Any]:
             return list(track(pool.map(function, seeds, chunksize=10), total=runs, description=title))
 
-        figures = [
-            against_closed_form(run(score_closed_form, "closed form")),
-            out_of_sample(run(score_unseen, "unseen data")),
-        ]
-        for name, case in CASES.items():
-            figures += summarize(name, run(partial(score, case), name))
+        figures = []
+        if only in "Table 1":
+            figures.append(against_closed_form(run(score_closed_form, "closed form")))
+            figures.append(out_of_sample(run(score_unseen, "unseen data")))
+        chosen = [name for name in CASES if only in name]
+        for name in chosen:
+            figures += summarize(name, run(partial(score, CASES[name]), name))
     show(figures, runs)
-    RESULTS.parent.mkdir(exist_ok=True)
+    kept = RESULTS.read_text(encoding="utf-8").splitlines()[2:] if RESULTS.exists() else []
+    kept = [line for line in kept if not line.startswith(tuple(f'"{name}"' for name in chosen))]
     with write_whole(RESULTS) as path:
         command = f"python benchmarks/limit.py --runs {runs} --first-seed {first_seed}"
         header = "case,method,figure,value,standard_error,asked,met"
-        path.write_text("\n".join([f"# {command}", header, *(figure.line for figure in figures)]) + "\n")
+        path.write_text("\n".join([f"# {command}", header, *kept, *(figure.line for figure in figures)]) + "\n")
 
 
 def show(figures: list[Figure], runs: int) -> None:
@@ -239,15 +242,17 @@ def show(figures: list[Figure], runs: int) -> None:
             spread = "" if np.isnan(figure.standard_error) else f" ± {figure.standard_error:.4f}"
             measured = f"{figure.value:.4f}{spread}"
             table.add_row(figure.case, figure.method, figure.name, measured, figure.asked_in_words, figure.verdict)
+    console = Console(width=160)
+    console.print(table)
     every = [figure for figure in figures if figure.case == "Table 1" and figure.method in METHODS]
+    if not every:
+        return
     names = list(dict.fromkeys(figure.name for figure in every if figure.method == "integrated"))
     names = [name for name in names if "any parameter" not in name]
     beside = Table("method", *names, title=f"All methods, {runs} runs")
     for method in METHODS:
         values = {figure.name: figure.value for figure in every if figure.method == method}
         beside.add_row(method, *(f"{values[name]:.4g}" for name in names))
-    console = Console(width=160)
-    console.print(table)
     console.print(beside)
 
 
