@@ -205,6 +205,8 @@ def _run_nodes(console: "Console", output_dir: Path, turned: "Simulation", check
         console.print(f"[bold]collector[/]             {client.figures('collector')['losses']}")
         if lost := client.count("collector", "lost"):
             raise Refused(f"{lost} messages were lost: {client.figures('collector')['losses']}")
+        expected = check.recording.sample_count  # they arrive after the collector has counted them
+        client.wait_until(lambda: len(client.corrected) >= expected, f"{expected} corrected samples", _TIMEOUT_S)
         return client.corrected
 
 
