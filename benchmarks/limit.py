@@ -53,11 +53,16 @@ GROUPS = {
     }.items()
 }
 OUTLIERS_NT = (100.0, 1e3, 1e4)
+"""Sizes of outliers: from what a passing tool adds to what a broken reading is."""
+
 OUTLIER_SHARE = 0.05
+"""Part of the samples that are outliers: far more than a sound driver lets through."""
+
 WITHIN_95 = 1.959964
 """Standard deviations within which a normal distribution has 95 %."""
 
 COVERAGE = (0.93, 0.97)
+"""Part of the errors that intervals of 95 % shall hold."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +109,8 @@ CASES = {
     ),
     "noise of sensor 2 × 5": Case({"maximum_likelihood": 1.05}, noise_factors=(1.0, 5.0, 1.0, 1.0)),
 } | {f"5 % outliers of {size:g} nT": Case({"robust": 1.20}, outlier_nT=size) for size in OUTLIERS_NT}
+"""What the fits meet: Wu's Table 1, and what a mission has otherwise."""
+
 ASKED_COVERAGE = [
     (case, method) for case in ("Table 1", "without scalar") for method in CASES["without scalar"].methods
 ]

@@ -29,11 +29,11 @@ from tam_calibration.files.text_files import write_whole
 from tam_calibration.localization.common_field import regional_beside_current
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.line_fit import CURRENT_INDEX
+from tam_calibration.localization.one_source import require_one_source
 from tam_calibration.localization.sample_by_sample import (
     Regional,
     locate_samples,
     regional_of,
-    require_one_source,
     turned,
 )
 from tam_calibration.localization.steady import DEFAULT_VELOCITY_ERROR, straight_track, track_dipole
@@ -92,7 +92,6 @@ class Cell:
 MIDDLE = Cell()
 CELLS = (
     *(Cell(noise, 0.0, 0.0, 0.0, 1, index) for index in (1, 2) for noise in (0.03, 0.3, 3.0)),
-    # each condition by itself to its ends, then the corners of several at once
     MIDDLE,
     *(replace(MIDDLE, noise_nT=noise) for noise in (0.03, 3.0)),
     *(replace(MIDDLE, attitude_deg=angle) for angle in (0.1, 0.3)),
@@ -104,6 +103,8 @@ CELLS = (
     Cell(0.03, 0.1, 5.0, 0.03, 2),
     Cell(1.0, 0.1, 0.0, 0.0),
 )
+"""Lines beside noise alone; of dipoles each condition by itself to its ends, then corners of several at once."""
+
 KINDS = ((1, 3), (1, 1), (1, 2), (2, 1), (2, 2), (2, 3))
 """How many sources of which structural index the whole product has."""
 

@@ -46,7 +46,11 @@ ARRAY = Array.cross(0.5, 1e-9, 1e-10)
 """The cross of Wu 2025, with the noise of a good fluxgate and of a scalar magnetometer."""
 
 RATE_HZ, SECONDS, FINE = 20.0, 200.0, 10
+"""Rate and length of a run, of 4000 samples; and the steps from one to the next in which currents are integrated."""
+
 WORLD_T = np.array([3e-6, 18e-6, -46e-6])
+"""A field of middle latitudes, east, north, up."""
+
 SHEET = np.array([0.05] * 6 + [3e-6] * 3)
 """Standard deviations of scale factors, angles and biases (tesla) that are known beforehand: a fluxgate in a cabin."""
 

@@ -88,18 +88,14 @@ def _locate(array: Array, index: float, outputs: FloatArray, covariance: FloatAr
     fit = fit_outputs(outputs[at, :8], array, noise, start, index)
     solution = fit.solution
     is_sure = solution.is_found & is_certain(solution.unknowns, solution.covariance, covariance is not None)
-    found = at[is_sure]
     status = euler.status.copy()
     status[at[~is_sure]] = Status.UNCERTAIN
-    chi_square = np.full(len(outputs), np.nan)
-    unknowns, spread = np.full((len(outputs), 6), np.nan), np.full((len(outputs), 6, 6), np.nan)
-    unknowns[found] = solution.unknowns[is_sure]
-    if covariance is not None:
-        spread[found], chi_square[found] = solution.covariance[is_sure], solution.chi_square[is_sure]
-    own = unknowns[:, 3:], spread[:, 3:, 3:]
-    none = np.full_like(own[0], np.nan), np.full_like(own[1], np.nan)
-    moment, along = (own, none) if index == DIPOLE_INDEX else (none, own)
-    return EulerSolutions(unknowns[:, :3], spread[:, :3, :3], *moment, status, chi_square, *along)
+    unknowns, spread, chi_square = (
+        each[is_sure] for each in (solution.unknowns, solution.covariance, solution.chi_square)
+    )
+    if covariance is None:
+        spread, chi_square = np.full_like(spread, np.nan), np.full_like(chi_square, np.nan)
+    return EulerSolutions.of_fits(status, unknowns, spread, chi_square, index == DIPOLE_INDEX)
 
 
 def is_certain(unknowns: FloatArray, covariance: FloatArray, is_known: bool = True) -> np.ndarray:

@@ -1,8 +1,9 @@
 """Where the sources of many samples are, and why some could not be located."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
+from functools import partial
 
 import numpy as np
 from numpy.linalg import norm
@@ -76,14 +77,14 @@ class EulerSolutions:
     moment_Am2: FloatArray
     moment_covariance_A2m4: FloatArray
     status: np.ndarray
-    chi_square: FloatArray | None = None
-    along: FloatArray | None = None
-    along_covariance: FloatArray | None = None
+    chi_square: FloatArray = field(default_factory=partial(np.empty, 0))
+    along: FloatArray = field(default_factory=partial(np.empty, 0))
+    along_covariance: FloatArray = field(default_factory=partial(np.empty, 0))
 
     def __post_init__(self) -> None:
         """Fill in what is not known."""
         for name, shape in (("chi_square", ()), ("along", (3,)), ("along_covariance", (3, 3))):
-            if getattr(self, name) is None:
+            if not getattr(self, name).size:
                 object.__setattr__(self, name, np.full((len(self.status), *shape), np.nan))
 
     @classmethod
@@ -99,6 +100,35 @@ class EulerSolutions:
         """
         vectors, matrices = np.full((2, count, 3), np.nan), np.full((2, count, 3, 3), np.nan)
         return cls(vectors[0], matrices[0], vectors[1], matrices[1], np.full(count, status, dtype=int))
+
+    @classmethod
+    def of_fits(
+        cls, status: np.ndarray, unknowns: FloatArray, covariance: FloatArray, chi_square: FloatArray, is_dipole: bool
+    ) -> "EulerSolutions":
+        """Return those of N samples, of which M were located by fits to their outputs.
+
+        Parameters
+        ----------
+        status : (N,) array of int
+            A ``Status`` for each sample; M of them are ``LOCATED``.
+        unknowns : (M, 6) array
+            Place, and the moment of a dipole or the direction of a line.
+        covariance : (M, 6, 6) array
+            Of the unknowns.
+        chi_square : (M,) array
+            As in the class.
+        is_dipole : bool
+            Whether the sources are dipoles.
+        """
+        at = status == Status.LOCATED
+        result = cls.refused(len(status), Status.UNCERTAIN)
+        result.status[:], result.chi_square[at] = status, chi_square
+        result.position_m[at], result.position_covariance_m2[at] = unknowns[:, :3], covariance[:, :3, :3]
+        told, spread = (
+            (result.moment_Am2, result.moment_covariance_A2m4) if is_dipole else (result.along, result.along_covariance)
+        )
+        told[at], spread[at] = unknowns[:, 3:], covariance[:, 3:, 3:]
+        return result
 
     @property
     def is_located(self) -> np.ndarray:

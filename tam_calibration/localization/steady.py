@@ -11,13 +11,13 @@ from tam_calibration.localization.direct_fit import passage_of
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.finite_baseline import require_index
 from tam_calibration.localization.line_fit import CURRENT_INDEX
+from tam_calibration.localization.one_source import require_one_source
 from tam_calibration.localization.passage import GRADIENT, OF_SOURCE, UNIFORM, VELOCITY, Known, Passage
 from tam_calibration.localization.sample_by_sample import (
     SOURCES,
     Regional,
     locate_samples,
     regional_of,
-    require_one_source,
     turned,
 )
 from tam_calibration.localization.solutions import EulerSolutions, Status

@@ -107,33 +107,14 @@ def locate_turned(
     """
     source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
     euler = locate(source, across_field(covariance, own, field_T, attitude_noise), index=index)
-    result = EulerSolutions.refused(len(outputs), Status.UNCERTAIN)
-    result.status[:] = euler.status
-    at = np.flatnonzero(euler.is_located)
+    at, status = np.flatnonzero(euler.is_located), euler.status.copy()
     if not len(at):
-        return result
-    samples = _Samples(outputs[at], field_T[at], array, covariance, own[at], attitude_noise, index)
-    found = samples.best(_SHIFTS[:1])
-    is_seen, is_alone = (samples.is_above(times, found.field_T) for times in (_LEAST_FIELD, _SURE_FIELD))
-    doubtful = np.flatnonzero(~found.is_settled | is_seen & ~is_alone)
-    if len(doubtful):
-        found.put(doubtful, samples.take(doubtful).best(_SHIFTS))
-    is_sure = is_certain(found.unknowns, found.covariance)
-    status = np.where(found.is_ambiguous, Status.AMBIGUOUS, Status.LOCATED)
-    status = np.where(found.is_settled & is_sure, status, Status.UNCERTAIN)
-    is_hidden = (status == Status.LOCATED) & ~samples.is_above(_LEAST_FIELD, found.field_T)
-    result.status[at] = status = np.where(is_hidden, Status.NO_FIELD, status)
-    located, kept = at[status == Status.LOCATED], status == Status.LOCATED
-    result.position_m[located] = found.unknowns[kept, :3]
-    assert result.chi_square is not None
-    result.chi_square[located] = found.chi_square[kept]
-    result.position_covariance_m2[located] = found.covariance[kept, :3, :3]
-    assert result.along is not None and result.along_covariance is not None
-    is_dipole = index == DIPOLE_INDEX
-    (result.moment_Am2 if is_dipole else result.along)[located] = found.unknowns[kept, 3:]
-    spread = result.moment_covariance_A2m4 if is_dipole else result.along_covariance
-    spread[located] = found.covariance[kept, 3:, 3:]
-    return result
+        return euler
+    found, status[at] = _Samples(outputs[at], field_T[at], array, covariance, own[at], attitude_noise, index).told()
+    kept = status[at] == Status.LOCATED
+    return EulerSolutions.of_fits(
+        status, found.unknowns[kept], found.covariance[kept], found.chi_square[kept], index == DIPOLE_INDEX
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +149,19 @@ class _Samples:
     def take(self, at: np.ndarray) -> "_Samples":
         """Return some of the samples."""
         return replace(self, outputs=self.outputs[at], field_T=self.field_T[at], own=self.own[at])
+
+    def told(self) -> tuple[_Found, np.ndarray]:
+        """Return the sources that were found, and a ``Status`` for each."""
+        found = self.best(_SHIFTS[:1])
+        is_seen, is_alone = (self.is_above(times, found.field_T) for times in (_LEAST_FIELD, _SURE_FIELD))
+        doubtful = np.flatnonzero(~found.is_settled | is_seen & ~is_alone)
+        if len(doubtful):
+            found.put(doubtful, self.take(doubtful).best(_SHIFTS))
+        is_sure = is_certain(found.unknowns, found.covariance)
+        status = np.where(found.is_ambiguous, Status.AMBIGUOUS, Status.LOCATED)
+        status = np.where(found.is_settled & is_sure, status, Status.UNCERTAIN)
+        is_hidden = (status == Status.LOCATED) & ~self.is_above(_LEAST_FIELD, found.field_T)
+        return found, np.where(is_hidden, Status.NO_FIELD, status)
 
     def is_above(self, times: float, source_T: FloatArray) -> np.ndarray:
         """Return whether fields (N, 3) are more than so many of the largest standard errors of the field beside."""

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fit.live_mission import ashore, dive
+from live_mission import ashore, dive
 from numpy.testing import assert_array_equal
 
 from tam_calibration.files.live_state import read_live_state, write_live_state

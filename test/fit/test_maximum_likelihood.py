@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fit.live_mission import dive, recording_of
+from live_mission import dive, recording_of
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.closed_form import closed_form

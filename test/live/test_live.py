@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fit.live_mission import UNCHANGING, ashore, dive, moved
+from live_mission import UNCHANGING, ashore, dive, moved
 from scipy.special import chdtrc
 
 from tam_calibration.live.change import CLEAR_RATIO, hypotheses

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fit.live_mission import UNCHANGING, ashore, dive, moved, recording_of
+from live_mission import UNCHANGING, ashore, dive, moved, recording_of
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.likelihood import UniformLikelihood

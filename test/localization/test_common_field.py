@@ -5,11 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.localization.common_field import regional_beside_current
+from tam_calibration.localization.one_source import require_one_source
 from tam_calibration.localization.sample_by_sample import (
     Regional,
     locate_samples,
     regional_of,
-    require_one_source,
     turned,
 )
 from tam_calibration.model.array import Array

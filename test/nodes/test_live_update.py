@@ -4,7 +4,7 @@ import signal
 
 import numpy as np
 import pytest
-from fit.live_mission import moved
+from live_mission import moved
 from ros_bench import field_of_array
 
 from tam_calibration.files import calibration_from_yaml, write_calibration
