@@ -98,7 +98,7 @@ def main(paths: tuple[Path, ...], seed: int, cases: int, draws: int, diagnosed: 
                         continue
                     told[f"recorded, {effect}, calibrated"] += calibrated(*made, array)
                     if draw < diagnosed:
-                        told["recorded, diagnosed"] += of_diagnosis(*made, array)
+                        told[f"recorded, {effect}, diagnosed"] += of_diagnosis(*made, array)
     console.print(table_of(told))
 
 

@@ -284,17 +284,19 @@ def main(hours: float, runs: int, first_seed: int, only: str) -> None:
         "clean mission": partial(clean, first_seed + 1, hours),
     }
     for name in [name for name in parts if only in name]:
-        lines = [f'"{name}","{figure}",{value:.4g}' for figure, value in parts[name]()]
+        figures = (f'"{name}","{figure}",{value:.4g}' for figure, value in parts[name]())
+        lines = [f'"{name}","first seed",{first_seed}', *figures]
         print("\n".join(lines), flush=True)
-        _keep(name, lines, f"python benchmarks/live.py --first-seed {first_seed}, with the runs and hours of the rows")
+        _keep(name, lines)
 
 
-def _keep(name: str, lines: list[str], command: str) -> None:
+def _keep(name: str, lines: list[str]) -> None:
     """Write the rows of a part beside those of the others."""
     stored = RESULTS.read_text(encoding="utf-8").splitlines()[2:] if RESULTS.exists() else []
     others = [line for line in stored if not line.startswith(f'"{name}",')]
+    command = "# python benchmarks/live.py --only CASE --first-seed …, with seed, runs and hours of the rows"
     with write_whole(RESULTS) as path:
-        path.write_text("\n".join([f"# {command}", "case,figure,value", *others, *lines]) + "\n", encoding="utf-8")
+        path.write_text("\n".join([command, "case,figure,value", *others, *lines]) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
