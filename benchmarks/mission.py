@@ -195,7 +195,7 @@ def moved_figures(kind: str, runs: int, first_seed: int) -> Iterable[Figure]:
         ).recording
         turn = replace(turn, time_s=PIER_S + DIVE_S + turn.time_s)
         prior = prior_of(calibration, float(turn.time_s[0]), None)
-        resolved = resolve(turn, array, Known(prior), prior)
+        resolved = resolve(turn, array, Known(prior))
         found = maximum_a_posteriori(resolved.recording, array, resolved.known)
         seen = simulate(
             replace(begin, motion=Manoeuvre(work, work, 120.0), sample_count=2400, rate_hz=10.0, seed=seed + 500_000)

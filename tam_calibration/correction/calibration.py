@@ -182,7 +182,8 @@ class Calibration:
         Part of the sphere of field directions that the recording visited, 0 to 1.
     reduced_chi_square : dict
         ``differential`` (between sensors) and ``common_mode`` (against the scalar) whitened residual energy per
-        degree of freedom; 1 when noise alone is left. Empty where there is no redundancy.
+        degree of freedom; 1 when noise alone is left. Empty where there is no redundancy. ``slow`` (sums over many
+        samples) stands beside them where more than white noise is left: variances are those of white noise times it.
     warnings : tuple of str
         What speaks against trusting the calibration, one sentence each.
     held_out : Residuals, optional

@@ -21,6 +21,7 @@ from tam_calibration.fit.posterior import Known
 from tam_calibration.fit.prior import Prior, has_date, prior_of
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.simplified_linear import simplified_linear
+from tam_calibration.fit.slow_residuals import variance_factor, widened
 from tam_calibration.fit.two_step_linear import two_step_linear
 from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
@@ -127,6 +128,8 @@ def calibrate(
     else:
         calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
+    if not is_joint and method == DEFAULT_METHOD:
+        calibration = widened(calibration, uniform)
     warnings = (*(fault.sentence for fault in faults), *find_warnings(uniform, calibration))
     calibration = within_limits(replace(calibration, warnings=warnings), accept)
     return replace(calibration, held_out=_held_out(recording, array, fit))
@@ -140,14 +143,19 @@ def _jointly(
     recording: SampleSource, array: Array, prior: Prior | Calibration | None, main_field_T: FloatArray | None
 ) -> tuple[Calibration, SampleSource, Fit]:
     """Return the calibration with what is known beside a recording, the samples that it holds for, and the fit."""
-    if prior is None:
-        fit = partial(maximum_a_posteriori, known=Known(None, main_field_T))
-        return accepted(recording, array, fit), recording, fit
-    given = prior_for(recording, array, prior)
-    resolved = resolve(recording, array, Known(given, main_field_T), given)
+    given = None if prior is None else prior_for(recording, array, prior)
+    # What was slow on this vehicle is taken for slow again: little of it passes for a change of a sensor.
+    before = 1.0 if given is None else given.calibration.reduced_chi_square.get("slow", 1.0)
+    resolved = resolve(recording, array, Known(given, main_field_T, before))
+    first = maximum_a_posteriori(resolved.recording, array, resolved.known)
+    factor = variance_factor(resolved.recording, first.array, first.errors, first.intensity_T)
+    if factor > before:
+        resolved = resolve(recording, array, Known(given, main_field_T, factor))
     fit = partial(maximum_a_posteriori, known=resolved.known)
     calibration = accepted(resolved.recording, array, fit)
-    return replace(calibration, update=update_of(calibration, given, resolved)), resolved.recording, fit
+    if given is not None:
+        calibration = replace(calibration, update=update_of(calibration, given, resolved))
+    return calibration, resolved.recording, fit
 
 
 def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration) -> Prior:

@@ -66,14 +66,17 @@ def require_determined(recording: SampleSource, array: Array, is_uniform: bool =
 def require_accurate(calibration: Calibration) -> None:
     """Check, after a fit, that no parameter's standard error is too large to be of use.
 
-    The standard errors count for the residual that is left, where it exceeds the noise.
+    The standard errors count for the residual that is left, where it exceeds the noise, but not for how long it lasts:
+    what the directions determine is judged, and the accuracy is told.
 
     Raises
     ------
     InputError
         It names the parameters.
     """
-    excess = np.sqrt(max(1.0, *calibration.reduced_chi_square.values()))
+    left = dict(calibration.reduced_chi_square)
+    slow = left.pop("slow", 1.0)
+    excess = np.sqrt(max(1.0, *left.values()) / slow)
     refuse_open(excess * calibration.standard_errors.ravel(), calibration.intensity_T)
 
 

@@ -19,6 +19,7 @@ from tam_calibration.fit.identifiability import FEWEST_SAMPLES
 from tam_calibration.fit.posterior import Known, Posterior, posterior_of
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.recorded_attitude import FRAME_STATEMENT
+from tam_calibration.fit.slow_residuals import with_variance_factor
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -37,19 +38,19 @@ class Resolved:
         The samples of the array as it is now: those after a change that the recording shows.
     known : Known
         Its prior widened where something moved.
-    difference : Difference
-        Of the data and the prior as given.
+    difference : Difference, optional
+        Of the data and the prior as given; None without a prior.
     moved : tuple of Moved
         What was found to have moved.
     """
 
     recording: SampleSource
     known: Known
-    difference: Difference
+    difference: Difference | None
     moved: tuple[Moved, ...]
 
 
-def resolve(recording: SampleSource, array: Array, known: Known, prior: Prior) -> Resolved:
+def resolve(recording: SampleSource, array: Array, known: Known) -> Resolved:
     """Find what a recording contradicts a prior in, and widen the prior there.
 
     Parameters
@@ -59,15 +60,16 @@ def resolve(recording: SampleSource, array: Array, known: Known, prior: Prior) -
     array : Array
         Geometry and noise; a noise that is not stated is estimated.
     known : Known
-        What is known beside it, the prior among it.
-    prior : Prior
-        Of the same sensors.
+        What is known beside it; without a prior there is nothing to contradict.
 
     Raises
     ------
     Refused
         When the iteration does not settle.
     """
+    prior = known.prior
+    if prior is None:
+        return Resolved(recording, known, None, ())
     noisy, _ = complete_noise(array, recording)
     posterior = posterior_of(recording, noisy, known)
     difference = Difference.of(prior, posterior)
@@ -125,7 +127,7 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
         frame = FRAME_STATEMENT
         errors, covariance = _into_frame_of_attitude(posterior, noisy.mounting_error)
     estimate = Estimate(errors, covariance, True, posterior.intensity_T, frame=frame)
-    calibration = make_calibration(NAME, recording, noisy, estimate)
+    calibration = with_variance_factor(make_calibration(NAME, recording, noisy, estimate), known.variance_factor)
     has_scale = calibration.has_scalar_reference or known.knows_scale
     return replace(calibration, noise_is_estimated=is_estimated, has_scalar_reference=has_scale)
 
@@ -172,6 +174,7 @@ def update_of(calibration: Calibration, prior: Prior, resolved: Resolved) -> Upd
         What was made of it.
     """
     source, difference = prior.calibration.source, resolved.difference
+    assert difference is not None
     return Update(
         prior=prior.calibration.method if source is None else source.name,
         rates=prior.rates,

@@ -47,10 +47,13 @@ class Known:
     main_field_T : (3,) array, optional
         The world's field where the recording was made, east, north, up, tesla: that of a model, with its error of
         ``LOCAL_STANDARD_ERROR_T`` in each component.
+    variance_factor : float
+        By how much what the readings tell varies more than by white noise of the stated size: see ``slow_residuals``.
     """
 
     prior: Prior | None = None
     main_field_T: FloatArray | None = None
+    variance_factor: float = 1.0
 
     @property
     def knows_frame(self) -> bool:
@@ -183,7 +186,8 @@ class Problem:
         matrix, bias = self.rows_at(place)
         here = self.likelihood.linearize(matrix, bias)
         rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
-        information, gradient = rows.T @ here.information @ rows, rows.T @ here.gradient
+        factor = self.known.variance_factor
+        information, gradient = rows.T @ here.information @ rows / factor, rows.T @ here.gradient / factor
         if self.attitude is None or place.view is None:
             return information, gradient
         count = len(rows)

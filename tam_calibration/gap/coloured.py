@@ -2,11 +2,10 @@
 
 The error of a coefficient is the sum over the samples of its influence times their residuals. Its variance is estimated
 from the same products weighted by slow cosines of time: where the products are stationary, these weighted sums have the
-variance of the error itself. The mean square of a few of them is the estimate; it has few degrees of freedom, but holds
-for any correlation time up to a fraction of the recording (Lazarus, Lewis, Stock and Watson, HAR inference:
-recommendations for practice, J. Bus. Econ. Stat. 36, 2018, p. 541: equally weighted cosines). The fit itself removes a
-part of each sum; how much, and how many degrees of freedom remain, follows from the design for a white residual (Bell
-and McCaffrey, Bias reduction in standard errors, Surv. Methodol. 28, 2002, p. 169).
+variance of the error itself (``core.slow_cosines``). The mean square of a few of them is the estimate; it has few
+degrees of freedom, but holds for any correlation time up to a fraction of the recording. The fit itself removes a part
+of each sum; how much, and how many degrees of freedom remain, follows from the design for a white residual (Bell and
+McCaffrey, Bias reduction in standard errors, Surv. Methodol. 28, 2002, p. 169).
 """
 
 from collections.abc import Sequence
@@ -14,21 +13,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from tam_calibration.core.slow_cosines import BLOCKS, COSINES, slow_cosines
 from tam_calibration.effects.term import Term
 from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.regression import VISIBLE, Base
 from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.units import FloatArray
-
-_COSINES = 4
-"""Number of cosines: with more the estimate is more certain, but too small where the residual drifts slowly.
-
-Beside what is unknown in real recordings intervals cover 94 % with four and 91 % with eight (docs/gap_check.md).
-"""
-
-_BLOCKS = 4 * _COSINES
-"""Blocks of time in which samples are summed: eight in a period of the fastest cosine."""
 
 
 def covariance_of(base: Base, effects: Sequence[Regressors], left_out: Sequence[Term]) -> FloatArray:
@@ -69,10 +60,10 @@ def sandwich(base: Base, effects: Sequence[Regressors]) -> FloatArray:
     solve, own = _solution(base, information.sum(axis=0), visible)
     residual = score - information @ (solve @ score.sum(axis=0))
     influence = solve[:, own]
-    cosines = _cosines(len(information))
+    cosines = slow_cosines()
     sums = cosines.T @ (residual @ influence)
     scale = np.array([_scale(information, solve, one, cosines) for one in influence.T])
-    covariance: FloatArray = scale[:, None] * (sums.T @ sums / _COSINES) * scale
+    covariance: FloatArray = scale[:, None] * (sums.T @ sums / COSINES) * scale
     return covariance
 
 
@@ -112,17 +103,10 @@ def _solution(base: Base, information: FloatArray, visible: FloatArray) -> tuple
 
 def _by_block(channels: WhitenedChannels, design: Regressors) -> tuple[FloatArray, FloatArray]:
     """Return the information (M, Q, Q) and the score (M, Q) of a design in blocks of time."""
-    bounds = np.linspace(0, len(design.features), _BLOCKS + 1).astype(int).tolist()
+    bounds = np.linspace(0, len(design.features), BLOCKS + 1).astype(int).tolist()
     parts = [slice(start, stop) for start, stop in pairwise(bounds)]
     information = np.array([channels.cross(design, design, part) for part in parts])
     return information, np.array([channels.score(design, part) for part in parts])
-
-
-def _cosines(count: int) -> FloatArray:
-    """Return the cosines (M, B) of 1, 2, … half periods in so many blocks, of unit mean square."""
-    phase = np.pi * (np.arange(count) + 0.5) / count
-    cosines: FloatArray = np.sqrt(2) * np.cos(np.outer(phase, np.arange(1, _COSINES + 1)))
-    return cosines
 
 
 def _scale(information: FloatArray, solve: FloatArray, influence: FloatArray, cosines: FloatArray) -> float:
@@ -141,4 +125,4 @@ def _scale(information: FloatArray, solve: FloatArray, influence: FloatArray, co
         return 0.0
     freedom = total**2 / float(np.sum(covariance**2))
     quantile = float(stdtrit(freedom, 1 - CHANCE / 2) / ndtri(1 - CHANCE / 2))
-    return quantile * float(np.sqrt(energy.sum() * _COSINES / total))
+    return quantile * float(np.sqrt(energy.sum() * COSINES / total))

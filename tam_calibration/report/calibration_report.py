@@ -214,7 +214,11 @@ def _weight(value: float) -> str:
     return "" if abs(value) < 1e-12 else fixed(value, 6).rstrip("0").rstrip(".")
 
 
-_CHANNELS = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
+_CHANNELS = {
+    "differential": "between the sensors",
+    "common_mode": "against the reference intensity",
+    "slow": "in sums over many samples",
+}
 
 
 def quality_section(evidence: CalibrationView) -> Section:

@@ -53,7 +53,7 @@ def moved(errors, kind, sensor):
 def test_a_change_is_told_as_what_it_is(wu_scenario, array, prior, kind, sensor):
     """Kind and sensor, also of the sensor whose frame all others are told in; size within its standard errors."""
     recording = turn(wu_scenario, moved(wu_scenario.errors, kind, sensor), 5)
-    resolved = resolve(recording, array, Known(prior), prior)
+    resolved = resolve(recording, array, Known(prior))
     found = resolved.moved[0]
     assert (found.kind, found.sensor) == (kind, sensor + 1)
     assert len(resolved.moved) == 1 and found.since_s is None
@@ -64,7 +64,7 @@ def test_a_change_is_told_as_what_it_is(wu_scenario, array, prior, kind, sensor)
 def test_what_moved_is_learned_anew(wu_scenario, array, prior):
     """The bias is within its standard errors, and these are those of the data."""
     errors = moved(wu_scenario.errors, "bias", 1)
-    resolved = resolve(turn(wu_scenario, errors, 6), array, Known(prior), prior)
+    resolved = resolve(turn(wu_scenario, errors, 6), array, Known(prior))
     found = maximum_a_posteriori(resolved.recording, array, resolved.known)
     assert (np.abs(found.errors.bias_T - errors.bias_T) < 4.5 * found.standard_errors[:, 6:9]).all()
 
@@ -102,7 +102,7 @@ def test_a_change_within_the_recording_has_a_time(wu_scenario, array, prior):
     after = turn(wu_scenario, moved(wu_scenario.errors, "bias", 3), 9, 600)
     at_s = float(before.time_s[350])
     readings = np.where((before.time_s < at_s)[:, None, None], before.readings_T, after.readings_T)
-    resolved = resolve(replace(before, readings_T=readings), array, Known(prior), prior)
+    resolved = resolve(replace(before, readings_T=readings), array, Known(prior))
     found = resolved.moved[0]
     assert (found.kind, found.sensor) == ("bias", 4)
     assert found.since_s == pytest.approx(at_s, abs=1.0)
@@ -116,7 +116,7 @@ def test_which_of_two_sensors_turned_stays_open(wu_scenario):
     array = pair.with_stated_noise()
     prior = prior_of(maximum_likelihood(simulate(scenario).recording, array), None, None)
     recording = turn(scenario, moved(scenario.errors, "misalignment", 1), 2)
-    found = resolve(recording, array, Known(prior), prior).moved[0]
+    found = resolve(recording, array, Known(prior)).moved[0]
     told = {(found.kind, found.sensor), *found.rivals}
     assert {("misalignment", 1), ("misalignment", 2)} <= told
     assert found.probability == pytest.approx(0.5, abs=0.1)

@@ -1,0 +1,138 @@
+"""By how much the errors of a fit vary more than white noise of the stated size makes them.
+
+Residuals of a real recording are those of noise and of what no calibration holds: the gradient of a room, a current, an
+hysteresis. These last for many samples, which then tell less than as many independent ones. What moves the estimate is
+the sum over the samples of their scores. Their sums weighted by slow cosines vary as it does (``core.slow_cosines``),
+and are compared with the variance that white noise of the stated size gives them, all parameters together: each alone
+would have too few degrees of freedom.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from tam_calibration.core.slow_cosines import BLOCKS, slow_cosines
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.information import rows_by_unknowns
+from tam_calibration.fit.likelihood import UniformLikelihood
+from tam_calibration.fit.scale import Normalized
+from tam_calibration.model.array import KnownNoiseArray
+from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.units import FloatArray
+
+_CHANCE = 1e-3
+"""Probability with which white noise of the stated size passes for more: one calibration of a thousand has standard
+errors that are widened without need."""
+
+_FEWEST_IN_BLOCK = 4
+"""Samples of a block, of which scores are near to being normal."""
+
+_SEEN = 1e-9
+"""Part of the largest eigenvalue of a scaled information below which a direction is open."""
+
+
+def variance_factor(recording: SampleSource, array: KnownNoiseArray, errors: SensorErrors, intensity_T: float) -> float:
+    """Return the variance of the estimated errors over that of the inverse information.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors in a uniform field.
+    array : KnownNoiseArray
+        With the noise that the information counts with.
+    errors : SensorErrors
+        The estimate.
+    intensity_T : float
+        Intensity of the field where there is no scalar channel, tesla.
+
+    Returns
+    -------
+    float
+        1 where white noise of the stated size makes as much at least once in a thousand recordings, or where there are
+        too few samples to tell; else more than 1.
+    """
+    if recording.sample_count < BLOCKS * _FEWEST_IN_BLOCK:
+        return 1.0
+    information, score = _by_block(recording, array, errors, intensity_T)
+    whitening = _whitening(information.sum(axis=0))
+    information = whitening.T @ information @ whitening
+    # What a fit by other weights left of the sum is no sign of slowness.
+    score = score @ whitening
+    score = score - score.sum(axis=0) @ information
+    cosines = slow_cosines()
+    sums = cosines.T @ score
+    energy = float(np.sum(sums**2))
+    weighted = np.einsum("bc,bpq->cpq", cosines, information)
+    squares = np.einsum("bc,bpq->cpq", cosines**2, information)
+    expected = float(np.trace(squares, axis1=1, axis2=2).sum() - np.sum(weighted**2))
+    from scipy.special import chdtrc
+
+    return energy / expected if expected > 0 and chdtrc(expected, energy) < _CHANCE else 1.0
+
+
+def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
+    """Return a calibration of maximum likelihood with standard errors that hold what its residuals show.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        With the inverse of the information for its covariance.
+    recording : SampleSource
+        That it was fitted to, an ambient gradient taken off.
+    """
+    assert calibration.covariance is not None
+    factor = variance_factor(recording, calibration.array, calibration.errors, calibration.intensity_T)
+    return replace(with_variance_factor(calibration, factor), covariance=factor * calibration.covariance)
+
+
+def with_variance_factor(calibration: Calibration, factor: float) -> Calibration:
+    """Return a calibration that says by which factor the variances of its errors exceed those of white noise."""
+    if factor == 1:
+        return calibration
+    return replace(calibration, reduced_chi_square=calibration.reduced_chi_square | {"slow": factor})
+
+
+def _by_block(
+    recording: SampleSource, array: KnownNoiseArray, errors: SensorErrors, intensity_T: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return information (M, Q, Q) and score (M, Q) of the errors, and of a free intensity, in blocks of time."""
+    free_intensity_T = None if recording.scalar_count is not None else intensity_T
+    # A common turn of all sensors is seen by no uniform field.
+    rows = np.delete(rows_by_unknowns(errors, intensity_T, free_intensity_T), np.s_[9:12], axis=1)
+    vector_noise, centered = array.vector_noise_T / intensity_T, np.zeros_like(errors.bias_T)
+    scalar_noise = 0.0 if free_intensity_T is not None else array.scalar_noise_T / intensity_T
+    information = np.zeros((BLOCKS, rows.shape[1], rows.shape[1]))
+    score = np.zeros((BLOCKS, rows.shape[1]))
+    for block, part in _parts(recording):
+        data = Normalized(part, errors.bias_T, intensity_T)
+        here = UniformLikelihood(data, vector_noise, scalar_noise).linearize(errors.matrix, centered)
+        information[block] += rows.T @ here.information @ rows
+        score[block] += rows.T @ here.gradient
+    return information, score
+
+
+def _parts(recording: SampleSource) -> Iterator[tuple[int, Recording]]:
+    """Yield the samples in the order of time, each part with the number of the block that it belongs to."""
+    bounds, first = np.linspace(0, recording.sample_count, BLOCKS + 1).astype(int), 0
+    for samples in recording.blocks():
+        last = first + len(samples.time_s)
+        inside = bounds[(bounds > first) & (bounds < last)]
+        for start, stop in pairwise([first, *inside.tolist(), last]):
+            part = slice(start - first, stop - first)
+            scalar_T = None if samples.scalar_T is None else samples.scalar_T[part]
+            block = int(np.searchsorted(bounds, start, side="right")) - 1
+            yield block, Recording(samples.time_s[part], samples.readings_T[part], scalar_T)
+        first = last
+
+
+def _whitening(information: FloatArray) -> FloatArray:
+    """Return W (Q, P) with Wᵀ I W = 1 over what an information (Q, Q) determines."""
+    scale = np.sqrt(np.maximum(np.diag(information), 0))
+    inverse = np.divide(1, scale, out=np.zeros_like(scale), where=scale > 0)
+    values, vectors = np.linalg.eigh(information * np.outer(inverse, inverse))
+    seen = values > _SEEN * values[-1]
+    whitening: FloatArray = inverse[:, None] * vectors[:, seen] / np.sqrt(values[seen])
+    return whitening
