@@ -51,6 +51,8 @@ class Linearization:
         Fisher information; singular along the common rotation of the array.
     gradient : (12 K + P,) array
         Downhill: ``information @ step = gradient`` is the Gauss-Newton step.
+    correction : (12 K + P,) array
+        What was taken off the gradient as the mean that noise makes of it.
     differential, common_mode : float
         Sums of the squares of the whitened channels.
     reference_count : int
@@ -59,6 +61,7 @@ class Linearization:
 
     information: FloatArray
     gradient: FloatArray
+    correction: FloatArray
     differential: float
     common_mode: float
     reference_count: int
@@ -328,8 +331,9 @@ def normal_equations(
     energy = float(common.moments[size, size])
     channel_count = (len(channels.unbiased) - 3) * sample_count + common.reference_count
     variance_factor = min((differential + energy) / max(channel_count, 1), 1.0)
-    gradient += response @ (common.moments[:size, size] - variance_factor * common.score)
-    return Linearization(information, gradient, differential, energy, common.reference_count)
+    correction = response @ (variance_factor * common.score)
+    gradient += response @ common.moments[:size, size] - correction
+    return Linearization(information, gradient, correction, differential, energy, common.reference_count)
 
 
 def _differential(channels: ChannelMaps, moments: FloatArray) -> tuple[FloatArray, FloatArray, float]:

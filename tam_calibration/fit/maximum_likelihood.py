@@ -8,6 +8,7 @@ import numpy as np
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.ambient_gradient import require_attitude
+from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.closed_form import closed_form
 from tam_calibration.fit.estimate import Estimate, make_calibration
 from tam_calibration.fit.gauss_newton import Point, free_rows, gauss_newton
@@ -22,6 +23,7 @@ from tam_calibration.fit.recorded_attitude import (
 from tam_calibration.fit.reference import LARGEST_SHARE, interpolate, is_worth_interpolating
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
 from tam_calibration.model.array import Array, KnownNoiseArray
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -180,7 +182,15 @@ def _estimate(data: Normalized, point: Point, information: FloatArray) -> Estima
 
 
 def _errors(data: Normalized, point: Point) -> tuple[SensorErrors, float]:
-    """Return the errors at a point, and by how much their scale exceeds that of the data."""
+    """Return the errors at a point, and by how much their scale exceeds that of the data.
+
+    Raises
+    ------
+    InputError
+        When the point is that of no sensors: the iteration went astray.
+    """
+    if not (np.linalg.det(point.matrix) > 0).all():
+        raise InputError(ellipsoid.NO_ELLIPSOID)
     factor = 1.0 if data.has_scalar else float(free_scale(point.matrix))
     errors = SensorErrors.from_matrix(factor * point.matrix, data.origin_T + data.radius_T * point.bias)
     errors.misalignment[0] = 0

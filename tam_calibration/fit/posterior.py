@@ -8,6 +8,7 @@ Beside the errors there are unknowns that only some recordings have: the constan
 and where attitude is data, how it is mounted and where the world's field points.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -112,16 +113,10 @@ def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known |
         When the iteration does not settle, or leads to sensors that cannot be.
     """
     problem = Problem.of(recording, array, known if isinstance(known, Known) else Known(known))
-
-    def normal_at(place: Place) -> tuple[FloatArray, FloatArray, tuple[FloatArray, FloatArray]]:
-        information, gradient = problem.data_at(place)
-        problem.add_known(place, information, gradient)
-        basis = problem.basis_at(place)
-        return basis.T @ information @ basis, basis.T @ gradient, (information, basis)
-
-    end, kept = descend(
-        normal_at, lambda place, step: problem.moved(place, problem.basis_at(place) @ step), problem.start
-    )
+    end, kept = problem.settled(problem.start, is_corrected=False)
+    # Noise that is stated larger than it is, beside a turn that tells little more than the prior, has no such place.
+    with suppress(Refused):
+        end, kept = problem.settled(end, is_corrected=True)
     covariance, size = inverted(*kept), 12 * array.sensor_count
     if end.view is None:
         return Posterior(end.errors, covariance[:size, :size], end.intensity_T)
@@ -181,21 +176,46 @@ class Problem:
             view = self.attitude.view(errors.matrix, np.zeros_like(errors.bias_T))
         return Place(errors, self.unit_T, view)
 
-    def data_at(self, place: Place) -> tuple[FloatArray, FloatArray]:
+    def settled(self, start: Place, is_corrected: bool) -> tuple[Place, tuple[FloatArray, FloatArray]]:
+        """Return where Gauss-Newton steps settle, and the information and the free directions a last step before.
+
+        Parameters
+        ----------
+        start : Place
+            Where to begin.
+        is_corrected : bool
+            Whether the mean that noise makes of the gradient is taken off it.
+
+        Raises
+        ------
+        Refused
+            When the iteration does not settle, or leads to sensors that cannot be.
+        """
+
+        def normal_at(place: Place) -> tuple[FloatArray, FloatArray, tuple[FloatArray, FloatArray]]:
+            information, gradient = self.data_at(place, is_corrected)
+            self.add_known(place, information, gradient)
+            basis = self.basis_at(place)
+            return basis.T @ information @ basis, basis.T @ gradient, (information, basis)
+
+        return descend(normal_at, lambda place, step: self.moved(place, self.basis_at(place) @ step), start)
+
+    def data_at(self, place: Place, is_corrected: bool = True) -> tuple[FloatArray, FloatArray]:
         """Return the information of the data over the unknowns at a place, and their downhill gradient."""
         matrix, bias = self.rows_at(place)
         here = self.likelihood.linearize(matrix, bias)
         rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
         factor = self.known.variance_factor
-        information, gradient = rows.T @ here.information @ rows / factor, rows.T @ here.gradient / factor
+        downhill = here.gradient if is_corrected else here.gradient + here.correction
+        information, gradient = rows.T @ here.information @ rows / factor, rows.T @ downhill / factor
         if self.attitude is None or place.view is None:
             return information, gradient
         count = len(rows)
         extended = np.zeros((count + 5, rows.shape[1] + 5))
         extended[:count, :-5] = rows
         extended[count:, -5:] = np.eye(5)
-        of_attitude, downhill = self.attitude.linearize(matrix, bias, place.view)
-        both, towards = extended.T @ of_attitude @ extended, extended.T @ downhill
+        of_attitude, by_attitude = self.attitude.linearize(matrix, bias, place.view)
+        both, towards = extended.T @ of_attitude @ extended, extended.T @ by_attitude
         both[:-5, :-5] += information
         towards[:-5] += gradient
         return both, towards
@@ -245,17 +265,15 @@ class Problem:
         """Return the place after a step of the unknowns; one that leads to sensors that cannot be is refused."""
         errors, count = place.errors, place.errors.sensor_count
         vector = errors.to_vector() + step[: 12 * count].reshape(count, 12)
-        if not (vector[:, :3] > 0).all() or np.abs(vector[:, 3:6]).max() > _MOST_SKEW:
+        intensity_T = place.intensity_T + (0.0 if self.has_scalar else self.unit_T * float(step[12 * count]))
+        if not (vector[:, :3] > 0).all() or np.abs(vector[:, 3:6]).max() > _MOST_SKEW or intensity_T <= 0:
             raise Refused(
                 "the readings, and what is known beside them, determine no calibration: the fit leads to sensors that "
                 "cannot be; turn the array further, or take its last calibration for a prior"
             )
         errors = SensorErrors.from_vector(vector, errors.orientation)
         view = None if place.view is None else place.view.moved(step[-5:])
-        if self.has_scalar:
-            return Place(errors, place.intensity_T, view)
-        intensity_T = place.intensity_T + self.unit_T * float(step[12 * count])
-        if not self.known.knows_scale:
+        if not self.has_scalar and not self.known.knows_scale:
             scale = float(free_scale(errors.matrix))
             errors, intensity_T = replace(errors, scale_factor=scale * errors.scale_factor), intensity_T / scale
         return Place(errors, intensity_T, view)

@@ -27,9 +27,6 @@ _CHANCE = 1e-3
 """Probability with which white noise of the stated size passes for more: one calibration of a thousand has standard
 errors that are widened without need."""
 
-_FEWEST_IN_BLOCK = 4
-"""Samples of a block, of which scores are near to being normal."""
-
 _SEEN = 1e-9
 """Part of the largest eigenvalue of a scaled information below which a direction is open."""
 
@@ -54,7 +51,7 @@ def variance_factor(recording: SampleSource, array: KnownNoiseArray, errors: Sen
         1 where white noise of the stated size makes as much at least once in a thousand recordings, or where there are
         too few samples to tell; else more than 1.
     """
-    if recording.sample_count < BLOCKS * _FEWEST_IN_BLOCK:
+    if recording.sample_count < BLOCKS:
         return 1.0
     information, score = _by_block(recording, array, errors, intensity_T)
     whitening = _whitening(information.sum(axis=0))
@@ -63,14 +60,16 @@ def variance_factor(recording: SampleSource, array: KnownNoiseArray, errors: Sen
     score = score @ whitening
     score = score - score.sum(axis=0) @ information
     cosines = slow_cosines()
-    sums = cosines.T @ score
-    energy = float(np.sum(sums**2))
-    weighted = np.einsum("bc,bpq->cpq", cosines, information)
-    squares = np.einsum("bc,bpq->cpq", cosines**2, information)
-    expected = float(np.trace(squares, axis1=1, axis2=2).sum() - np.sum(weighted**2))
+    energy = float(np.sum((cosines.T @ score) ** 2))
+    taken = np.einsum("bc,bpq->cpq", cosines, information)
+    covariance = np.einsum("bc,bd,bpq->cdpq", cosines, cosines, information, optimize=True)
+    covariance -= np.einsum("cpr,drq->cdpq", taken, taken)
+    expected = float(np.einsum("ccpp->", covariance))
+    # A sum of squares of unequal variances is nearly a multiple of one of χ² (Satterthwaite 1946).
+    unit = float(np.sum(covariance**2)) / expected if expected > 0 else np.inf
     from scipy.special import chdtrc
 
-    return energy / expected if expected > 0 and chdtrc(expected, energy) < _CHANCE else 1.0
+    return energy / expected if chdtrc(expected / unit, energy / unit) < _CHANCE else 1.0
 
 
 def widened(calibration: Calibration, recording: SampleSource) -> Calibration:

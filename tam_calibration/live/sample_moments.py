@@ -125,6 +125,7 @@ class MomentLikelihood:
         return Linearization(
             by_errors.T @ rows.information @ by_errors,
             by_errors.T @ rows.gradient,
+            by_errors.T @ rows.correction,
             rows.differential,
             rows.common_mode,
             rows.reference_count,

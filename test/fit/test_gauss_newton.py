@@ -33,7 +33,8 @@ def steps_to(target, information, kept, robust, first=None):
     def linearize(point):
         nonlocal count
         count += 1
-        return Linearization(information, (1 - kept) * information @ (target - parameters(point)), 0.0, 0.0, 0)
+        gradient = (1 - kept) * information @ (target - parameters(point))
+        return Linearization(information, gradient, np.zeros_like(gradient), 0.0, 0.0, 0)
 
     point, found = gauss_newton(linearize, start, robust)
     assert found is information
