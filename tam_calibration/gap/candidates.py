@@ -227,8 +227,19 @@ class Setting:
             covariates.further,
         )
         model = self.model
-        world = None if covariates.attitude is None or model.world is None else model.world.aligned
-        return WhitenedChannels.at(recording, model.array, model.errors, model.intensity_T, world=world)
+        if covariates.attitude is None or model.world is None:
+            return WhitenedChannels.at(recording, model.array, model.errors, model.intensity_T)
+        # Beside the world's field no scalar is read: one that is too large is an intensity that is taken for too small.
+        too_small = np.zeros_like(rows)
+        too_small[:, -1] = covariates.intensity_T - rows[:, -1]
+        return WhitenedChannels.at(
+            replace(recording, scalar_T=None),
+            model.array,
+            model.errors,
+            model.intensity_T,
+            too_small,
+            world=model.world.aligned,
+        )
 
     @property
     def minutes(self) -> float:

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.candidates import Setting, _world_field, candidates, expected_evidence
-from tam_calibration.gap.model import Part
+from tam_calibration.gap.model import Model, Part
 
 
 @pytest.mark.parametrize(("step_s", "shortest_s"), [(0.05, 3.5), (1.0, 16.0)])
@@ -64,3 +65,19 @@ def test_a_channel_that_an_effect_follows_now_and_then_is_there_in_the_next_reco
     setting = Setting(made.model(), now, 1.0)
     (switched,) = candidates(now, ("current_A",))
     assert expected_evidence(setting, field, step, switched, is_nested=False) > 100
+
+
+def test_beside_the_field_of_the_world_a_simulated_recording_has_no_scalar(lone):
+    """Its readings fit exactly; an intensity that rises by 50 nT is as readings that are too small by as much."""
+    made = lone(300, noise_T=1e-9)
+    model = Model.nominal(made.recording, made.array)
+    setting = Setting(model, model.base().channels.covariates, 1.0)
+    assert model.world is not None
+    onwards = candidates(setting.covariates, ())[0].covariates(setting.covariates, {"attitude"})
+    assert onwards.attitude is not None
+    assert setting.channels(onwards).energy == pytest.approx(0, abs=1e-3 * onwards.sample_count)
+    risen = setting.channels(onwards, 5e-8 * (np.arange(4) == 3))
+    direction = onwards.field_T @ model.errors.matrix[0].T / model.intensity_T
+    smaller = -5e-8 * np.column_stack([direction, np.zeros(onwards.sample_count)])
+    assert_allclose(risen.differential, setting.channels(onwards, smaller).differential, atol=1e-3)
+    assert np.abs(risen.differential).max() > 10
