@@ -115,7 +115,10 @@ class Live:
                 "to date: calibrate with one"
             )
         self.on_change, self._calibration = on_change, prior.calibration
-        self._likelihood = MomentLikelihood(prior.errors, self._calibration.array, self._calibration.intensity_T)
+        # What lasted ashore lasts at sea: samples tell as little as they told there.
+        array, slow = self._calibration.array, np.sqrt(self._calibration.reduced_chi_square.get("slow", 1.0))
+        noisy = array.with_noise(slow * array.vector_noise_T, slow * array.scalar_noise_T)
+        self._likelihood = MomentLikelihood(prior.errors, noisy, self._calibration.intensity_T)
         self._walk = Walk(prior)
         self._stored = Belief(prior.errors, prior.covariance, np.nan, np.nan)
         self._window = ChangeWindow(prior, self._walk)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from live_mission import UNCHANGING, ashore, dive, moved
+from scipy.signal import lfilter
 from scipy.special import chdtrc
 
 from tam_calibration.live.change import CLEAR_RATIO, hypotheses
@@ -60,6 +61,21 @@ def test_a_change_is_told_by_sensor_and_parameters(prior, true_errors, cross, pa
     assert told.sensor == 3 and told.parameters[0] == parameters
     assert CHANGE_S < told_s < CHANGE_S + 30 and abs(told.since_s - CHANGE_S) < 2 * BLOCK_S
     assert told.sentence.startswith(f"{parameters} of sensor 3 by ")
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_noise_that_lasted_ashore_is_no_change_at_sea(prior, true_errors, cross, is_known):
+    """3 nT that last for a second, 360 times what white noise does to a sum: taken for white they are changes."""
+    kept, generator = np.exp(-1 / 20), np.random.default_rng(21)
+    time_s = np.arange(0, 60, 0.05)
+    white = generator.normal(size=(len(time_s), 12))
+    rows = dive(true_errors, cross, generator, time_s)
+    rows[:, 1:13] += 3e-9 * lfilter([np.sqrt(1 - kept**2)], [1, -kept], white, axis=0)
+    slow = {"slow": 360.0} if is_known else {}
+    live = Live(replace(prior, calibration=replace(prior.calibration, reduced_chi_square=slow)), "tell")
+    for some in np.array_split(rows, 60):
+        live.add(some)
+    assert bool(live.state.changes) != is_known
 
 
 def test_what_the_rates_allow_is_no_change(true_errors, cross):
