@@ -38,10 +38,11 @@ def casks(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) -> t
 def blades(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) -> tuple[FloatArray, Columns]:
     """Turn three to five round blades about a shaft along the vehicle and let them stand."""
     total: FloatArray = np.zeros((scene.sample_count, len(places_m), 3))
-    count, radius = int(rng.integers(3, 6)), mount.distance_m * rng.uniform(0.25, 0.45)
+    count, radius = int(rng.integers(3, 6)), mount.distance_m * rng.uniform(0.5, 0.9)
     pitch, out = rng.uniform(0.3, 1.0), radius * rng.uniform(1.1, 1.5)
-    ohm = 1 / (float(rng.choice(CONDUCTIVITIES[1:])) * rng.uniform(0.003, 0.01))
-    hub = mount.at((0.1, 0.0, 0.0), radius + out)
+    ohm = 1 / (float(rng.choice(CONDUCTIVITIES[1:])) * rng.uniform(0.01, 0.03))
+    reach = (radius + out) * float(norm(np.cross(mount.along, mount.away))) + radius * np.sin(pitch)
+    hub = mount.at((0.1, 0.0, 0.0), reach)
     for angle in rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(count) / count:
         arm = np.cos(angle) * mount.across + np.sin(angle) * mount.up
         normal = np.cos(pitch) * mount.along + np.sin(pitch) * np.cross(mount.along, arm)
