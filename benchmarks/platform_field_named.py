@@ -7,11 +7,13 @@ effects, given to the diagnosis as files. KIND is
 - ``other``: ten kinds in turn that no rule was made by, of other conductors, moving parts, mounts and motions
   (``other_vehicles.py`` of the check);
 - ``further``: ten kinds more, written after a rule was changed by what went wrong with those (``further_vehicles.py``);
+- ``later``: fourteen kinds more, written after rules were changed again (``later_vehicles.py``);
+- ``neighbours``: effects that the field may be mistaken for, each at work alone, of which each should be named;
 - ``clean``: nothing at all, read by four sensors and a scalar; three recordings in four have channels of currents and
   actuators beside them.
 
-Of the first three 0.3, 1, 3 and 30 noise floors are seen in turn, and the cases are counted in which the field is named
-first; of the last those in which a gap, a cause, or this field is told.
+Of all but the last 0.3, 1, 3 and 30 noise floors are seen in turn, and the cases are counted in which the cause is
+named first; of the last those in which a gap, a cause, or this field is told.
 """
 
 import itertools
@@ -33,6 +35,7 @@ from tam_calibration.validation.blind.case import Case, make_case
 from tam_calibration.validation.blind.case_plan import GAPS, CasePlan
 from tam_calibration.validation.blind.folder import write_case
 from tam_calibration.validation.blind.further_vehicles import FURTHER_VEHICLES
+from tam_calibration.validation.blind.later_vehicles import LATER_VEHICLES
 from tam_calibration.validation.blind.other_vehicles import OTHER_VEHICLES
 from tam_calibration.validation.blind.outcome import NO_GAP, Outcome
 from tam_calibration.validation.blind.processes import draw_load, draw_wander
@@ -40,13 +43,18 @@ from tam_calibration.validation.blind.rates import Rate
 
 RESULTS = Path(__file__).parent / "results" / "platform_field_named.csv"
 NAME = "platform_field"
-KINDS = {"same": [NAME], "other": list(OTHER_VEHICLES), "further": list(FURTHER_VEHICLES)}
+KINDS = {
+    "same": [NAME],
+    "other": list(OTHER_VEHICLES),
+    "further": list(FURTHER_VEHICLES),
+    "later": list(LATER_VEHICLES),
+}
 Drawn = Callable[[np.random.Generator, FloatArray], FloatArray]
 Rows = Iterator[tuple[str, str, float]]
 
 
 def of_cases(names: list[str], count: int, seed: int) -> Rows:
-    """Yield of vehicles, all together, by kind and by gap, in how many the field is named first, and what is left."""
+    """Yield of all, by cause and by gap, in how many cases the cause is named first, and what is left."""
     outcomes: dict[tuple[str, float], list[Outcome]] = {}
     for number in track(range(1, count + 1), "cases"):
         gap, name = (*GAPS, 30.0)[number % 4], names[(number - 1) // 4 % len(names)]
@@ -61,7 +69,7 @@ def of_cases(names: list[str], count: int, seed: int) -> Rows:
 
 
 def named_first(what: str, outcomes: list[Outcome]) -> Rows:
-    """Yield how many cases there are, in how many the field is named first, and Wilson's interval of the part."""
+    """Yield how many cases there are, in how many the cause is named first, and Wilson's interval of the part."""
     rate = Rate.of(one.first_is_right for one in outcomes)
     yield what, "cases", rate.cases
     yield what, "named first", rate.hits

@@ -1,6 +1,7 @@
 """The field of the vehicle itself, beyond what the errors of its sensors hold."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -8,7 +9,8 @@ import numpy as np
 from tam_calibration.core.harmonics import derivatives, fields
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.eddy_current import LIMIT, SLOWER, followed, time_constants_s
-from tam_calibration.effects.effect import Limit, LinearEffect
+from tam_calibration.effects.effect import Limit, LinearEffect, Sized
+from tam_calibration.effects.grades import NOTABLE
 from tam_calibration.effects.motion import jumps
 from tam_calibration.effects.recursions import Memory, mode
 from tam_calibration.effects.term import Coefficient, Term, WhitenedResiduals
@@ -35,6 +37,16 @@ _GRADIENT = Limit(
 
 _CURVATURE = Limit(12 / _NEAREST_M**2, _GRADIENT.source, "1/m²")
 """Limit of the second derivative of a mode, as a part of the change of the field."""
+
+_BEYOND_GRADIENT = Limit(
+    NOTABLE,
+    "of a dipole at least four arms of a cross away no more than a fifth, three arms away a third; Jackson 1999, "
+    "section 5.6",
+)
+"""Limit of the energy beyond a uniform gradient in what the currents make the sensors differ by.
+
+Those of a vehicle flow some arms of the array away; nearer ones, and those at single sensors, exceed it.
+"""
 
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Axes of the six elements of a symmetric matrix."""
@@ -72,6 +84,7 @@ class PlatformField(LinearEffect):
         "slower mode, gradient": _GRADIENT,
         "first mode, curvature": _CURVATURE,
         "slower mode, curvature": _CURVATURE,
+        "part beyond the gradient": _BEYOND_GRADIENT,
     }
     largest_signal: ClassVar[Limit | None] = Limit(
         2.0, "iron at most triples the field at the pole of a sphere; Jackson 1999, section 5.11"
@@ -87,6 +100,23 @@ class PlatformField(LinearEffect):
         """
         names = (one.term.partition(",")[0] for one in fitted.contributions)
         return tuple(dict.fromkeys(name for name in names if is_further(name) or name == "current_A"))
+
+    def sizes(self, covariates: Covariates, fitted: FittedEffect) -> list[Sized]:
+        """Return the sizes of the coefficients, and which part of what conductors do is not that of a uniform gradient.
+
+        Parameters
+        ----------
+        covariates : Covariates
+            Time, field in the array frame and recorded channels of the N samples.
+        fitted : FittedEffect
+            With its numbers.
+        """
+        sizes = super().sizes(covariates, fitted)
+        law = tuple(one for one in fitted.contributions if one.sensor == ALL)
+        if not law:
+            return sizes
+        part = _part_beyond_gradient(covariates, self.signal(covariates, replace(fitted, contributions=law))[:, :-1])
+        return [*sizes, Sized("part beyond the gradient", part, _BEYOND_GRADIENT)]
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that there is no continuous motion, where there is none and no actuator is recorded either."""
@@ -156,6 +186,20 @@ def _at_scalar(covariates: Covariates, name: str, change_T: FloatArray) -> Term:
     along = (_direction(covariates)[:, :, None] * change_T[:, None, :]).reshape(len(change_T), 9)
     parts = [Coefficient(f"{name}, {axis} of the field on {row}", "1") for row in "xyz" for axis in "xyz"]
     return Term.of_row(covariates, covariates.scalar_row, name, parts, along)
+
+
+def _part_beyond_gradient(covariates: Covariates, rows_T: FloatArray) -> float:
+    """Return the part of the energy of the sensors' differences (N, 3K) that no uniform gradient makes."""
+    readings = rows_T.reshape(len(rows_T), -1, 3, 1)
+    field = np.linalg.solve(covariates.errors.matrix, readings).reshape(rows_T.shape)
+    uniform, gradient = (
+        fields(degree, covariates.array.positions_m.T).swapaxes(1, 2).reshape(2 * degree + 1, -1) for degree in (1, 2)
+    )
+    energy, beyond = (
+        float(np.sum((field - field @ np.linalg.pinv(basis) @ basis) ** 2))
+        for basis in (uniform, np.concatenate([uniform, gradient]))
+    )
+    return beyond / max(energy, np.finfo(float).tiny)
 
 
 def _gradient(covariates: Covariates, mode_name: str, degree: int, change_T: FloatArray) -> Term:

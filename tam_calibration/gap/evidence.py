@@ -174,7 +174,7 @@ def evidence_of(base: Base, form: Hypothesis) -> Evidence:
 
 
 def sharpened(base: Base, weighed: Sequence[Evidence]) -> tuple[Evidence, ...]:
-    """Return the evidence with the shapes of the strongest effects refined.
+    """Return the evidence with the shapes of the strongest effects refined, and of special cases of the strongest.
 
     Parameters
     ----------
@@ -183,11 +183,17 @@ def sharpened(base: Base, weighed: Sequence[Evidence]) -> tuple[Evidence, ...]:
     weighed : sequence of Evidence
         For the effects, at this base; those with nearly the largest ΔBIC are refined.
     """
-    least = NEARLY_ALL * max((one.delta_bic for one in weighed), default=0.0)
-    return tuple(
-        _refined(base, one) if isinstance(one.form, Hypothesis) and one.delta_bic > max(least, 0.0) else one
-        for one in weighed
-    )
+    strongest = max(weighed, key=lambda one: one.delta_bic, default=None)
+    if strongest is None or strongest.delta_bic <= 0:
+        return tuple(weighed)
+    return tuple(_refined(base, one) if _is_near(one, strongest) else one for one in weighed)
+
+
+def _is_near(one: Evidence, strongest: Evidence) -> bool:
+    """Whether a hypothesis has nearly the evidence of the strongest, or is a special case of it that has any."""
+    if not isinstance(one.form, Hypothesis) or one.delta_bic <= 0:
+        return False
+    return one.delta_bic > NEARLY_ALL * strongest.delta_bic or one.form.effect.is_within(strongest.effect)
 
 
 @cached_by_base

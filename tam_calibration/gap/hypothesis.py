@@ -98,15 +98,25 @@ def best_form(base: Base, effect: LinearEffect) -> Hypothesis | None:
     if not forms:
         return None
     best = replace(max(forms, key=lambda form: form.selection.delta_bic), tried=shapes)
-    price = _searched(best) * float(np.log(base.channels.count))
+    price = _searched(base, best) * float(np.log(base.channels.count))
     return replace(best, selection=replace(best.selection, delta_bic=best.selection.delta_bic - price))
 
 
-def _searched(form: Hypothesis) -> int:
-    """Return the number of parameters of a shape that were searched, not a convention."""
+def _searched(base: Base, form: Hypothesis) -> int:
+    """Return the number of parameters of a shape that were searched: those that are no convention, and that matter."""
     if form.effect.has_exact_shapes:
         return len(form.shape)
-    return sum(len({other.get(name) for other in form.tried}) > 1 for name in form.shape)
+    return sum(_matters(base, form, name) for name in form.shape)
+
+
+def _matters(base: Base, form: Hypothesis, name: str) -> bool:
+    """Whether several values of a parameter were tried, and the chosen terms are not the same for another one."""
+    other = next((shape for shape in form.tried if name in shape and shape[name] != form.shape[name]), None)
+    if other is None:
+        return len({name in shape for shape in form.tried}) > 1
+    changed = base.channels.terms(form.effect, {**form.shape, name: other[name]})
+    features = {term.key: term.features for term in changed}
+    return any(term.key not in features or np.any(features[term.key] != term.features) for term in form.terms)
 
 
 def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypothesis:

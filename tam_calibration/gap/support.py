@@ -15,7 +15,7 @@ from tam_calibration.gap.regression import Base, twice_log_likelihood_ratio
 from tam_calibration.gap.rivals import MOST_STEPS, SHARPEST, FunctionOfDirection, surrogate_test_of_change
 from tam_calibration.gap.selection import columns_of
 from tam_calibration.gap.surrogates import SurrogateTest, surrogate_test_of
-from tam_calibration.model.fitted_effect import ALL, Contribution, FittedEffect
+from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 
 LEAST_EVIDENCE = 12.0
 """ΔBIC from which a hypothesis counts: odds of 400 to 1 in white noise (Kass and Raftery, JASA 90, 1995: above 10)."""
@@ -77,19 +77,25 @@ def supported(
     if best is None:
         return None
     others = [one for one, _ in held]
-    chosen = special_case(_recorded(best[0], others), others)
+    chosen = special_case(_told(best[0], others), others)
     return next(one for one in held if one[0] is chosen)
 
 
-def _recorded(best: Evidence, others: Sequence[Evidence]) -> Evidence:
-    """Return an effect of a recorded channel that has more evidence than an effect free in time, else the latter.
+def _told(best: Evidence, others: Sequence[Evidence]) -> Evidence:
+    """Return what tells more than an effect that is free in time, if anything does, else that effect.
 
-    The two kinds have surrogates of different kinds, so that their surrogate tests cannot be compared.
+    Their surrogates are of different kinds, so that the surrogate tests cannot be compared: evidence decides. A
+    recorded channel, which has no time to choose, only has to explain nearly as much: it is measured to some per cent.
     """
-    if not (isinstance(best.form, Hypothesis) and best.form.effect.is_free_in_time):
+    if not _is_free_in_time(best):
         return best
-    of_channel = [one for one in others if isinstance(one.form, Hypothesis) and _follows_channel(one.form)]
-    return max([best, *of_channel], key=lambda one: one.delta_bic)
+    bound = {one: one.form for one in others if isinstance(one.form, Hypothesis) and not _is_free_in_time(one)}
+    recorded = [one for one in bound if _follows_channel(bound[one]) and _leaves_what_models_leave(one, best)]
+    return max(recorded or [best, *bound], key=lambda one: one.delta_bic)
+
+
+def _is_free_in_time(one: Evidence) -> bool:
+    return isinstance(one.form, Hypothesis) and one.form.effect.is_free_in_time
 
 
 def _follows_channel(form: Hypothesis) -> bool:
@@ -101,7 +107,7 @@ def _follows_channel(form: Hypothesis) -> bool:
 
 
 def special_case(best: Evidence, others: Sequence[Evidence]) -> Evidence:
-    """Return the special case of a hypothesis that explains nearly as much, else the hypothesis itself.
+    """Return the special case of a hypothesis that has more evidence or explains nearly as much, else itself.
 
     Parameters
     ----------
@@ -110,16 +116,24 @@ def special_case(best: Evidence, others: Sequence[Evidence]) -> Evidence:
     others : sequence of Evidence
         Hypotheses in the same residual, some of which may be special cases of it.
     """
-    rank = best.form.selection.rank if isinstance(best.form, Hypothesis) else best.form.parameter_count
     nearly = [
         one
         for one in others
         if isinstance(one.form, Hypothesis)
         and one.form.effect.is_within(best.effect)
-        and one.form.selection.rank <= rank
-        and _explains_nearly_as_much(one, best)
+        and (one.delta_bic > best.delta_bic or (_is_simpler(one, best) and _explains_nearly_as_much(one, best)))
     ]
     return max(nearly, key=lambda one: one.delta_bic, default=best)
+
+
+def _is_simpler(one: Evidence, best: Evidence) -> bool:
+    """Whether a form takes no more coefficients, or is one law of all sensors where the other has one for each."""
+    assert isinstance(one.form, Hypothesis)
+    if not isinstance(best.form, Hypothesis):
+        return one.form.selection.rank <= best.form.parameter_count
+    own, other = (sensors_of(places_of(form)) for form in (one.form, best.form))
+    is_of_each = len(other - {SCALAR, ALL}) > 1
+    return one.form.selection.rank <= best.form.selection.rank or (ALL in own and is_of_each)
 
 
 def _explains_nearly_as_much(one: Evidence, best: Evidence) -> bool:
@@ -129,10 +143,14 @@ def _explains_nearly_as_much(one: Evidence, best: Evidence) -> bool:
     """
     if one.gain > NEARLY_ALL * best.gain:
         return True
-    assert isinstance(one.form, Hypothesis)
-    if not isinstance(best.form, Hypothesis) or best.effect not in one.form.effect.nearly_within:
-        return False
-    return one.form.selection.gain > (1 - SLIGHT**2) * best.form.selection.gain
+    is_exact = not isinstance(one.form, Hypothesis) or best.effect not in one.form.effect.nearly_within
+    return not is_exact and _leaves_what_models_leave(one, best)
+
+
+def _leaves_what_models_leave(one: Evidence, best: Evidence) -> bool:
+    """Whether a form explains what another does but for a twentieth of the amplitude."""
+    forms = [each.form for each in (one, best) if isinstance(each.form, Hypothesis)]
+    return len(forms) == 2 and forms[0].selection.gain > (1 - SLIGHT**2) * forms[1].selection.gain
 
 
 def beyond_surrogates(one: Evidence, surrogate_test: SurrogateTest | None) -> float:

@@ -88,6 +88,52 @@ def test_the_gradient_is_that_of_sources_at_a_distance(turning):
     assert left[1] < 0.1 * left[0]
 
 
+def part_beyond_gradient(covariates, matrices):
+    """Return it for changes of the field (3, 3) at each sensor, of which the effect holds what it can."""
+    change = covariates.field_T - followed(covariates, SHAPE["time_constant_s"])
+    rows = np.einsum("kij,kjl,nl->nki", covariates.errors.matrix, matrices, change).ravel()
+    terms = [one for one in terms_of(covariates).values() if one.sensor == ALL and one.name.startswith("first mode")]
+    signals = [
+        one.signal(unit, covariates.scalar_row + 1)[:, :-1].ravel()
+        for one in terms
+        for unit in np.eye(len(one.coefficients))
+    ]
+    values = iter(np.linalg.lstsq(np.column_stack(signals), rows, rcond=None)[0])
+    law = [Contribution(ALL, None, one.name, {part.name: next(values) for part in one.coefficients}) for one in terms]
+    sizes = EFFECT.sizes(covariates, FittedEffect("platform_field", SHAPE, tuple(law)))
+    return next(one for one in sizes if one.name == "part beyond the gradient")
+
+
+@pytest.mark.parametrize(("arms", "is_natural"), [(8.0, True), (4.0, True), (2.5, False)])
+def test_beyond_the_gradient_is_what_a_dipole_makes(turning, arms, is_natural):
+    """Against differences of its field from that at the centre: little at a distance, of a near one too much."""
+    covariates = turning()
+    position = covariates.array.positions_m
+    far = np.array([arms * norm(position[0]), 0, 0])
+
+    def dipole(at):
+        distance = norm(at - far, axis=1)[:, None, None]
+        unit = (at - far)[:, :, None] / distance
+        return (3 * unit * unit.swapaxes(1, 2) - np.eye(3)) / distance**3
+
+    step = 1e-3 * arms * np.eye(3)
+    between = dipole(position) - dipole(position).mean(axis=0)
+    beyond = between - np.tensordot(position, (dipole(step) - dipole(-step)) / (2e-3 * arms), 1)
+    expected = np.sum((beyond - beyond.mean(axis=0)) ** 2) / np.sum(between**2)
+    sized = part_beyond_gradient(covariates, dipole(position))
+    assert sized.value == pytest.approx(expected, rel=0.4)
+    assert (sized.excess is None) == is_natural
+
+
+def test_conductors_at_one_sensor_are_beyond_the_gradient(turning):
+    """Potentials of degree 2 and 3 imitate most of it, which is no field of a vehicle."""
+    rng = np.random.default_rng(5)
+    for sensor in range(4):
+        near = np.zeros((4, 3, 3))
+        near[sensor] = rng.normal(size=(3, 3))
+        assert part_beyond_gradient(turning(), near).excess is not None
+
+
 def test_few_sensors_show_no_gradient(turning):
     """Between three it is that of currents near one of them."""
     assert (ALL, None, "first mode, gradient") not in terms_of(turning(sensors=3))

@@ -135,6 +135,17 @@ def test_nearly_all_of_the_strongest_evidence_is_promising(base, monkeypatch, pa
     assert (sharpened(base, [strong, other])[1] is not other) == is_refined
 
 
+@pytest.mark.parametrize(("special", "is_refined"), [("platform_field", True), ("ringing", False)])
+def test_a_special_case_of_the_strongest_is_refined(base, monkeypatch, special, is_refined):
+    """Else it is compared with the whole at a time constant that is not its own; what is none stays as it is."""
+    monkeypatch.setattr("tam_calibration.gap.evidence.refined", lambda base, form: form)
+    strong = evidence_of(base, best_form(base, effect_named("eddy_current")))
+    strong = replace(strong, delta_bic=1000.0)
+    form = replace(strong.form, effect=effect_named(special))
+    other = Evidence(special, form, 500.0, 600.0)
+    assert (sharpened(base, [strong, other])[1] is not other) == is_refined
+
+
 class NamedBase:
     """A base that is known by its name."""
 

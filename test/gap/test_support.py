@@ -22,6 +22,7 @@ from tam_calibration.gap.support import (
     supported,
 )
 from tam_calibration.gap.surrogates import SurrogateTest
+from tam_calibration.model.fitted_effect import ALL, SCALAR
 
 
 @pytest.fixture(scope="module")
@@ -194,16 +195,68 @@ def test_a_special_case_is_nested_whichever_is_named_first(one, other, is_nested
     assert support._is_nested(evidence(one), evidence(other)) == is_nested
 
 
+def evidence_in(sensors, rank, delta_bic, gain, name="whole", **facts):
+    """Return evidence for an effect with a term in each of some sensors; what is not the whole is within it."""
+    within = SimpleNamespace(is_within=lambda other: name != "whole" and other == "whole", nearly_within=(), name=name)
+    effect = SimpleNamespace(**(vars(within) | facts))
+    terms = tuple(SimpleNamespace(sensor=sensor, axis=None, name="part") for sensor in sensors)
+    return Evidence(name, Hypothesis(effect, {}, terms, Selection((), gain, rank, 0.0)), delta_bic, gain)
+
+
 @pytest.mark.parametrize(("rank", "named"), [(33, "special"), (36, "special"), (37, "whole")])
 def test_a_special_case_takes_no_more_coefficients_than_the_whole(rank, named):
     """Else it explains as much because it can imitate anything."""
-
-    def evidence(name, rank, delta_bic):
-        effect = SimpleNamespace(name=name, is_within=lambda whole: name == "special" and whole == "whole")
-        return Evidence(name, Hypothesis(effect, {}, (), Selection((), 0.0, rank, 0.0)), delta_bic, 1000.0)
-
-    whole, special = evidence("whole", 36, 900.0), evidence("special", rank, 890.0)
+    whole, special = evidence_in([0], 36, 900.0, 1000.0), evidence_in([0], rank, 890.0, 1000.0, "special")
     assert support.special_case(whole, [whole, special]).effect == named
+
+
+@pytest.mark.parametrize(
+    ("places", "others", "named"),
+    [
+        ([ALL], [0, 1, 2, 3], "special"),
+        ([ALL, SCALAR, 0, 1], [0, 1, 2, 3], "special"),
+        ([ALL], [2], "whole"),
+        ([ALL], [2, SCALAR], "whole"),
+        ([0, 1], [0, 1, 2, 3], "whole"),
+    ],
+)
+def test_one_law_of_all_sensors_is_simpler_than_one_of_each(places, others, named):
+    """Whatever they count: selection leaves terms away, and adds what follows channels. Beside one sensor it is not."""
+    whole, special = evidence_in(others, 63, 900.0, 1000.0), evidence_in(places, 69, 890.0, 1000.0, "special")
+    assert support.special_case(whole, [whole, special]).effect == named
+
+
+@pytest.mark.parametrize(("delta_bic", "named"), [(810.0, "special"), (720.0, "whole")])
+def test_a_whole_must_be_worth_its_coefficients(delta_bic, named):
+    """A special case that leaves much, with more evidence for its few coefficients, comes first."""
+    whole, special = evidence_in([0, 1], 36, 730.0, 1070.0), evidence_in([SCALAR], 9, delta_bic, 910.0, "special")
+    assert support.special_case(whole, [whole, special]).effect == named
+
+
+@pytest.mark.parametrize(
+    ("is_free", "part", "delta_bic", "named"),
+    [
+        (True, 0.998, 480.0, "pump"),
+        (True, 0.997, 480.0, "free"),
+        (True, 0.9, 510.0, "pump"),
+        (False, 0.998, 510.0, "free"),
+    ],
+)
+def test_a_recorded_channel_that_explains_nearly_as_much_comes_before_free_times(is_free, part, delta_bic, named):
+    """Its noise costs evidence far above the floor; that its times are those of the change is no chance."""
+    free = evidence_in([0], 12, 500.0, 550.0, "free", is_free_in_time=is_free, surrogates="at_other_times")
+    pump = evidence_in([0], 12, delta_bic, part * 550.0, "pump", is_free_in_time=False, surrogates="of_channel",
+                       channels=(), needs=lambda fitted: ())  # fmt: skip
+    assert support._told(free, [free, pump]).effect == named
+
+
+@pytest.mark.parametrize(("delta_bic", "named"), [(490.0, "free"), (510.0, "field")])
+def test_what_follows_the_field_with_more_evidence_comes_before_free_times(delta_bic, named):
+    """That a drift explains little in other rows is no test to compare with the field moved in time."""
+    facts = {"channels": (), "needs": lambda fitted: ()}
+    free = evidence_in([0], 28, 500.0, 680.0, "free", is_free_in_time=True, surrogates="elsewhere")
+    field = evidence_in([0], 9, delta_bic, 700.0, "field", is_free_in_time=False, surrogates="moved", **facts)
+    assert support._told(free, [free, field]).effect == named
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from tam_calibration.validation.blind.instrument_faults import (
     time_skew,
     timing_jitter,
 )
+from tam_calibration.validation.blind.later_vehicles import LATER_VEHICLES
 from tam_calibration.validation.blind.material import eddy_current, flexure, hysteresis, temperature_drift
 from tam_calibration.validation.blind.other_vehicles import OTHER_VEHICLES
 from tam_calibration.validation.blind.outside import OUTSIDE
@@ -70,7 +71,7 @@ pumped scalars without compensation; an hour of a magnetic storm; a magnet at a 
 spikes of twice the field; the steps of a phone's converter; elsewhere a fifth of the field, past which nobody
 calibrates."""
 
-CAUSES = {**CATALOGUE, **OTHER_VEHICLES, **FURTHER_VEHICLES, **OUTSIDE, **SEALED}
+CAUSES = {**CATALOGUE, **OTHER_VEHICLES, **FURTHER_VEHICLES, **LATER_VEHICLES, **OUTSIDE, **SEALED}
 """Every cause that a case may hold."""
 
 CHANNELS = ("temperature", "current", "attitude")

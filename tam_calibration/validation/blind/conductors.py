@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.linalg import eigh, norm
+from numpy.linalg import norm
+from scipy.linalg import eigh
 from scipy.signal import lfilter
 from scipy.special import ellipe, ellipk, jn_zeros
 
@@ -50,7 +51,8 @@ class Loops:
         Of each circuit, in order.
     inductance_H : (M, M) array
         Of each, and between them.
-    resistance_ohm : (M,) array
+    resistance_ohm : (M, M) array
+        Of each, and less that of wires which two share.
     """
 
     corners_m: FloatArray
@@ -65,10 +67,9 @@ class Loops:
 
     def field(self, scene: Scene, places_m: FloatArray) -> FloatArray:
         """Return the field (N, P, 3) of the currents at places (P, 3): L i' + R i = -Φ', by its modes."""
-        root = 1 / np.sqrt(self.resistance_ohm)
-        constants, modes = eigh(root[:, None] * self.inductance_H * root)
-        drive = (modes.T * root) @ self.areas_m2
-        currents = -np.einsum("mnj,mj,m->nm", faded(scene, constants), drive, 1 / constants) @ (modes.T * root)
+        constants, modes = eigh(self.inductance_H, self.resistance_ohm)
+        drive = modes.T @ self.areas_m2
+        currents = -np.einsum("mnj,mj,m->nm", faded(scene, constants), drive, 1 / constants) @ modes.T
         return np.asarray(np.einsum("pjm,nm->npj", self.per_ampere(places_m), currents))
 
     def per_ampere(self, places_m: FloatArray) -> FloatArray:
@@ -125,7 +126,7 @@ def ribs(along_m: FloatArray, across_m: FloatArray, up_m: FloatArray, wire_m: fl
             for edge, opposite in ((width, height), (height, width))
         )
         inductance[one, other] = inductance[other, one] = between
-    return Loops(corners, inductance, ohm_per_m * 2 * edges.sum(axis=1))
+    return Loops(corners, inductance, np.diag(ohm_per_m * 2 * edges.sum(axis=1)))
 
 
 def _of_rectangle(width_m: float, height_m: float, wire_m: float) -> float:
@@ -166,7 +167,7 @@ def disc(centre_m: FloatArray, normal: FloatArray, radius_m: float, ohm: float, 
     inductance = (
         PERMEABILITY * np.sqrt(one * other) * ((2 / root - root) * ellipk(squared) - 2 / root * ellipe(squared))
     )
-    return Loops(centre_m + radii[:, None, None] * circle, inductance, ohm * 2 * np.pi * radii / width)
+    return Loops(centre_m + radii[:, None, None] * circle, inductance, np.diag(ohm * 2 * np.pi * radii / width))
 
 
 def of_sphere(

@@ -8,7 +8,7 @@ from tam_calibration.model.units import FloatArray, from_degrees
 from tam_calibration.validation.blind.conductors import Loops, faded, neumann, of_wires
 from tam_calibration.validation.blind.continuous_motion import VOYAGES
 from tam_calibration.validation.blind.disturbance import MOVING, draw_direction
-from tam_calibration.validation.blind.other_vehicles import CONDUCTIVITIES, Columns, Mount, Source, recorded, vehicles
+from tam_calibration.validation.blind.mount import CONDUCTIVITIES, Columns, Mount, Source, recorded, vehicles
 from tam_calibration.validation.blind.processes import draw_load, draw_wander
 from tam_calibration.validation.blind.scene import Scene
 from tam_calibration.validation.blind.vehicle import PERMEABILITY, Body
@@ -63,9 +63,8 @@ def hoops(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) -> t
     inductance = np.array(
         [[own if i == j else neumann(one, other) for j, other in enumerate(corners)] for i, one in enumerate(corners)]
     )
-    return Loops(np.array(corners), inductance, np.full(len(corners), ohm_per_m * 2 * np.pi * radius)).field(
-        scene, places_m
-    ), {}
+    resistance = ohm_per_m * 2 * np.pi * radius * np.eye(len(corners))
+    return Loops(np.array(corners), inductance, resistance).field(scene, places_m), {}
 
 
 def arm(rng: Generator, scene: Scene, mount: Mount, places_m: FloatArray) -> tuple[FloatArray, Columns]:

@@ -9,14 +9,17 @@ from tam_calibration.validation.blind.case_plan import CasePlan
 from tam_calibration.validation.blind.catalogue import CATALOGUE
 from tam_calibration.validation.blind.continuous_motion import VOYAGES
 from tam_calibration.validation.blind.further_vehicles import FURTHER_VEHICLES
+from tam_calibration.validation.blind.later_vehicles import LATER_VEHICLES
 from tam_calibration.validation.blind.other_vehicles import OTHER_VEHICLES
 
 TABS = {"actuator_tab_port", "actuator_tab_starboard"}
 COLUMNS = {"trim_tabs": TABS, "motor": {"actuator_motor"}, "batteries": {"current_2_A", "current_3_A"}}
 COLUMNS |= {"arm": {"actuator_arm"}, "pump": {"actuator_pump"}, "electrodes": {"current_2_A", "current_3_A"}}
+COLUMNS |= {"trolley": {"actuator_trolley"}, "strut": {"actuator_strut"}, "ram": {"actuator_ram"}}
+COLUMNS |= {"tether": {"current_2_A"}, "panels": {"current_2_A", "current_3_A"}, "heater": {"current_2_A"}}
 
 
-KINDS = OTHER_VEHICLES | FURTHER_VEHICLES
+KINDS = OTHER_VEHICLES | FURTHER_VEHICLES | LATER_VEHICLES
 
 
 @pytest.fixture(params=KINDS)
@@ -37,7 +40,7 @@ def test_the_field_is_that_of_the_vehicle_at_every_sensor(kind, draw):
     for part, names in COLUMNS.items():
         assert not kind.endswith(part) or set(cause.columns) == names
     assert all(len(values) == scene.sample_count for values in cause.columns.values())
-    conductors = ("frame", "plates", "spheres", "shafts", "hulls", "pipes", "hoops")
+    conductors = ("frame", "plates", "spheres", "shafts", "hulls", "pipes", "hoops", "casks", "blades", "coils", "net")
     assert np.isfinite(cause.largest_amplitude) == kind.removeprefix("vehicle_with_").startswith(conductors)
 
 
