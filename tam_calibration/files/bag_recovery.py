@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain, islice
 from pathlib import Path
+from typing import TYPE_CHECKING
 from weakref import finalize
 
 from rosbags.interfaces import Connection
@@ -17,13 +18,15 @@ from tam_calibration.files.bag_damage import NAMED, NO_ROOM, damage_named
 from tam_calibration.files.bag_digests import DIGESTS, are_complete, changed_files
 from tam_calibration.files.bag_folder import INFORMATION, METADATA, PACKED, data_files, read_metadata
 from tam_calibration.files.bag_storages import guard_of, storage_of
-from tam_calibration.files.bag_writing import BlockWriter, copy_connection, write_bag
 from tam_calibration.files.sqlite3_guard import LOGS
 from tam_calibration.files.text_files import require_regular
 from tam_calibration.files.whole_files import temporary_place, unfinished
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.model.exceptions import InputError
+
+if TYPE_CHECKING:  # what writes bags takes a third of a second to load, and who reads a sound one needs none
+    from tam_calibration.files.bag_writing import BlockWriter
 
 _COUNT = 16_384
 """Messages that are written at once."""
@@ -215,6 +218,8 @@ def recover(path: Path, target: Path) -> Recovered:
 
 def _recover(path: Path, files: list[Path], target: Path, faults: list[str]) -> Recovered:
     """Recover the bag of a path from its files, which may have been unpacked."""
+    from tam_calibration.files.bag_writing import write_bag
+
     faults.extend(f"{file.name} is missing" for file in files if not file.exists())
     count, first_ns, last_ns = 0, sys.maxsize, 0
     with write_bag(target, storage_of(path)) as writer:
@@ -228,8 +233,10 @@ def _recover(path: Path, files: list[Path], target: Path, faults: list[str]) -> 
     return Recovered(count, first_ns, last_ns, tuple(faults))
 
 
-def _whole_blocks(path: Path, files: list[Path], writer: BlockWriter, faults: list[str]) -> Iterator[RawMessages]:
+def _whole_blocks(path: Path, files: list[Path], writer: "BlockWriter", faults: list[str]) -> Iterator[RawMessages]:
     """Yield the whole messages of files, their connections made known to a writer."""
+    from tam_calibration.files.bag_writing import copy_connection
+
     copies: dict[tuple[str, str], int] = {}
     messages = chain.from_iterable(guard_of(file).whole_messages(faults) for file in files if file.exists())
     with damage_named(path):

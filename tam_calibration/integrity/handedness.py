@@ -149,11 +149,11 @@ class _Placed:
 
 def _placed(overview: Overview, sensor: int) -> _Placed | None:
     """Return how a sensor is placed, from readings M Qᵀ h + o: products of M and h by regression on the attitude Q."""
-    from scipy.spatial.transform import Rotation
-
     attitude = overview.recording.attitude
     if attitude is None:
         return None
+    from scipy.spatial.transform import Rotation
+
     known = np.flatnonzero(np.isfinite(attitude).all(axis=1))
     known = known[:: max(1, len(known) // ENOUGH)]
     if len(known) < 3 * 9:

@@ -6,7 +6,6 @@ from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, orientation_to_axes
 from tam_calibration.model.units import to_degrees, to_nanotesla
 from tam_calibration.report.formatting import number, with_error
-from tam_calibration.report.gap_rows import number_rows
 
 _KINDS = (("", 1.0, 6), (" (°)", to_degrees(1.0), 5), (" (nT)", to_nanotesla(1.0), 2), (" (°)", to_degrees(1.0), 5))
 """Unit, factor from SI and decimals of scale factor, non-orthogonality, bias and misalignment."""
@@ -31,6 +30,10 @@ NUMBERS_HEADER = ("effect", "parameter", "value ± standard error", "unit")
 
 def effect_number_rows(calibration: Calibration) -> list[list[str]]:
     """Return the numbers of all effects in the order of ``NUMBERS_HEADER``."""
+    if not calibration.effects:
+        return []  # without the diagnosis, which takes as long to load as a calibration
+    from tam_calibration.report.gap_rows import number_rows
+
     return [
         [fitted.effect, *row]
         for fitted in calibration.effects

@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
-from tam_calibration.comparison.result import Closing
 from tam_calibration.effects.effect import Sized
 from tam_calibration.files.results_json import numbers_of
 from tam_calibration.gap.floor import Floor
@@ -12,6 +12,9 @@ from tam_calibration.gap.surrogates import SurrogateTest
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.report.formatting import count, fixed, join, number, with_error
+
+if TYPE_CHECKING:
+    from tam_calibration.comparison.result import Closing
 
 
 def cause_words(cause: Cause) -> list[str]:
@@ -105,7 +108,7 @@ def _known(value: float) -> str:
     return number(value) if math.isfinite(value) else "–"
 
 
-def closed_words(size: Size | Closing) -> str:
+def closed_words(size: "Size | Closing") -> str:
     """Say which part of the gap above the floor is closed, with its confidence interval."""
     if not math.isfinite(size.closed):
         return ""

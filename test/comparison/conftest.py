@@ -8,7 +8,8 @@ import pytest
 
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 
-SAMPLES = 1200
+SAMPLES, RATE_HZ = 600, 50.0
+"""As many as the properties need, of the twelve seconds in which the array has turned through all directions."""
 
 
 @pytest.fixture(scope="session")
@@ -23,6 +24,7 @@ def run():
     scenario = replace(
         read_scenario("tumble_100_hz"),
         sample_count=SAMPLES,
+        rate_hz=RATE_HZ,
         temperature=Temperature(15.0, 25.0),
         attitude=AttitudeChannel(),
     )

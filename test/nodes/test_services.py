@@ -1,11 +1,14 @@
 """The services of the nodes: what they do, and the reason that they give when they cannot."""
 
+import os
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from ros_bench import node_command
 
 from tam_calibration.files import calibration_from_yaml, read_calibration, write_calibration
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
@@ -81,17 +84,22 @@ def test_every_call_of_a_storm_is_answered(bench, recording):
     assert {answer.success for answer in bench.storm("calibrator/save")} == {False}
 
 
+HELD = str(Path(__file__).parent / "held_calibrator.py")
+
+
 def test_who_asks_during_a_diagnosis_is_told_how_far_it_is(bench, recording, tmp_path):
     """Calibrate waits for nothing: it is refused with the progress; save works meanwhile."""
     from std_srvs.srv import Trigger
 
-    path, readings = tmp_path / "calibration.yaml", recording.readings_T.copy()
-    readings[300:, 1] += [20e-9, -10e-9, 15e-9]  # so that there is something to look for
-    bench.start_nodes(collector={}, calibrator={"calibration_file": path})
+    path, pipe = tmp_path / "calibration.yaml", tmp_path / "pipe"
+    os.mkfifo(pipe)
+    parameters = node_command("calibrator", {"calibration_file": path})[3:]
+    bench.start_nodes(collector={})
+    bench.fork({"calibrator": [HELD, str(pipe), *parameters]})
     samples = bench.listen(sensor_msgs.PointCloud2, "samples")
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
-    bench.play(replace(recording, readings_T=readings), publish, samples)
+    bench.play(recording, publish, samples)
     assert bench.call("calibrator/calibrate").success
     client = bench.node.create_client(Trigger, "calibrator/diagnose")
     bench.spin_until(client.service_is_ready, "calibrator/diagnose is there")
@@ -100,6 +108,7 @@ def test_who_asks_during_a_diagnosis_is_told_how_far_it_is(bench, recording, tmp
     told = bench.call("calibrator/calibrate").message
     assert re.fullmatch(r"busy with diagnose, \d+% done: call again when that is answered", told)
     assert bench.call("calibrator/save").success and path.exists()
+    pipe.write_bytes(b"go on")
     bench.spin_until(future.done, "the diagnosis is answered")
     assert future.result().success
 
