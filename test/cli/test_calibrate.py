@@ -1,6 +1,8 @@
 """`tam calibrate`: tables for people, JSON for programs, files that appear together."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -44,6 +46,18 @@ def test_the_calibration_is_that_of_the_fit(folder, recording, cross, name, meth
     assert calibration.method == method
     assert calibration.source.name == name
     assert calibration.samples == recording.sample_count
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run"])
+def test_it_loads_what_it_needs(folder, name):
+    """Without attitude neither SciPy nor the diagnosis, which take as long as the rest; nor what writes bags."""
+    code = f"""import atexit, sys
+from tam_calibration.cli.main import main
+dear = {{"scipy", "tam_calibration.gap", "tam_calibration.files.bag_writing"}}
+atexit.register(lambda: print("loaded:", *(dear & set(sys.modules)), file=sys.stderr))
+main(["calibrate", {name!r}, "--array", "array.yaml", "-o", "c.yaml"])"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and done.stderr.splitlines()[-1].strip() == "loaded:", done.stderr
 
 
 def test_people_see_parameters_residuals_coverage_and_the_formula(folder):
