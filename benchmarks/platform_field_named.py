@@ -48,6 +48,7 @@ KINDS = {
     "other": list(OTHER_VEHICLES),
     "further": list(FURTHER_VEHICLES),
     "later": list(LATER_VEHICLES),
+    "neighbours": ["eddy_current", "bias_jump", "geomagnetic_drift", "current_interference"],
 }
 Drawn = Callable[[np.random.Generator, FloatArray], FloatArray]
 Rows = Iterator[tuple[str, str, float]]

@@ -40,7 +40,7 @@ _CURVATURE = Limit(12 / _NEAREST_M**2, _GRADIENT.source, "1/m²")
 
 _BEYOND_GRADIENT = Limit(
     NOTABLE,
-    "of a dipole at least four arms of a cross away no more than a fifth, three arms away a third; Jackson 1999, "
+    "that of dipoles is about a fifth at most four arms of a cross away, and a third three arms away; Jackson 1999, "
     "section 5.6",
 )
 """Limit of the energy beyond a uniform gradient in what the currents make the sensors differ by.
