@@ -45,7 +45,8 @@ def time_of_change(
     count = min(_MOST_BLOCKS, recording.sample_count // _FEWEST_IN_BLOCK)
     starts = np.linspace(0, recording.sample_count, count + 1).astype(int)
     place = Place(posterior.errors, posterior.intensity_T, posterior.view)
-    problems = [Problem.of(recording.take(slice(*span)), array, known) for span in pairwise(starts)]
+    has_scalar = recording.scalar_count is not None
+    problems = [Problem.of(recording.take(slice(*span)), array, known, has_scalar) for span in pairwise(starts)]
     parts = [problem.data_at(place) for problem in problems]
     later = [np.cumsum([part[index] for part in parts[::-1]], axis=0)[::-1] for index in range(2)]
     basis, size = problems[0].basis_at(place), len(change.directions)

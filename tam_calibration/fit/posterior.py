@@ -147,14 +147,20 @@ class Problem:
     mounting_error: float | None
 
     @classmethod
-    def of(cls, recording: SampleSource, array: KnownNoiseArray, known: Known | Prior) -> "Problem":
-        """Return that of a recording, its readings taken about the biases of the start."""
+    def of(
+        cls, recording: SampleSource, array: KnownNoiseArray, known: Known | Prior, has_scalar: bool | None = None
+    ) -> "Problem":
+        """Return that of a recording, its readings taken about the biases of the start.
+
+        Of a part of a recording ``has_scalar`` says whether the whole has a scalar.
+        """
+        has_scalar = recording.scalar_count is not None if has_scalar is None else has_scalar
         known = known if isinstance(known, Known) else Known(known)
         if known.prior is None:
             start, unit_T = first_guess(recording, array), normalize(recording).radius_T
         else:
             start, unit_T = known.prior.errors, known.prior.calibration.intensity_T
-        data = Normalized(recording, start.bias_T, unit_T)
+        data = Normalized(recording, start.bias_T, unit_T, has_scalar)
         likelihood = likelihood_of(recording, array, data)
         attitude = _attitude_of(data, array)
         return cls(
@@ -162,7 +168,7 @@ class Problem:
             start,
             unit_T,
             likelihood,
-            recording.scalar_count is not None,
+            has_scalar,
             attitude,
             array.mounting_error if known.knows_frame else None,
         )

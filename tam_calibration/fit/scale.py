@@ -29,16 +29,14 @@ class Normalized:
         Centre of the sphere through each sensor's readings, tesla.
     radius_T : float
         Mean radius of these spheres, tesla.
+    has_scalar : bool
+        Whether the intensity comes from a scalar reference; of a part of a recording, whether that of the whole does.
     """
 
     source: SampleSource
     origin_T: FloatArray
     radius_T: float
-
-    @property
-    def has_scalar(self) -> bool:
-        """Whether the intensity comes from a scalar reference."""
-        return self.source.scalar_count is not None
+    has_scalar: bool
 
     def blocks(self) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Yield the (3K + 1, n) readings and 1, and the (n,) intensities, of one block after the other.
@@ -52,7 +50,7 @@ class Normalized:
             np.subtract(block.readings_T.reshape(count, -1).T, origin, out=points[:-1])
             points[:-1] *= 1 / self.radius_T
             points[-1] = 1
-            yield points, np.ones(count) if block.scalar_T is None else block.scalar_T / self.radius_T
+            yield points, self._intensity(block.scalar_T, count)
 
     @property
     def points(self) -> FloatArray:
@@ -64,7 +62,12 @@ class Normalized:
     def intensity(self) -> FloatArray:
         """(N,) intensities, all at once."""
         recording = self.source.whole()
-        return np.ones(recording.sample_count) if recording.scalar_T is None else recording.scalar_T / self.radius_T
+        return self._intensity(recording.scalar_T, recording.sample_count)
+
+    def _intensity(self, scalar_T: FloatArray | None, count: int) -> FloatArray:
+        if scalar_T is None:
+            return np.full(count, np.nan if self.has_scalar else 1.0)
+        return scalar_T / self.radius_T
 
     @cached_property
     def moments(self) -> FloatArray:
@@ -113,7 +116,8 @@ def normalize(source: SampleSource) -> Normalized:
     some = source.thinned(_SAMPLES_FOR_SPHERE).readings_T
     origin = sphere_center(np.swapaxes(some, 0, 1))
     centered = some - origin
-    return Normalized(source, origin, float(np.sqrt(np.einsum("nki,nki->nk", centered, centered)).mean()))
+    radius_T = float(np.sqrt(np.einsum("nki,nki->nk", centered, centered)).mean())
+    return Normalized(source, origin, radius_T, source.scalar_count is not None)
 
 
 def free_scale(matrix: FloatArray) -> FloatArray:

@@ -103,12 +103,13 @@ def _by_block(
     free_intensity_T = None if recording.scalar_count is not None else intensity_T
     # A common turn of all sensors is seen by no uniform field.
     rows = np.delete(rows_by_unknowns(errors, intensity_T, free_intensity_T), np.s_[9:12], axis=1)
+    has_scalar = free_intensity_T is None
     vector_noise, centered = array.vector_noise_T / intensity_T, np.zeros_like(errors.bias_T)
-    scalar_noise = 0.0 if free_intensity_T is not None else array.scalar_noise_T / intensity_T
+    scalar_noise = array.scalar_noise_T / intensity_T if has_scalar else 0.0
     information = np.zeros((BLOCKS, rows.shape[1], rows.shape[1]))
     score = np.zeros((BLOCKS, rows.shape[1]))
     for block, part in _parts(recording):
-        data = Normalized(part, errors.bias_T, intensity_T)
+        data = Normalized(part, errors.bias_T, intensity_T, has_scalar)
         here = UniformLikelihood(data, vector_noise, scalar_noise).linearize(errors.matrix, centered)
         information[block] += rows.T @ here.information @ rows
         score[block] += rows.T @ here.gradient

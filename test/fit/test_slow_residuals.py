@@ -150,3 +150,18 @@ def test_an_update_expects_what_was_slow_before(wu_scenario):
     prior = calibrate(turned(wu_scenario, 12, 2e-9), array)
     update = calibrate(turned(wu_scenario, 13, 0.0, 15), array, prior=prior, accept=["few_samples"])
     assert update.reduced_chi_square["slow"] == prior.reduced_chi_square["slow"]
+
+
+def test_a_scalar_that_is_silent_for_a_while_makes_nothing_slow(wu_scenario):
+    """A fifth of the recording without intensities: white noise stays white, and what moved is found with its size."""
+    array = wu_scenario.array.with_stated_noise()
+    recording = turned(wu_scenario, 14, count=2000)
+    scalar_T, readings_T = recording.scalar_T.copy(), recording.readings_T.copy()
+    scalar_T[600:1000] = np.nan
+    silent = replace(recording, scalar_T=scalar_T)
+    assert "slow" not in calibrate(silent, array).reduced_chi_square
+    readings_T[:, 2] += [20e-9, 0, 0]
+    update = calibrate(replace(silent, readings_T=readings_T), array, prior=calibrate(turned(wu_scenario, 15), array))
+    [moved] = update.update.moved
+    assert (moved.kind, moved.sensor) == ("bias", 3) and "slow" not in update.reduced_chi_square
+    assert_allclose(moved.change, [20e-9, 0, 0], atol=2e-9)

@@ -62,7 +62,7 @@ def test_the_moments_give_the_normal_equations_of_the_samples(far_prior, cross):
         for part in (slice(400), slice(400, None))
     ]
     here = likelihood.linearize(halves[0] + halves[1], errors)
-    data = Normalized(recording, prior.errors.bias_T, unit_T)
+    data = Normalized(recording, prior.errors.bias_T, unit_T, has_scalar=True)
     exact = UniformLikelihood(data, array.vector_noise_T / unit_T, array.scalar_noise_T / unit_T).linearize(
         errors.matrix, (errors.bias_T - prior.errors.bias_T) / unit_T
     )
