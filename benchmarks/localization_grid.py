@@ -10,6 +10,7 @@ while the passes go on: a run that is ended early says of how many they are. The
 each sample. Lines of current and of dipoles, structural index 1 and 2, are crossed at the same distances and located by
 each sample; the nearest point of the line is what is sought. Of dipoles and currents the regional field of samples by
 themselves is that of the run, of lines of dipoles it is known to 140 nT as IGRF is. What is refused counts as refused.
+``--others`` are passes by a smaller array, nearer, on a curve, which nothing was tuned on.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -22,20 +23,15 @@ from pathlib import Path
 import click
 import numpy as np
 from asked import Figure, show
-from rich.progress import track
+from numpy.linalg import norm
+from rich.progress import track as progress
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.files.text_files import write_whole
-from tam_calibration.localization.common_field import regional_beside_current
 from tam_calibration.localization.euler import DIPOLE_INDEX
-from tam_calibration.localization.line_fit import CURRENT_INDEX
-from tam_calibration.localization.one_source import require_one_source
-from tam_calibration.localization.sample_by_sample import (
-    Regional,
-    locate_samples,
-    regional_of,
-    turned,
-)
+from tam_calibration.localization.line_fit import DIPOLES_INDEX
+from tam_calibration.localization.one_source import locate_run
+from tam_calibration.localization.sample_by_sample import Regional, regional_of
 from tam_calibration.localization.steady import DEFAULT_VELOCITY_ERROR, straight_track, track_dipole
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import Refused
@@ -65,6 +61,31 @@ _CURRENT_A = 10.0
 
 
 @dataclass(frozen=True)
+class Way:
+    """How sources are passed: baseline and distances [m], part of the strength, sway and turn of the platform [rad]."""
+
+    baseline_m: float = 0.5
+    distances_m: tuple[float, float] = (2.5, 5.0)
+    strength: float = 1.0
+    sway: float = 0.1
+    turn: float = 0.0
+
+    def path_m(self, straight_m: FloatArray) -> FloatArray:
+        """Return a straight path (N, 3) bent to an arc that turns so far, through the same middle."""
+        if not self.turn:
+            return straight_m
+        middle = straight_m[len(straight_m) // 2]
+        radius = norm(straight_m[-1] - straight_m[0]) / self.turn
+        x, y, z = (straight_m - middle).T
+        bent = np.column_stack([radius * np.sin(x / radius), y + radius * (1 - np.cos(x / radius)), z])
+        return middle + bent
+
+
+OTHER = Way(0.3, (1.2, 2.2), 0.08, 0.25, 1.5)
+"""Nothing was tuned on it: smaller, nearer, on a curve, by sources whose field is as strong."""
+
+
+@dataclass(frozen=True)
 class Cell:
     """The conditions of a pass: noise [nT], attitude [deg], gradient [nT/m], velocity error [1], sources and index."""
 
@@ -74,6 +95,8 @@ class Cell:
     velocity_error: float = 0.01
     sources: int = 1
     index: int = 3
+
+    way: "Way" = Way()
 
     @property
     def words(self) -> str:
@@ -149,16 +172,18 @@ class Pass:
     def of(cls, cell: Cell, generator: np.random.Generator) -> "Pass":
         """Return one pass, everything random that a cell does not say."""
         noise, attitude_noise = from_nanotesla(cell.noise_nT), from_degrees(cell.attitude_deg)
-        array = Array.cross(0.5, vector_noise_T=noise)
+        way = cell.way
+        array = Array.cross(way.baseline_m, vector_noise_T=noise)
         velocity = np.array([1.0, 0.0, 0.0])
         true_velocity = velocity + cell.velocity_error * generator.standard_normal(3)
         reckoned, path = (straight_track(_TIME_S, np.zeros(3), each) for each in (velocity, true_velocity))
+        path = way.path_m(path)
         angles = np.outer(_TIME_S, [0.2, 0.33, 0.5]) + generator.uniform(0, 6, 3)
-        sway = Rotation.from_euler("zyx", 0.1 * np.sin(angles))
+        sway = Rotation.from_euler("zyx", way.sway * np.sin(angles))
         points = path[:, None] + np.einsum("nij,kj->nki", sway.as_matrix(), array.positions_m)
         tensor = np.tensordot(generator.standard_normal(5), UNIT_TENSORS, 1)
         tensor *= from_nanotesla(cell.gradient_nT_per_m) / np.abs(np.linalg.eigvalsh(tensor)).max()
-        sources = [_source(generator, cell.index) for _ in range(cell.sources)]
+        sources = [_source(generator, cell.index, way) for _ in range(cell.sources)]
         world = _REGIONAL_T + points @ tensor + sum(each.field_T(points) for each in sources)
         fields = np.einsum("nji,nkj->nki", sway.as_matrix(), world) + noise * generator.standard_normal(world.shape)
         reported = sway * Rotation.from_rotvec(attitude_noise * generator.standard_normal((len(_TIME_S), 3)))
@@ -182,17 +207,12 @@ class Pass:
         outputs = self.fields_T.reshape(len(self.fields_T), -1) @ self.array.operator.T
         assert self.array.vector_noise_T is not None
         covariance = self.array.operator * np.repeat(self.array.vector_noise_T**2, 3) @ self.array.operator.T
-        regional = self.known
-        if self.index == DIPOLE_INDEX:
-            regional = regional_of(outputs, attitude, noise)
-        elif noise:
+        prior = self.known
+        if self.index != DIPOLE_INDEX and noise:
             raise Refused("lines are located with an exact attitude alone")
-        elif self.index == CURRENT_INDEX:
-            beside = regional_of(outputs, attitude)
-            regional = regional_beside_current(outputs, self.array, covariance, attitude, beside)
-        own = locate_samples(outputs, self.array, covariance, index=self.index, regional=regional, attitude=attitude)
-        world = turned(own, attitude, noise)
-        require_one_source(world, self.index)
+        if self.index != DIPOLES_INDEX:
+            prior = regional_of(outputs, attitude, noise)
+        world, _ = locate_run(outputs, self.array, covariance, attitude, prior, self.index)
         at = world.is_located
         errors = np.sqrt(np.diagonal(world.position_covariance_m2[at], axis1=1, axis2=2))
         return self._pulls(world.position_m[at] + self.path_m[at], errors, self.path_m[at])
@@ -206,11 +226,11 @@ class Pass:
         return pulls
 
 
-def _source(generator: np.random.Generator, index: int) -> Dipole | Line:
-    angle, distance = generator.uniform(-1, 1), generator.uniform(2.5, 5)
+def _source(generator: np.random.Generator, index: int, way: Way) -> Dipole | Line:
+    angle, distance = generator.uniform(-1, 1), generator.uniform(*way.distances_m)
     place = np.array([_TIME_S[-1] / 2 + generator.uniform(-6, 6), distance * np.sin(angle), -distance * np.cos(angle)])
     moment = generator.standard_normal(3)
-    moment *= 10 ** generator.uniform(1.5, 2.7) / np.linalg.norm(moment)
+    moment *= way.strength * 10 ** generator.uniform(1.5, 2.7) / np.linalg.norm(moment)
     if index == DIPOLE_INDEX:
         return Dipole(place, moment)
     heading = generator.uniform(0.8, 2.3)
@@ -223,10 +243,10 @@ _Pulls = tuple[FloatArray | None, FloatArray | None]
 """Of one pass: of all samples together, None where that is refused, and of each by itself."""
 
 
-def _judged(cell: Cell, seed: tuple[int, ...]) -> _Pulls:
+def _judged(cell: Cell, seed: tuple[int, ...], with_track: bool) -> _Pulls:
     made = Pass.of(cell, np.random.default_rng(seed))
     together = one_by_one = None
-    if cell.index == DIPOLE_INDEX:
+    if with_track and cell.index == DIPOLE_INDEX:
         with suppress(Refused):
             together = made.together()
     with suppress(Refused):
@@ -234,15 +254,26 @@ def _judged(cell: Cell, seed: tuple[int, ...]) -> _Pulls:
     return together, one_by_one
 
 
-def _of_cell(seed: int, number: int, run: int) -> _Pulls:
-    return _judged(CELLS[number], (seed, number, run))
+def _of_cell(seed: int, with_track: bool, number: int, run: int) -> _Pulls:
+    return _judged(CELLS[number], (seed, number, run), with_track)
 
 
-def _of_product(seed: int, kind: int, run: int) -> _Pulls:
-    generator = np.random.default_rng((seed, len(CELLS) + kind, run))
+def _of_product(seed: int, with_track: bool, kind: int, run: int) -> _Pulls:
+    number = len(CELLS) + kind
+    return _judged(_drawn((seed, number, run), kind), (seed, number, run, 1), with_track)
+
+
+def _of_others(seed: int, kind: int, run: int) -> _Pulls:
+    number = len(CELLS) + len(KINDS) + kind
+    return _judged(replace(_drawn((seed, number, run), kind), way=OTHER), (seed, number, run, 1), False)
+
+
+def _drawn(seed: tuple[int, ...], kind: int) -> Cell:
+    """Return conditions out of the whole product."""
+    generator = np.random.default_rng(seed)
     attitude, gradient, velocity = generator.uniform(0, [0.3, 5.0, 0.03]) * (generator.uniform(size=3) > 1 / 3)
     noise = 10 ** generator.uniform(np.log10(0.03), np.log10(3))
-    return _judged(Cell(noise, attitude, gradient, velocity, *KINDS[kind]), (seed, len(CELLS) + kind, run, 1))
+    return Cell(noise, attitude, gradient, velocity, *KINDS[kind])
 
 
 @dataclass(frozen=True)
@@ -252,11 +283,12 @@ class _Row:
     what: str
     passes: int
     judge: Callable[[int], _Pulls]
+    has_track: bool
 
     def figures(self, results: Sequence[_Pulls]) -> Iterator[Figure]:
         """Yield the figures of so many results."""
         together, one_by_one = zip(*results, strict=True)
-        if "line" not in self.what:
+        if self.has_track:
             yield from _figures(self.what, "track", together)
         yield from _figures(self.what, "each sample", one_by_one)
 
@@ -283,23 +315,33 @@ def _spread(parts: Sequence[FloatArray], covered: float) -> float:
 @click.command(help=__doc__)
 @click.option("--sweep", default=500, show_default=True, help="Passes of each kind from the whole product; 0 none.")
 @click.option("--runs", default=500, show_default=True, help="Passes of each cell; 0 none.")
+@click.option("--others", default=0, show_default=True, help="Passes of each kind in another way, by samples alone.")
+@click.option("--track/--no-track", default=True, show_default=True, help="Whether dipoles are located along a track.")
 @click.option("--seed", default=17, show_default=True, help="Of all random numbers.")
 @click.option("--processes", type=int, help="That work side by side; as many as there are cores by default.")
-def main(sweep: int, runs: int, seed: int, processes: int | None) -> None:
+def main(sweep: int, runs: int, others: int, track: bool, seed: int, processes: int | None) -> None:
     """Run the benchmark."""
+    whats = [Cell(sources=sources, index=index).what for sources, index in KINDS]
+    judges = [partial(_of_product, seed, track, kind) for kind in range(len(KINDS))]
     rows = [
-        _Row(
-            f"the whole product, {Cell(sources=kind[0], index=kind[1]).what}", sweep, partial(_of_product, seed, number)
-        )
-        for number, kind in enumerate(KINDS)
+        _Row(f"the whole product, {what}", sweep, judge, track and index == DIPOLE_INDEX)
+        for what, judge, (_, index) in zip(whats, judges, KINDS, strict=True)
     ]
-    rows += [_Row(cell.words, runs, partial(_of_cell, seed, number)) for number, cell in enumerate(CELLS)]
-    command = f"# python benchmarks/localization_grid.py --sweep {sweep} --runs {runs} --seed {seed}"
+    rows += [
+        _Row(f"passed in another way, {what}", others, partial(_of_others, seed, kind), False)
+        for kind, what in enumerate(whats)
+    ]
+    rows += [
+        _Row(cell.words, runs, partial(_of_cell, seed, track, number), track and cell.index == DIPOLE_INDEX)
+        for number, cell in enumerate(CELLS)
+    ]
+    options = f"--sweep {sweep} --others {others} --runs {runs} --seed {seed}{'' if track else ' --no-track'}"
+    command = f"# python benchmarks/localization_grid.py {options}"
     done: list[Figure] = []
     with ProcessPoolExecutor(processes) as pool:
         for row in rows:
             results: list[_Pulls] = []
-            for result in track(pool.map(row.judge, range(row.passes)), description=row.what, total=row.passes):
+            for result in progress(pool.map(row.judge, range(row.passes)), description=row.what, total=row.passes):
                 results.append(result)
                 if len(results) % _WRITTEN == 0 or len(results) == row.passes:
                     _write(command, [*done, *row.figures(results)])

@@ -90,6 +90,7 @@ def solve_damped(
     data: FloatArray,
     start: FloatArray,
     is_small: Callable[[FloatArray, FloatArray], np.ndarray],
+    most_steps: int = _MOST_STEPS,
 ) -> Solution:
     """Return the solutions of M problems by steps of Levenberg and Marquardt; none depends on its neighbours.
 
@@ -103,6 +104,8 @@ def solve_damped(
         Where to begin.
     is_small : callable
         From unknowns (m, P) and the steps (m, P) to them to which (m,) of these are the last.
+    most_steps : int
+        After which a problem that has not settled is left where it is.
     """
     unknowns = np.array(start, dtype=float)
     damping = np.full(len(data), _FIRST_DAMPING)
@@ -126,7 +129,7 @@ def solve_damped(
         return is_open, not is_open.any()
 
     if len(data):
-        iterate(step, is_open, _MOST_STEPS)
+        iterate(step, is_open, most_steps)
     covariance, is_determined = _invert(normal)
     return Solution(unknowns, covariance, chi_square, is_found & is_determined & np.isfinite(unknowns).all(axis=1))
 

@@ -142,7 +142,7 @@ def fit_outputs(
     InputError
         When a covariance has no inverse.
     """
-    points, by_points = _elements(array)
+    points, by_points = elements_of(array)
     whitening = whitening_of(noise)
     weights: FloatArray = whitening @ by_points
     data = (whitening @ outputs[..., None])[..., 0]
@@ -156,8 +156,8 @@ def fit_outputs(
     return OutputFit(solution, field_T, data - predicted, slopes)
 
 
-def _elements(array: Array) -> tuple[FloatArray, FloatArray]:
-    """Return where the field is read (P, 3), and the (8, 3 P) matrix from the fields there to the outputs."""
+def elements_of(array: Array) -> tuple[FloatArray, FloatArray]:
+    """Return where the field is read (P, 3), metres, and the (8, 3 P) matrix from the fields there to the outputs."""
     operator = array.operator[:8]
     if array.axis_offsets_m is None:
         return array.positions_m, operator

@@ -57,7 +57,7 @@ def fit_lines(
     OutputFit
         Unknowns (N, 6) are the point of each line that is nearest to the origin, metres, and the unit vector along it.
     """
-    lines = _Lines.of(points_m, np.broadcast_to(weights, (len(data), *weights.shape[-2:])), start, index)
+    lines = Lines.of(points_m, np.broadcast_to(weights, (len(data), *weights.shape[-2:])), start, index)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # where a step leads far away
         own = solve_damped(lines.predict, data, lines.start(data, start), _is_small)
         unknowns, slopes = _nearest(own.unknowns)
@@ -71,8 +71,11 @@ def fit_lines(
 
 
 @dataclass(frozen=True, eq=False)
-class _Lines:
-    """Axes (N, 3, 3) of each sample in the array frame, as columns, and what is read along them."""
+class Lines:
+    """Axes (N, 3, 3) of each sample in the array frame, as columns, and what is read along them.
+
+    The third axis is nearly along the line. ``points_m`` (N, P, 3) and ``weights`` (N, 8, 3 P) are along them too.
+    """
 
     axes: FloatArray
     points_m: FloatArray
@@ -80,11 +83,17 @@ class _Lines:
     index: float
 
     @classmethod
-    def of(cls, points_m: FloatArray, weights: FloatArray, start: FloatArray, index: float) -> "_Lines":
+    def of(cls, points_m: FloatArray, weights: FloatArray, start: FloatArray, index: float) -> "Lines":
+        """Return what is read along the axes of each line to begin with (N, 6)."""
         along = start[:, 3:] / norm(start[:, 3:], axis=1, keepdims=True)
         first = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
         first /= norm(first, axis=1, keepdims=True)
         axes = np.stack([first, np.cross(along, first), along], axis=2)
+        return cls.seen_along(axes, points_m, weights, index)
+
+    @classmethod
+    def seen_along(cls, axes: FloatArray, points_m: FloatArray, weights: FloatArray, index: float) -> "Lines":
+        """Return what an array with points (P, 3) and weights (N, 8, 3 P) in its own frame reads along some axes."""
         by_sensor = weights.reshape(*weights.shape[:2], -1, 3) @ axes[:, None]
         return cls(axes, points_m @ axes, by_sensor.reshape(weights.shape), index)
 

@@ -63,8 +63,7 @@ def misfit_of(residuals: FloatArray, slopes: FloatArray, covariance: FloatArray)
     half = len(energy) // 2
     most = max(float(freedom[half:].sum()), 1.0)
     variance = float(energy[half:].sum()) / most
-    edges = [0, *(_WIDER**power for power in range(1, 20) if _WIDER**power < half), half]
-    bands = [slice(low, high) for low, high in pairwise(edges)]
+    bands = bands_of(half)
     colour = 1.0
     for band in bands:
         own = float(freedom[band].sum())
@@ -75,3 +74,9 @@ def misfit_of(residuals: FloatArray, slopes: FloatArray, covariance: FloatArray)
             colour = max(colour, ratio)
     chance = 2 * min(chdtr(most, variance * most), chdtrc(most, variance * most))
     return Misfit(variance if chance < CHANCE else 1.0, colour)
+
+
+def bands_of(count: int) -> list[slice]:
+    """Return the bands of the slowest ``count`` cosines, each four times as wide as the one before."""
+    edges = [0, *(_WIDER**power for power in range(1, 20) if _WIDER**power < count), count]
+    return [slice(low, high) for low, high in pairwise(edges)]

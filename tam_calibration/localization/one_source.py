@@ -1,25 +1,25 @@
-"""Whether the samples of a run, each located by itself, are those of one source at rest in a uniform field."""
+"""The samples of a run, each located by itself, and whether they are those of one source at rest in a uniform field."""
+
+from dataclasses import replace
 
 import numpy as np
 
+from tam_calibration.localization.common_field import regional_beside_current
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.line_fit import CURRENT_INDEX
-from tam_calibration.localization.sample_by_sample import SOURCES
-from tam_calibration.localization.solutions import EulerSolutions
+from tam_calibration.localization.misfit import CHANCE, bands_of
+from tam_calibration.localization.sample_by_sample import SOURCES, Regional, locate_samples, turned
+from tam_calibration.localization.shared_source import SharedSource, fit_shared
+from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
-
-_CHANCE = 1e-3
-"""Probability with which the noise of one source leaves as much of a run as is refused."""
 
 _FEWEST_LOCATED = 10
 """Samples of a run: of fewer, what is left does not tell a second source that moves them by ten standard errors."""
 
-_SEEN_MOMENT = 3.0
-"""Standard errors of a moment that tells by its likeness to others whether they are of one source."""
-
-_IN_COMMON = 3
-"""Normal numbers that turn all lines of a run: the errors of the regional field, which are the same in all samples."""
+_MOST_ROUNDS, _SETTLED = 10, 0.1
+"""Times that a run is located, and standard errors by which the regional field may move after the last one."""
 
 _MEND = (
     "Take a longer stretch about one source, or of dipoles give the velocity of a straight track, along which several "
@@ -27,70 +27,114 @@ _MEND = (
 )
 
 
-def require_one_source(solutions: EulerSolutions, index: float = DIPOLE_INDEX) -> None:
-    """Refuse the samples of a run that several sources, or a field that is not uniform, have made.
+def locate_run(
+    outputs: FloatArray,
+    array: Array,
+    covariance: FloatArray,
+    attitude: FloatArray,
+    prior: Regional,
+    index: float = DIPOLE_INDEX,
+) -> tuple[EulerSolutions, Regional]:
+    """Locate the source of each sample of a run beside the regional field that all of them need.
 
-    Of eight outputs a dipole takes six, and a regional field that is uncertain, or an attitude, hides what a second one
-    does to the other two. But the moment of a source at rest is the same in all samples, and so is the direction of a
-    line.
+    The samples that are located beside the field as it is known tell it better, with which more are located, until it
+    stays. What one source then leaves of all samples is tested.
 
     Parameters
     ----------
-    solutions : EulerSolutions
-        Of all samples, along the axes of the world.
+    outputs : (N, 9) array
+        Field and gradient, array frame, tesla and T/m.
+    array : Array
+        Whose outputs they are.
+    covariance : (9, 9) array
+        Of the outputs.
+    attitude : (N, 4) array
+        Quaternions x, y, z, w from the array frame to the world; NaN where unknown.
+    prior : Regional
+        What is known of the field beside the source.
     index : float
         Structural index.
+
+    Returns
+    -------
+    solutions : EulerSolutions
+        Along the axes of the world, counted from the array.
+    regional : Regional
+        The field beside them.
 
     Raises
     ------
     Refused
-        When all samples together leave more than noise beside one source and a uniform regional field, known as it is,
-        their moments or directions differ by more, or too few are located to tell.
+        When all samples together leave more than noise beside one source and a uniform regional field, or too few are
+        located to tell.
     """
+    regional = prior
+    if index == CURRENT_INDEX and prior.covariance_T2 is not None:
+        regional = regional_beside_current(outputs, array, covariance, attitude, prior)
+    for number in range(_MOST_ROUNDS):
+        own = locate_samples(outputs, array, covariance, index=index, regional=regional, attitude=attitude)
+        world = turned(own, attitude, prior.attitude_noise)
+        at = np.flatnonzero(world.is_located)
+        if not len(at) and not number:
+            return world, regional
+        if len(at) < _FEWEST_LOCATED:
+            raise Refused(
+                f"only {len(at)} samples are located, too few to tell one source from several: {_FEWEST_LOCATED} are "
+                f"needed. {_MEND}"
+            )
+        shared = fit_shared(outputs[at], array, covariance, attitude[at], world.take(at), regional, prior, index)
+        is_settled, regional = _is_near(regional, shared.regional), shared.regional
+        if is_settled and shared.solution.is_found[0]:
+            break
+    else:
+        raise Refused(f"{_not_of_one(index)}: no source explains all of them. {_MEND}")
+    _require_noise(shared, index)
+    status = world.status.copy()
+    status[at[_is_apart(world.take(at), shared)]] = Status.APART
+    return replace(world, status=status), regional
+
+
+def _is_near(before: Regional, after: Regional) -> bool:
+    """Return whether a regional field hardly moved, in units of its standard errors."""
+    if after.covariance_T2 is None:
+        return True
+    errors = np.sqrt(np.diag(after.covariance_T2))
+    return bool((np.abs(after.field_T - before.field_T) <= _SETTLED * errors).all())
+
+
+def _require_noise(shared: SharedSource, index: float) -> None:
+    """Refuse what one source leaves of a run if it is more than noise, in all or where it is slow."""
+    from scipy.fft import dct
     from scipy.special import chdtrc
 
-    at = solutions.is_located
-    left, moments, covariance = (
-        each[at] for each in (solutions.chi_square, solutions.moment_Am2, solutions.moment_covariance_A2m4)
-    )
-    if not len(left):
-        return
-    is_told = np.sum(moments**2, axis=1) > _SEEN_MOMENT**2 * np.trace(covariance, axis1=1, axis2=2)
-    telling = int(is_told.sum()) if index == DIPOLE_INDEX else len(left)
-    if telling < _FEWEST_LOCATED:
-        raise Refused(
-            f"only {telling} samples are located so well that one source is told from several: {_FEWEST_LOCATED} are "
-            f"needed. {_MEND}"
-        )
-    tests = [
-        (float(left.sum()), len(left) * (3 if index == CURRENT_INDEX else 2), "what is left is {:.3g} times the noise")
-    ]
-    words = "their {} differ by {{:.3g}} of their standard errors"
-    if index == DIPOLE_INDEX:
-        tests.append((_chi_square_of_equal(moments, covariance), moments[1:].size, words.format("moments")))
-    else:
-        turns, covariance = _turns_of(solutions.along[at], solutions.along_covariance[at])
-        size = _chi_square_of_equal(turns, covariance) / turns[1:].size
-        tests.append((_IN_COMMON * size, _IN_COMMON, words.format("directions")))
-    for total, freedom, words in tests:
-        if chdtrc(freedom, total) < _CHANCE:
+    energy = np.sum(dct(shared.residuals, axis=0, norm="ortho") ** 2, axis=1)
+    waves = dct(shared.slopes, axis=0, norm="ortho")
+    taken = np.einsum("ndp,pq,ndq->n", waves, shared.solution.covariance[0], waves, optimize=True)
+    freedom = shared.freedom - taken
+    bands = bands_of(len(energy))
+    for band in bands:
+        left, own = float(energy[band].sum()), float(freedom[band].sum())
+        if chdtrc(own, left) * len(bands) < CHANCE:
             raise Refused(
-                f"the samples are not those of one {SOURCES[index]} at rest beside a uniform regional field: "
-                f"{words.format(np.sqrt(total / freedom))}. {_MEND}"
+                f"{_not_of_one(index)}: what is left is {np.sqrt(left / own):.3g} times the noise, where it is "
+                f"{'slow' if band.start == 0 else 'fast'}. {_MEND}"
             )
 
 
-def _chi_square_of_equal(vectors: FloatArray, covariance: FloatArray) -> float:
-    """Return χ² of vectors (n, D) with covariances (n, D, D) about their weighted mean."""
-    weight = np.linalg.inv(covariance)
-    mean = np.linalg.solve(weight.sum(axis=0), np.einsum("nij,nj->i", weight, vectors))
-    off = vectors - mean
-    return float(np.einsum("ni,nij,nj->", off, weight, off))
+def _not_of_one(index: float) -> str:
+    return f"the samples are not those of one {SOURCES[index]} at rest beside a uniform regional field"
 
 
-def _turns_of(along: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return by what unit vectors (n, 3), either way, are turned out of their mean (n, 2), and the covariances."""
-    _, vectors = np.linalg.eigh(along.T @ along)
-    across, mean = vectors[:, :2], vectors[:, 2]
-    turns = np.sign(along @ mean)[:, None] * along @ across
-    return turns, across.T @ covariance @ across
+_FAR = 1e-3
+"""Probability with which noise alone leaves the place of a sample further from that of all samples."""
+
+
+def _is_apart(own: EulerSolutions, shared: SharedSource) -> np.ndarray:
+    """Return which samples by themselves are elsewhere than all together have them: they have several solutions."""
+    from scipy.special import chdtri
+
+    off = (own.position_m - shared.position_m) @ shared.across
+    spread = shared.across.T @ own.position_covariance_m2 @ shared.across
+    size = np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0])
+    apart: np.ndarray = size > chdtri(off.shape[1], _FAR)
+    return apart

@@ -23,6 +23,7 @@ class Status(IntEnum):
     UNCERTAIN = 6
     NO_ATTITUDE = 7
     NO_REGIONAL = 8
+    APART = 9
 
     @property
     def reason(self) -> str:
@@ -45,6 +46,8 @@ _REASONS = {
     Status.NO_ATTITUDE: "the attitude is unknown, without which the regional field cannot be taken off, nor a position "
     "be turned into the world",
     Status.NO_REGIONAL: "the regional field is not known yet: it is fitted to the first samples",
+    Status.APART: "by itself it gives another place than all samples of the run together: it has several solutions; go "
+    "nearer, or average longer",
 }
 
 
@@ -129,6 +132,10 @@ class EulerSolutions:
         )
         told[at], spread[at] = unknowns[:, 3:], covariance[:, 3:, 3:]
         return result
+
+    def take(self, at: np.ndarray) -> "EulerSolutions":
+        """Return those of some samples."""
+        return EulerSolutions(*(getattr(self, each.name)[at] for each in fields(self)))
 
     @property
     def is_located(self) -> np.ndarray:

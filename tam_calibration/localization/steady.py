@@ -6,12 +6,11 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.localization.common_field import regional_beside_current
 from tam_calibration.localization.direct_fit import passage_of
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.finite_baseline import require_index
-from tam_calibration.localization.line_fit import CURRENT_INDEX
-from tam_calibration.localization.one_source import require_one_source
+from tam_calibration.localization.line_fit import DIPOLES_INDEX
+from tam_calibration.localization.one_source import locate_run
 from tam_calibration.localization.passage import GRADIENT, OF_SOURCE, UNIFORM, VELOCITY, Known, Passage
 from tam_calibration.localization.sample_by_sample import (
     SOURCES,
@@ -250,44 +249,29 @@ def _sample_by_sample(
 ) -> Survey:
     assert recording.attitude is not None
     outputs = calibration.correct(recording).outputs
-    known = _regional(outputs, recording.attitude, calibration, index, regional, attitude_noise)
-    solutions = locate_samples(
-        outputs,
-        calibration.array,
-        calibration.output_covariance,
-        index=index,
-        regional=known,
-        attitude=recording.attitude,
+    prior = _prior(outputs, recording.attitude, index, regional, attitude_noise)
+    world, found = locate_run(
+        outputs, calibration.array, calibration.output_covariance, recording.attitude, prior, index
     )
     center = np.zeros((recording.sample_count, 3))
-    world = turned(solutions, recording.attitude, attitude_noise)
-    require_one_source(world, index)
-    return Survey(WORLD_FRAME, recording.time_s, world, center, regional_T=known.field_T)
+    return Survey(WORLD_FRAME, recording.time_s, world, center, regional_T=found.field_T)
 
 
-def _regional(
-    outputs: FloatArray,
-    attitude: FloatArray,
-    calibration: Calibration,
-    index: float,
-    known: Regional | None,
-    attitude_noise: float,
+def _prior(
+    outputs: FloatArray, attitude: FloatArray, index: float, known: Regional | None, attitude_noise: float
 ) -> Regional:
-    """Return the field beside the source's: of dipoles most samples are far, of lines none are."""
-    prior = regional_of(outputs, attitude, attitude_noise) if known is None else known
+    """Return what is known beforehand of the field beside the source's."""
     if index != DIPOLE_INDEX and attitude_noise:
         raise Refused(
             f"a {SOURCES[index]} is located with an exact attitude alone: the regional field, turned by an "
             "error of it, hides what tells one line from several"
         )
-    if index == CURRENT_INDEX and prior.covariance_T2 is not None:
-        return regional_beside_current(outputs, calibration.array, calibration.output_covariance, attitude, prior)
-    if index != DIPOLE_INDEX and known is None:
+    if index == DIPOLES_INDEX and known is None:
         raise Refused(
             f"beside a {SOURCES[index]} the regional field cannot be found from the samples: give the "
             "place, at which it is that of IGRF"
         )
-    return prior
+    return regional_of(outputs, attitude, attitude_noise) if known is None else known
 
 
 def _along_track(

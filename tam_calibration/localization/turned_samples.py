@@ -65,6 +65,41 @@ def across_field(covariance: FloatArray, own: FloatArray, direction: FloatArray,
     return widened
 
 
+def less_turned(
+    outputs: FloatArray, field_T: FloatArray, source_T: FloatArray, covariance: FloatArray, attitude_noise: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return outputs (N, 8) less a regional field that is exact, or known but for a turn, and their covariances.
+
+    Parameters
+    ----------
+    outputs : (N, 9) array
+        Field and gradient, array frame, tesla and T/m.
+    field_T : (N, 3) array
+        The regional field as the reported attitude has it in the array frame, tesla.
+    source_T : (N, 3) array
+        Nearly the source's field, array frame, tesla: the rest is the field that was turned.
+    covariance : (9, 9) array
+        Of the outputs.
+    attitude_noise : float
+        Standard deviation of the attitude about each axis, radians.
+
+    Returns
+    -------
+    seen : (N, 8) array
+        Field and gradient of the source.
+    covariance : (8, 8) or (N, 8, 8) array
+        Theirs.
+    """
+    seen = outputs[:, :8].copy()
+    seen[:, :3] -= field_T
+    if not attitude_noise:
+        return seen, covariance[:8, :8]
+    left = outputs[:, :3] - source_T
+    seen[:, :3] -= _longer(left, field_T)
+    exact = np.zeros((len(outputs), 3, 3))
+    return seen, across_field(covariance, exact, left, attitude_noise)[:, :8, :8]
+
+
 def _beside(own: FloatArray, direction: FloatArray, attitude_noise: float) -> FloatArray:
     along = direction[:, :, None] * direction[:, None, :]
     size = np.einsum("ni,ni->n", direction, direction)[:, None, None]

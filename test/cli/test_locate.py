@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.cli.main import main
 from tam_calibration.files import read_calibration, write_calibration, write_recording
 from tam_calibration.fit import calibrate
-from tam_calibration.localization.sample_by_sample import locate_samples, regional_of, turned
+from tam_calibration.localization.one_source import locate_run
+from tam_calibration.localization.sample_by_sample import regional_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.sources.dipole import Dipole
 
@@ -92,22 +93,14 @@ def test_a_velocity_is_not_exact_unless_it_is_said_to_be(folder):
 
 
 def test_each_sample_of_a_pass_counts_from_the_array(folder, passing):
-    """Without a track the samples are those of the function that the node calls, with IGRF's field as regional."""
+    """Without a track the samples are those of a run, beside the field that it tells better than its median does."""
     found = result_of(folder, "pass.csv", "--attitude-noise-deg", "0.001")
     calibration = read_calibration(folder / "c.yaml")
     outputs = calibration.correct(passing).outputs
-    regional = regional_of(outputs, passing.attitude, np.pi / 180e3)
+    prior = regional_of(outputs, passing.attitude, np.pi / 180e3)
+    offline, regional = locate_run(outputs, calibration.array, calibration.output_covariance, passing.attitude, prior)
     assert_allclose(found["regional_field_T"], regional.field_T, rtol=1e-6)
-    offline = turned(
-        locate_samples(
-            outputs,
-            calibration.array,
-            calibration.output_covariance,
-            regional=regional,
-            attitude=passing.attitude,
-        ),
-        passing.attitude,
-    )
+    assert np.abs(regional.field_T - EARTH_T).max() < np.abs(prior.field_T - EARTH_T).max()
     assert [sample["status"] == "located" for sample in found["samples"]] == offline.is_located.tolist()
     positions = [sample["position_m"] for sample in found["samples"] if sample["status"] == "located"]
     assert_allclose(positions, offline.position_m[offline.is_located], rtol=1e-5)

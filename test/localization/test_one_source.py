@@ -1,72 +1,113 @@
-"""A run whose samples are of several sources, or of none at rest, is refused by what they leave and how they differ."""
+"""A run is located beside the field that its samples need, or refused where they are not those of one source."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from passed_runs import ARRAY, NOISE, PATH_M, TRUE_T, dipole, line, passed
 
-from tam_calibration.localization.one_source import require_one_source
+from tam_calibration.localization.one_source import _is_apart, locate_run
+from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of
+from tam_calibration.localization.shared_source import SharedSource
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.model.exceptions import Refused
 
-MOMENT_AM2 = np.array([50.0, -80.0, 120.0])
+KNOWN = Regional(TRUE_T + 60e-9, covariance_T2=100e-9**2 * np.eye(3))
+ALIKE = r"not those of one .* at rest beside a uniform regional field: what is left is \d+\.?\d* times the noise"
 
 
-def of_moments(moments_Am2, error_Am2, chi_square=2.0):
-    """Return solutions along the axes of the world with moments (N, 3), all of one standard error, that fit so well."""
-    count = len(moments_Am2)
-    own = EulerSolutions.refused(count, Status.LOCATED)
-    own.moment_Am2[:] = moments_Am2
-    own.moment_covariance_A2m4[:] = error_Am2**2 * np.eye(3)
-    own.chi_square[:] = chi_square
-    return own
+def located(sources, index=3, seed=1, known=None, attitude_noise=0.0, gradient_T_per_m=0.0):
+    """Return the samples of a run, and the field beside them."""
+    outputs, attitude = passed(seed, sources, attitude_noise, gradient_T_per_m)
+    prior = regional_of(outputs, attitude, attitude_noise) if known is None else known
+    return locate_run(outputs, ARRAY, NOISE, attitude, prior, index)
 
 
-def test_samples_of_one_dipole_have_one_moment():
-    """Moments that differ by their standard errors are of one source; every second other by five is not."""
-    alike = MOMENT_AM2 + 5.0 * np.random.default_rng(13).normal(size=(20, 3))
-    require_one_source(of_moments(alike, 5.0))
-    alike[::2] += [25.0, 0.0, 0.0]
-    with pytest.raises(Refused, match=r"one dipole at rest .* their moments differ by 1\.\d+ of their standard errors"):
-        require_one_source(of_moments(alike, 5.0))
+@pytest.mark.parametrize(("source", "index"), [(dipole(), 3), (line(1), 1), (line(2), 2)])
+def test_the_samples_tell_the_field_beside_their_source(source, index):
+    """Known to 100 nT it is found to 2 nT and better, and places have the errors they are said to have."""
+    pulls = []
+    for seed in range(4):
+        world, regional = located([source], index, seed, None if index == 1 else KNOWN)
+        errors = np.sqrt(np.diag(regional.covariance_T2))
+        assert errors.max() < 2e-9
+        assert np.abs((regional.field_T - TRUE_T) / errors).max() < 4
+        at = world.is_located
+        assert at.sum() > 20
+        off = world.position_m[at] + PATH_M[at] - source.position_m
+        spread = np.sqrt(np.diagonal(world.position_covariance_m2[at], axis1=1, axis2=2))
+        pulls.append((off / spread)[:, [0, 2]])
+    assert 0.91 < np.mean(np.abs(np.concatenate(pulls)) < 1.96) < 0.98
+    assert np.abs(np.concatenate(pulls)).max() < 5
 
 
-def test_what_a_dipole_leaves_is_told():
-    """Twice the noise of 20 samples that have one moment, of which two numbers each are left."""
-    same = np.tile(MOMENT_AM2, (20, 1))
-    with pytest.raises(Refused, match="what is left is 2 times the noise"):
-        require_one_source(of_moments(same, 5.0, chi_square=8.0))
+def test_more_samples_are_located_beside_the_field_that_is_found():
+    """Than beside a field that is known to 100 nT."""
+    outputs, attitude = passed(1, [line(2)])
+    before = locate_samples(outputs, ARRAY, NOISE, index=2, regional=KNOWN, attitude=attitude)
+    world, _ = locate_run(outputs, ARRAY, NOISE, attitude, KNOWN, 2)
+    assert world.is_located.sum() > before.is_located.sum() + 10
 
 
-@pytest.mark.parametrize(("errors", "is_told"), [(3.1, True), (2.9, False)])
-def test_a_moment_below_three_standard_errors_tells_nothing(errors, is_told):
-    """Ten samples that see it are needed."""
-    size = np.linalg.norm(MOMENT_AM2)
-    own = of_moments(np.tile(MOMENT_AM2, (10, 1)), size / errors / np.sqrt(3))
-    if is_told:
-        require_one_source(own)
-        return
-    with pytest.raises(Refused, match="only 0 samples are located so well that one source is told from several"):
-        require_one_source(own)
+@pytest.mark.parametrize(
+    ("sources", "index", "known"),
+    [
+        ([dipole(), dipole(0.02, (3.0, 3.0, -2.0))], 3, KNOWN),
+        ([line(1), line(1, (4.0, 0.0, -2.5))], 1, None),
+        ([line(2), line(2, (7.0, 0.0, -2.5))], 2, KNOWN),
+    ],
+)
+def test_a_second_source_is_seen(sources, index, known):
+    """A dipole of 4 A m² beside one of 200, and a second line, leave more than noise."""
+    with pytest.raises(Refused, match=r"not those of one .* uniform regional field|too few to tell one source"):
+        located(sources, index, known=known)
 
 
-def of_directions(angles):
-    """Return solutions of lines that are turned by angles (N,) out of one direction, either way, known to 0.01 rad."""
-    angles = np.asarray(angles)
-    own = of_moments(np.full((len(angles), 3), np.nan), np.nan)
-    along = np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)])
-    own.along[:] = along * np.where(np.arange(len(angles)) % 3, 1, -1)[:, None]
-    own.along_covariance[:] = 1e-4 * (np.eye(3) - along[:, :, None] * along[:, None, :])
-    return own
+@pytest.mark.parametrize(("source", "index", "known"), [(dipole(), 3, KNOWN), (line(1), 1, None), (line(2), 2, KNOWN)])
+def test_a_gradient_of_the_regional_field_is_seen(source, index, known):
+    """0.3 nT/m, of which the samples by themselves leave no more than noise, are slow along the run."""
+    with pytest.raises(Refused, match=ALIKE + ", where it is slow"):
+        located([source], index, known=known, gradient_T_per_m=0.3e-9)
 
 
-@pytest.mark.parametrize("index", [1, 2])
-def test_samples_of_one_line_have_one_direction(index):
-    """Either way along it, and by up to 2.3 standard errors in common: χ² of three over three at its 99.9 % point."""
-    apart = np.tile([0.0, 1.0], 10) * np.sqrt(4 * 2 * 19 / 20) * 0.01
-    require_one_source(of_directions(2.32 * apart), index)
-    with pytest.raises(Refused, match=r"one line of \w+ at rest .* their directions differ by 2.34 of their standard"):
-        require_one_source(of_directions(2.34 * apart), index)
+def test_errors_of_the_attitude_are_no_second_source():
+    """Those of a dipole that is strong enough to be located beside them."""
+    known = replace(KNOWN, attitude_noise=2e-4)
+    world, regional = located([dipole(8.0)], known=known, attitude_noise=2e-4, seed=3)
+    assert world.is_located.sum() > 20
+    assert regional.attitude_noise == 2e-4
 
 
-def test_samples_that_are_not_located_are_no_reason():
-    """Each has its own."""
-    require_one_source(EulerSolutions.refused(12, Status.NO_FIELD))
+def test_an_exact_field_stays_what_it_is():
+    """Its covariance stays away."""
+    world, regional = located([dipole()], known=Regional(TRUE_T))
+    assert world.is_located.sum() > 20 and regional.covariance_T2 is None
+    with pytest.raises(Refused, match="what is left"):
+        located([dipole()], known=Regional(TRUE_T + 1e-9))
+
+
+def test_few_samples_tell_no_source_from_several():
+    """Ten that are located are needed; where there is none each has its own reason."""
+    outputs, attitude = passed(5, [dipole()])
+    for count, is_told in ((10, True), (9, False)):
+        near = slice(30 - count // 2, 30 - count // 2 + count)
+        run = (outputs[near], ARRAY, NOISE, attitude[near], Regional(TRUE_T))
+        if is_told:
+            assert locate_run(*run)[0].is_located.all()
+            continue
+        with pytest.raises(Refused, match=r"only 9 samples are located, too few .* 10 are needed"):
+            locate_run(*run)
+    world, _ = located([])
+    assert not world.is_located.any()
+
+
+@pytest.mark.parametrize(("across", "limit"), [(np.eye(3), 4.033), (np.eye(3)[:, :2], 3.717)])
+def test_a_sample_with_another_solution_is_told(across, limit):
+    """χ² of three or two numbers at its 99.9 % point; along a line places do not count."""
+    own = EulerSolutions.refused(4, Status.LOCATED)
+    own.position_m[:] = [[limit - 0.01, 0, 0], [limit + 0.01, 0, 0], [0, -limit - 0.01, 0], [0, 0, 0.5]]
+    own.position_m[:] *= 0.1
+    own.position_covariance_m2[:] = 0.01 * np.eye(3)
+    nothing = np.zeros(0)
+    shared = SharedSource(None, np.zeros((4, 3)), across, Regional(TRUE_T), nothing, nothing, 8 - across.shape[1])
+    assert _is_apart(own, shared).tolist() == [False, True, True, False]

@@ -1,0 +1,259 @@
+"""The source that all samples of a run share, each from a place that nothing is known of.
+
+Of the eight outputs of a sample the place takes three numbers of a dipole and two of a line. A dipole's moment, a
+line's direction and strength, and the regional field u are the same in all samples. With the places b of the samples
+eliminated a step δs of what they share is that of
+
+    Σ Aᵀ (1 - J (JᵀJ)⁻¹ Jᵀ) (A δs - r) = 0,
+
+A and J the derivatives of the whitened outputs by s and by b, r their residuals at the best b for s (variable
+projection, Kaufman 1975). What is left are five numbers of each sample for a dipole and six for a line, less those that
+are shared: they see a second source, or a gradient of the regional field, far better than each sample by itself.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.linalg import norm
+
+from tam_calibration.core.least_squares import Solution, solve_damped
+from tam_calibration.localization.euler import DIPOLE_INDEX
+from tam_calibration.localization.finite_baseline import elements_of, whitening_of
+from tam_calibration.localization.line_fit import Lines
+from tam_calibration.localization.sample_by_sample import Regional, matrices_of
+from tam_calibration.localization.solutions import EulerSolutions
+from tam_calibration.localization.source_problem import Problem
+from tam_calibration.localization.turned_samples import less_turned
+from tam_calibration.model.array import Array
+from tam_calibration.model.units import FloatArray
+from tam_calibration.sources.dipole import dipole_field
+
+_SMALLEST_PLACE, _SMALLEST_SHARED = 1e-9, 1e-6
+"""Parts of the places, and of what is shared, below which a step is the last: far below their standard errors."""
+
+_MOST_STEPS = 15
+"""To the place of a sample, which begins near by: one that needs more has none beside what is tried as shared."""
+
+
+@dataclass(frozen=True, eq=False)
+class SharedSource:
+    """What N samples say together.
+
+    Parameters
+    ----------
+    solution : Solution
+        Of what is shared: moment, or tilts and strengths of the line, and the regional field's error.
+    position_m : (N, 3) array
+        Of the source from the array's centre, or of the nearest point of the line, along the world's axes, metres.
+    across : (3, D) array
+        Directions of the world in which places are determined: all three of a dipole, two across a line.
+    regional : Regional
+        The field beside the source, with its covariance.
+    residuals : (N, 8) array
+        Whitened.
+    slopes : (N, 8, P) array
+        Derivatives of the whitened outputs by what is shared, less their part along those by the places.
+    freedom : int
+        Numbers of each sample that its place does not take.
+    """
+
+    solution: Solution
+    position_m: FloatArray
+    across: FloatArray
+    regional: Regional
+    residuals: FloatArray
+    slopes: FloatArray
+    freedom: int
+
+
+def fit_shared(
+    outputs: FloatArray,
+    array: Array,
+    covariance: FloatArray,
+    attitude: FloatArray,
+    own: EulerSolutions,
+    near: Regional,
+    prior: Regional,
+    index: float,
+) -> SharedSource:
+    """Fit what N samples share.
+
+    Parameters
+    ----------
+    outputs : (N, 9) array
+        Field and gradient, array frame, tesla and T/m.
+    array : Array
+        Whose outputs they are.
+    covariance : (9, 9) array
+        Of the outputs.
+    attitude : (N, 4) array
+        Quaternions x, y, z, w from the array frame to the world.
+    own : EulerSolutions
+        Of each sample by itself, all located, along the axes of the world.
+    near : Regional
+        The regional field with which they were located.
+    prior : Regional
+        What is known of it beforehand.
+    index : float
+        Structural index.
+    """
+    matrix = matrices_of(attitude)
+    back = np.swapaxes(matrix, 1, 2)
+    own_T = _own_field(own, back)
+    seen, noise = less_turned(outputs, (back @ near.field_T), own_T, covariance, near.attitude_noise)
+    whitening = np.broadcast_to(whitening_of(noise), (len(outputs), 8, 8))
+    root = _root(prior.covariance_T2)
+    run = _run_of(seen, whitening, array, back, own, root, index)
+    run = replace(run, expected=np.linalg.pinv(root) @ (prior.field_T - near.field_T))
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # where a step leads far away
+        solution = solve_damped(run.predict, run.target, run.start, run.is_small)
+        predicted, slopes = run.predict(solution.unknowns, np.arange(1))
+        places = run.places(solution.unknowns[0])
+    count, shared = seen.size, len(run.shared)
+    spread = solution.covariance[0, shared:, shared:]
+    regional = replace(
+        prior,
+        field_T=near.field_T + root @ solution.unknowns[0, shared:],
+        covariance_T2=None if prior.covariance_T2 is None else root @ spread @ root.T,
+    )
+    return SharedSource(
+        solution,
+        run.position_m(places, solution.unknowns[0], matrix),
+        run.across,
+        regional,
+        (run.target - predicted)[0, :count].reshape(seen.shape),
+        slopes[0, :count].reshape(*seen.shape, -1),
+        8 - places.shape[1],
+    )
+
+
+Own = Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]]
+"""From the unknowns (n, P) of the samples at an index (n,) to their whitened outputs (n, 8), and the derivatives."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """A run of N samples as a problem in what they share.
+
+    ``by_field`` (N, 8, Q) are the derivatives of the whitened outputs ``data`` by the regional field's error in units
+    of its standard errors, which is expected to be ``expected`` (Q,). Of the unknowns of ``own`` the first are places
+    ``near`` (N, L) and the others ``by_shared`` (N, S, C) times what is shared, ``shared`` (C,) to begin with.
+    ``across`` are the directions in the world in which a place counts.
+    """
+
+    data: FloatArray
+    by_field: FloatArray
+    own: Own
+    near: FloatArray
+    by_shared: FloatArray
+    shared: FloatArray
+    across: FloatArray
+    expected: FloatArray
+
+    @property
+    def target(self) -> FloatArray:
+        """(1, 8 N + Q) whitened outputs, and what is expected of the regional field."""
+        return np.concatenate([self.data.ravel(), self.expected])[None]
+
+    @property
+    def start(self) -> FloatArray:
+        """(1, P) where the fit begins."""
+        return np.concatenate([self.shared, np.zeros(self.by_field.shape[2])])[None]
+
+    def is_small(self, unknowns: FloatArray, step: FloatArray) -> np.ndarray:
+        """Return whether a step (1, P) hardly changes the source."""
+        count = len(self.shared)
+        return np.array([norm(step[0, :count]) <= _SMALLEST_SHARED * norm(unknowns[0, :count])])
+
+    def places(self, unknowns: FloatArray) -> FloatArray:
+        """Return the places (N, L) that explain most beside what is shared (P,)."""
+        shared, field = np.split(unknowns, [len(self.shared)])
+        rest = self.by_shared @ shared
+
+        def predict(places: FloatArray, at: np.ndarray) -> tuple[FloatArray, FloatArray]:
+            predicted, slopes = self.own(np.concatenate([places, rest[at]], axis=1), at)
+            return predicted, slopes[..., : places.shape[1]]
+
+        def is_small(places: FloatArray, step: FloatArray) -> np.ndarray:
+            small: np.ndarray = norm(step, axis=1) <= _SMALLEST_PLACE * norm(places, axis=1)
+            return small
+
+        data = self.data - self.by_field @ field
+        return solve_damped(predict, data, self.near, is_small, _MOST_STEPS).unknowns
+
+    def predict(self, unknowns: FloatArray, _: np.ndarray) -> tuple[FloatArray, FloatArray]:
+        """Return the data (1, 8 N + Q) of what is shared (1, P), and the derivatives without those by the places."""
+        places = self.places(unknowns[0])
+        shared, field = np.split(unknowns[0], [len(self.shared)])
+        full = np.concatenate([places, self.by_shared @ shared], axis=1)
+        predicted, slopes = self.own(full, np.arange(len(self.data)))
+        by_place, by_rest = np.split(slopes, [places.shape[1]], axis=2)
+        slopes = np.concatenate([by_rest @ self.by_shared, self.by_field], axis=2)
+        basis = np.linalg.qr(by_place)[0]
+        slopes -= basis @ (np.swapaxes(basis, 1, 2) @ slopes)
+        known = np.eye(len(field), len(unknowns[0]), len(shared))
+        data = np.concatenate([(predicted + self.by_field @ field).ravel(), field])
+        return data[None], np.concatenate([slopes.reshape(-1, slopes.shape[2]), known])[None]
+
+    def position_m(self, places: FloatArray, unknowns: FloatArray, matrix: FloatArray) -> FloatArray:
+        """Return places (N, L) along the axes of the world (N, 3), of lines those of their nearest points."""
+        if places.shape[1] == 3:
+            position: FloatArray = (matrix @ places[..., None])[..., 0]
+            return position
+        axes = np.column_stack([self.across, np.cross(*self.across.T)])
+        along = axes @ np.append(unknowns[:2], 1.0)
+        world = places @ self.across.T
+        nearest: FloatArray = world - np.outer(world @ along, along) / (along @ along)
+        return nearest
+
+
+def _run_of(
+    seen: FloatArray,
+    whitening: FloatArray,
+    array: Array,
+    back: FloatArray,
+    own: EulerSolutions,
+    root: FloatArray,
+    index: float,
+) -> _Run:
+    """Return the run that begins with the sources of each sample."""
+    points, by_points = elements_of(array)
+    data, weights = (whitening @ seen[..., None])[..., 0], whitening @ by_points
+    by_field = whitening[..., :3] @ back @ root
+    places = (back @ own.position_m[..., None])[..., 0]
+    nothing = np.zeros(root.shape[1])
+    if index == DIPOLE_INDEX:
+
+        def of_dipoles(unknowns: FloatArray, at: np.ndarray) -> tuple[FloatArray, FloatArray]:
+            problem = Problem(dipole_field, points[None], weights[at, None], np.zeros((1, 8, 0)))
+            return problem.predict(unknowns)
+
+        weight = np.linalg.inv(own.moment_covariance_A2m4)
+        mean = np.linalg.solve(weight.sum(axis=0), np.einsum("nij,nj->i", weight, own.moment_Am2))
+        return _Run(data, by_field, of_dipoles, places, back, mean, np.eye(3), nothing)
+    _, axes = np.linalg.eigh(own.along.T @ own.along)
+    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+    turned = back @ axes
+    lines = Lines.seen_along(turned, points, weights, index)
+    strengths = np.median(lines.start(data, np.concatenate([places, turned[..., 2]], axis=1))[:, 4:], axis=0)
+    shared = np.concatenate([np.zeros(2), strengths])
+    near = (np.swapaxes(turned, 1, 2) @ places[..., None])[:, :2, 0]
+    by_shared = np.broadcast_to(np.eye(len(shared)), (len(data), len(shared), len(shared)))
+    return _Run(data, by_field, lines.predict, near, by_shared, shared, axes[:, :2], nothing)
+
+
+def _own_field(own: EulerSolutions, back: FloatArray) -> FloatArray:
+    """Return the fields (N, 3) of dipoles at the array's centre, array frame; NaN of lines."""
+    field = dipole_field(-own.position_m, own.moment_Am2)[0]
+    turned: FloatArray = (back @ field[..., None])[..., 0]
+    return turned
+
+
+def _root(covariance: FloatArray | None) -> FloatArray:
+    """Return a square root (3, 3) of a covariance (3, 3), or (3, 0) where nothing is uncertain."""
+    if covariance is None:
+        return np.zeros((3, 0))
+    values, vectors = np.linalg.eigh(covariance)
+    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
