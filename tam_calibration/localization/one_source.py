@@ -19,7 +19,8 @@ _FEWEST_LOCATED = 10
 """Samples of a run: of fewer, what is left does not tell a second source that moves them by ten standard errors."""
 
 _MOST_ROUNDS, _SETTLED = 10, 0.1
-"""Times that a run is located, and standard errors by which the regional field may move after the last one."""
+"""Times that a run is located, and standard errors by which the regional field may move after the last one: a field
+that is off by hundreds of times the noise needs six; more, and a smaller move, change nothing."""
 
 _MEND = (
     "Take a longer stretch about one source, or of dipoles give the velocity of a straight track, along which several "

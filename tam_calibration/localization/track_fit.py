@@ -23,7 +23,8 @@ _COARSE, _ROUGH_STEP = 200, 1e-3
 
 _LEAST_FALL, _HOPELESS = 1e-3, 2.0
 """Part of χ² by which steps go on with fewer sources, and the χ² over that of noise, or of all sources, with which no
-further step helps."""
+further step helps. They save time: between a tenth and ten times the one, and 1.5 and 10 of the other, what is found
+is the same."""
 
 _MOST_ROUNDS = 6
 """Fits in a row of what nearly explains the readings: the valley between two dipoles that are alike is long."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from passed_runs import ARRAY, NOISE, PATH_M, TRUE_T, dipole, line, passed
 
+from tam_calibration.localization import one_source, shared_source
 from tam_calibration.localization.one_source import _is_apart, locate_run
 from tam_calibration.localization.sample_by_sample import Regional, locate_samples, regional_of
 from tam_calibration.localization.shared_source import SharedSource
@@ -13,6 +14,7 @@ from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.model.exceptions import Refused
 
 KNOWN = Regional(TRUE_T + 60e-9, covariance_T2=100e-9**2 * np.eye(3))
+NEAR = Regional(TRUE_T + 5e-9, covariance_T2=10e-9**2 * np.eye(3))
 ALIKE = r"not those of one .* at rest beside a uniform regional field: what is left is \d+\.?\d* times the noise"
 
 
@@ -27,7 +29,7 @@ def located(sources, index=3, seed=1, known=None, attitude_noise=0.0, gradient_T
 def test_the_samples_tell_the_field_beside_their_source(source, index):
     """Known to 100 nT it is found to 2 nT and better, and places have the errors they are said to have."""
     pulls = []
-    for seed in range(4):
+    for seed in range(2):
         world, regional = located([source], index, seed, None if index == 1 else KNOWN)
         errors = np.sqrt(np.diag(regional.covariance_T2))
         assert errors.max() < 2e-9
@@ -52,9 +54,9 @@ def test_more_samples_are_located_beside_the_field_that_is_found():
 @pytest.mark.parametrize(
     ("sources", "index", "known"),
     [
-        ([dipole(), dipole(0.02, (3.0, 3.0, -2.0))], 3, KNOWN),
+        ([dipole(), dipole(0.02, (3.0, 3.0, -2.0))], 3, NEAR),
         ([line(1), line(1, (4.0, 0.0, -2.5))], 1, None),
-        ([line(2), line(2, (7.0, 0.0, -2.5))], 2, KNOWN),
+        ([line(2), line(2, (2.0, 0.0, -2.5))], 2, KNOWN),
     ],
 )
 def test_a_second_source_is_seen(sources, index, known):
@@ -63,7 +65,7 @@ def test_a_second_source_is_seen(sources, index, known):
         located(sources, index, known=known)
 
 
-@pytest.mark.parametrize(("source", "index", "known"), [(dipole(), 3, KNOWN), (line(1), 1, None), (line(2), 2, KNOWN)])
+@pytest.mark.parametrize(("source", "index", "known"), [(dipole(), 3, NEAR), (line(1), 1, None), (line(2), 2, NEAR)])
 def test_a_gradient_of_the_regional_field_is_seen(source, index, known):
     """0.3 nT/m, of which the samples by themselves leave no more than noise, are slow along the run."""
     with pytest.raises(Refused, match=ALIKE + ", where it is slow"):
@@ -111,3 +113,30 @@ def test_a_sample_with_another_solution_is_told(across, limit):
     nothing = np.zeros(0)
     shared = SharedSource(None, np.zeros((4, 3)), across, Regional(TRUE_T), nothing, nothing, 8 - across.shape[1])
     assert _is_apart(own, shared).tolist() == [False, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "value"),
+    [
+        (one_source, "_MOST_ROUNDS", 20),
+        (one_source, "_SETTLED", 0.01),
+        (shared_source, "_MOST_STEPS", 10),
+        (shared_source, "_MOST_STEPS", 60),
+        (shared_source, "_SMALLEST_PLACE", 1e-7),
+        (shared_source, "_SMALLEST_SHARED", 1e-8),
+    ],
+)
+def test_what_is_found_does_not_depend_on_when_steps_end(monkeypatch, module, name, value):
+    """To a thousandth of the standard errors."""
+    _, before = located([dipole()], known=NEAR)
+    monkeypatch.setattr(module, name, value)
+    _, after = located([dipole()], known=NEAR)
+    errors = np.sqrt(np.diag(before.covariance_T2))
+    assert np.abs((after.field_T - before.field_T) / errors).max() < 1e-3
+
+
+def test_a_field_that_does_not_settle_is_refused(monkeypatch):
+    """Two rounds are not enough from a field that is off by hundreds of times the noise."""
+    monkeypatch.setattr(one_source, "_MOST_ROUNDS", 2)
+    with pytest.raises(Refused, match="no source explains all of them"):
+        located([dipole()], known=KNOWN)

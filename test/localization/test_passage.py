@@ -279,3 +279,44 @@ def test_a_passage_without_a_source_is_solved_to_the_end():
     truth = np.concatenate([EARTH_T, 1000 * GRADIENT_T_PER_M[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]], VELOCITY_ERROR])
     assert solution.is_found[0]
     assert_allclose(solution.unknowns[0] / SIZES[12:], truth / SIZES[12:], atol=1e-7)
+
+
+def calls_of(monkeypatch, name):
+    """Return a list that grows by one with each call of a method of ``Passage``."""
+    calls, method = [], getattr(Passage, name)
+
+    def counted(*given, **named):
+        calls.append(name)
+        return method(*given, **named)
+
+    monkeypatch.setattr(Passage, name, counted)
+    return calls
+
+
+@pytest.mark.parametrize(("away", "steps"), [(0.9e-3, 1), (1.3e-3, 2)])
+def test_a_step_to_an_error_of_the_attitude_that_is_small_is_the_last(monkeypatch, away, steps):
+    """A thousandth of the error's size: what that leaves is its square."""
+    passage = passage_of(Course(20, attitude_noise=from_degrees(0.1), velocity_error_m_per_s=VELOCITY_ERROR), 4)
+    found = passage.turns(TRUTH)
+    calls = calls_of(monkeypatch, "_step")
+    passage.turns(TRUTH, found + np.array([away, 0.0, 0.0]))
+    assert len(calls) == steps
+
+
+@pytest.mark.parametrize(("size", "is_start"), [(9.9, True), (10.1, False)])
+def test_errors_of_the_attitude_are_not_sought_far_from_zero(size, is_start):
+    """Ten times their size belongs to unknowns that are far off: the search begins at zero."""
+    passage = passage_of(Course(20, attitude_noise=from_degrees(0.1), velocity_error_m_per_s=VELOCITY_ERROR), 4)
+    near = np.zeros((20, 3))
+    near[3] = size
+    assert np.array_equal(passage.turns(TRUTH, near), passage.turns(TRUTH)) != is_start
+
+
+def test_a_fit_that_stalls_ends_where_it_may(monkeypatch):
+    """Ten steps in a row that hardly lower χ² are the last; without that it goes on."""
+    passage = passage_of(Course(20, velocity_error_m_per_s=VELOCITY_ERROR), 4)
+    calls = calls_of(monkeypatch, "predict")
+    solve(passage, TRUTH, smallest_step=0.0, least_fall=0.9)
+    assert len(calls) == 11
+    solve(passage, TRUTH, smallest_step=0.0)
+    assert len(calls) > 11 + 20

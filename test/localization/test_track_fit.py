@@ -1,12 +1,16 @@
 """How many dipoles a passage shows, and when it shows none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from tam_calibration.localization import direct_fit, track_fit
+from tam_calibration.localization.passage import Known
 from tam_calibration.localization.steady import track_dipole
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import from_degrees
-from tam_calibration.sources.dipole import Dipole
+from tam_calibration.sources.dipole import Dipole, dipole_field
 
 from .conftest import Course
 
@@ -24,6 +28,13 @@ def tracked(course, sources, seed=1, bend_T=0.0):
     """Return what is found on a course."""
     fields, poses = course.seen(sources, np.random.default_rng(seed), bend_T)
     return track_dipole(fields, course.array, poses, time_s=course.time_s, velocity_error_m_per_s=0.1)
+
+
+def passage_of(course):
+    """Return the passage of one dipole."""
+    fields, poses = course.seen([WRECK], np.random.default_rng(3))
+    known = Known(np.zeros(11), np.append(np.full(8, np.inf), np.full(3, 0.1)))
+    return direct_fit.passage_of(dipole_field, fields, course.array, poses, known, course.time_s)
 
 
 def bend_of(course, size_T):
@@ -142,3 +153,34 @@ def test_noise_beside_the_regional_field_is_no_dipole():
     for seed in range(5):
         with pytest.raises(Refused, match="no dipole is seen"):
             tracked(Course(), [], seed)
+
+
+@pytest.mark.parametrize(("chi_square", "fits"), [(1.9, 6), (2.1, 1)])
+def test_a_fit_that_nearly_explains_the_readings_goes_on(monkeypatch, chi_square, fits):
+    """Six times where χ² is less than twice that of noise, and not again where it is more."""
+    course, solve, full = Course(40), track_fit.solve, []
+
+    def unsettled(passage, *given, **named):
+        solution = solve(passage, *given, **named)
+        full.append(not given[1:] and not named)
+        size = np.array([chi_square * len(passage.data)])
+        return replace(solution, is_found=np.array([False]), chi_square=size)
+
+    monkeypatch.setattr(track_fit, "solve", unsettled)
+    with pytest.raises(Refused):
+        track_fit.fit_sources(passage_of(course), 1)
+    assert sum(full) == fits
+
+
+@pytest.mark.parametrize("least_fall", [1e-4, 1e-2])
+def test_what_is_found_does_not_depend_on_when_a_hopeless_fit_ends(monkeypatch, least_fall):
+    """A tenth of the fall of χ² by which steps with fewer sources go on, and ten times it, leave the same dipoles."""
+    monkeypatch.setattr(track_fit, "_LEAST_FALL", least_fall)
+    assert_found(tracked(Course(60), [WRECK, BESIDE]), [WRECK, BESIDE])
+
+
+@pytest.mark.parametrize("hopeless", [1.5, 10.0])
+def test_what_is_found_does_not_depend_on_when_fewer_sources_are_hopeless(monkeypatch, hopeless):
+    """Nor on the χ² with which no further step is made."""
+    monkeypatch.setattr(track_fit, "_HOPELESS", hopeless)
+    assert_found(tracked(Course(60), [WRECK, BESIDE]), [WRECK, BESIDE])
