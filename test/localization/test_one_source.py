@@ -140,3 +140,28 @@ def test_a_field_that_does_not_settle_is_refused(monkeypatch):
     monkeypatch.setattr(one_source, "_MOST_ROUNDS", 2)
     with pytest.raises(Refused, match="no source explains all of them"):
         located([dipole()], known=KNOWN)
+
+
+def test_a_sample_with_another_solution_is_refused_in_its_run(monkeypatch):
+    """Its place is six standard errors from where all samples have it; the others stay what they are."""
+
+    def elsewhere(*given, **named):
+        found = locate_samples(*given, **named)
+        found.position_m[30] += 6 * np.sqrt(np.diag(found.position_covariance_m2[30]))
+        return found
+
+    before, _ = located([dipole()], known=Regional(TRUE_T))
+    monkeypatch.setattr(one_source, "locate_samples", elsewhere)
+    after, _ = located([dipole()], known=Regional(TRUE_T))
+    assert before.status[30] == Status.LOCATED and after.status[30] == Status.APART
+    assert np.array_equal(np.delete(before.status, 30), np.delete(after.status, 30))
+
+
+def test_what_is_known_of_the_field_counts_as_much_as_it_is_certain():
+    """Known to a tenth of what the samples tell, it stays where it is stated, within that."""
+    outputs, attitude = passed(1, [dipole()])
+    _, told = locate_run(outputs, ARRAY, NOISE, attitude, NEAR)
+    error = 0.1 * np.sqrt(np.diag(told.covariance_T2))
+    stated = told.field_T + 10 * error
+    _, found = locate_run(outputs, ARRAY, NOISE, attitude, Regional(stated, covariance_T2=np.diag(error**2)))
+    assert (np.abs(found.field_T - stated) < 2 * error).all()
