@@ -13,8 +13,15 @@ NOISE_T = 1e-10
 ARRAY = Array.cross(0.5, vector_noise_T=NOISE_T)
 NOISE = ARRAY.operator @ ARRAY.operator.T * NOISE_T**2
 COUNT = 60
-PATH_M = np.outer(np.linspace(-8, 8, COUNT), [1.0, 0.2, 0.0])
-SWAY = Rotation.from_euler("zyx", 0.1 * np.sin(np.outer(np.arange(COUNT), [0.2, 0.33, 0.5])))
+
+
+def course(count, reach_m=8.0):
+    """Return a straight path (N, 3) and the attitudes of a platform that sways."""
+    path = np.outer(np.linspace(-reach_m, reach_m, count), [1.0, 0.2, 0.0])
+    return path, Rotation.from_euler("zyx", 0.1 * np.sin(np.outer(np.linspace(0, 60, count), [0.2, 0.33, 0.5])))
+
+
+PATH_M, SWAY = course(COUNT)
 
 
 def dipole(strength=1.0, place_m=(0.5, 1.0, -3.0)):
@@ -44,13 +51,13 @@ def line(index, place_m=(0.0, 0.0, -3.0)):
     return Line(np.array(place_m), index)
 
 
-def passed(seed, sources, attitude_noise=0.0, gradient_T_per_m=0.0):
+def passed(seed, sources, attitude_noise=0.0, gradient_T_per_m=0.0, path_and_sway=(PATH_M, SWAY)):
     """Return outputs (N, 9) and reported attitudes (N, 4) of a run."""
-    generator = np.random.default_rng(seed)
-    points = PATH_M[:, None] + np.einsum("nij,kj->nki", SWAY.as_matrix(), ARRAY.positions_m)
+    generator, (path, sway) = np.random.default_rng(seed), path_and_sway
+    points = path[:, None] + np.einsum("nij,kj->nki", sway.as_matrix(), ARRAY.positions_m)
     world = TRUE_T + gradient_T_per_m * points * [1.0, 0.0, -1.0]
     for source in sources:
         world = world + source.field_T(points)
-    fields = np.einsum("nji,nkj->nki", SWAY.as_matrix(), world) + NOISE_T * generator.normal(size=world.shape)
-    reported = SWAY * Rotation.from_rotvec(attitude_noise * generator.normal(size=(COUNT, 3)))
-    return fields.reshape(COUNT, -1) @ ARRAY.operator.T, reported.as_quat()
+    fields = np.einsum("nji,nkj->nki", sway.as_matrix(), world) + NOISE_T * generator.normal(size=world.shape)
+    reported = sway * Rotation.from_rotvec(attitude_noise * generator.normal(size=(len(path), 3)))
+    return fields.reshape(len(path), -1) @ ARRAY.operator.T, reported.as_quat()

@@ -18,6 +18,10 @@ from tam_calibration.model.units import FloatArray
 _FEWEST_LOCATED = 10
 """Samples of a run: of fewer, what is left does not tell a second source that moves them by ten standard errors."""
 
+_MOST_SHARED = 200
+"""Samples that tell what is shared: of thousands the errors of second order, alike in all places that are uncertain by
+up to a fifth, would be more than noise."""
+
 _MOST_ROUNDS, _SETTLED = 10, 0.1
 """Times that a run is located, and standard errors by which the regional field may move after the last one: a field
 that is off by hundreds of times the noise needs six; more, and a smaller move, change nothing."""
@@ -69,7 +73,11 @@ def locate_run(
         When all samples together leave more than noise beside one source and a uniform regional field, or too few are
         located to tell.
     """
-    regional = prior
+
+    def share(at: np.ndarray, world: EulerSolutions, near: Regional) -> SharedSource:
+        return fit_shared(outputs[at], array, covariance, attitude[at], world.take(at), near, prior, index)
+
+    regional, part = prior, np.zeros(0, dtype=int)
     if index == CURRENT_INDEX and prior.covariance_T2 is not None:
         regional = regional_beside_current(outputs, array, covariance, attitude, prior)
     for number in range(_MOST_ROUNDS):
@@ -83,16 +91,30 @@ def locate_run(
                 f"only {len(at)} samples are located, too few to tell one source from several: {_FEWEST_LOCATED} are "
                 f"needed. {_MEND}"
             )
-        shared = fit_shared(outputs[at], array, covariance, attitude[at], world.take(at), regional, prior, index)
+        part = _part_of(at, part)
+        shared = share(part, world, regional)
         is_settled, regional = _is_near(regional, shared.regional), shared.regional
         if is_settled and shared.solution.is_found[0]:
             break
     else:
         raise Refused(f"{_not_of_one(index)}: no source explains all of them. {_MEND}")
     _require_noise(shared, index)
+    if len(part) < len(at):
+        shared = share(at, world, regional)
     status = world.status.copy()
     status[at[_is_apart(world.take(at), shared)]] = Status.APART
     return replace(world, status=status), regional
+
+
+def _part_of(at: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Return the samples (n,) that tell what is shared: those of before, as long as half are located, or others."""
+    if len(at) <= _MOST_SHARED:
+        return at
+    kept: np.ndarray = np.intersect1d(before, at)
+    if len(kept) >= _MOST_SHARED // 2:
+        return kept
+    spread: np.ndarray = at[np.linspace(0, len(at) - 1, _MOST_SHARED).round().astype(int)]
+    return spread
 
 
 def _is_near(before: Regional, after: Regional) -> bool:

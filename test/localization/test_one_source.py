@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from passed_runs import ARRAY, NOISE, PATH_M, TRUE_T, dipole, line, passed
+from passed_runs import ARRAY, NOISE, PATH_M, TRUE_T, course, dipole, line, passed
 
 from tam_calibration.localization import one_source, shared_source
 from tam_calibration.localization.one_source import _is_apart, locate_run
@@ -165,3 +165,11 @@ def test_what_is_known_of_the_field_counts_as_much_as_it_is_certain():
     stated = told.field_T + 10 * error
     _, found = locate_run(outputs, ARRAY, NOISE, attitude, Regional(stated, covariance_T2=np.diag(error**2)))
     assert (np.abs(found.field_T - stated) < 2 * error).all()
+
+
+def test_a_long_run_of_one_dipole_is_one():
+    """Thousands of samples have errors of second order alike, which all of them together would see."""
+    outputs, attitude = passed(1, [dipole()], path_and_sway=course(6000, 30.0))
+    world, regional = locate_run(outputs, ARRAY, NOISE, attitude, Regional(TRUE_T, covariance_T2=1e-20 * np.eye(3)))
+    assert world.is_located.sum() > 2000
+    assert np.abs((regional.field_T - TRUE_T) / np.sqrt(np.diag(regional.covariance_T2))).max() < 4
