@@ -26,7 +26,7 @@ demo: $(READY)
 test: export OPENBLAS_NUM_THREADS := 1
 test: export ROS_PYTHON_CHECK_FIELDS := 1
 test: check
-	@$(BIN)/pytest --numprocesses 4 --dist worksteal --hypothesis-profile ci
+	@$(BIN)/pytest --numprocesses 3 --dist worksteal --hypothesis-profile ci
 
 check: $(READY)
 	@$(BIN)/ruff format --check --quiet .
