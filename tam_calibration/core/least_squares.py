@@ -53,6 +53,24 @@ def iterate(step: Callable[[State], tuple[State, bool]], state: State, most_step
     return state, False
 
 
+def whitening(matrix: FloatArray, least: float) -> FloatArray:
+    """Return W (Q, P) with Wᵀ M W = 1 over the directions in which a positive semidefinite matrix M (Q, Q) is not zero.
+
+    Parameters
+    ----------
+    matrix : (Q, Q) array
+        A covariance, or an information.
+    least : float
+        Part of the largest eigenvalue below which one counts as zero, the matrix scaled to a diagonal of ones.
+    """
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    inverse = np.divide(1, size, out=np.zeros_like(size), where=size > 0)
+    values, vectors = np.linalg.eigh(matrix * np.outer(inverse, inverse))
+    seen = values > least * values[-1]
+    white: FloatArray = inverse[:, None] * vectors[:, seen] / np.sqrt(values[seen])
+    return white
+
+
 def scaled(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return normal matrices (..., P, P) with a diagonal of ones, and the roots (..., P) of what it was.
 

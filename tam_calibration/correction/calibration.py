@@ -182,8 +182,8 @@ class Calibration:
         Part of the sphere of field directions that the recording visited, 0 to 1.
     reduced_chi_square : dict
         ``differential`` (between sensors) and ``common_mode`` (against the scalar) whitened residual energy per
-        degree of freedom; 1 when noise alone is left. Empty where there is no redundancy. ``slow`` (sums over many
-        samples) stands beside them where more than white noise is left: variances are those of white noise times it.
+        degree of freedom; 1 when noise alone is left. Empty where there is no redundancy. Where residuals are larger,
+        or last longer, than noise, ``slow`` stands beside them: see ``variance_factor``.
     warnings : tuple of str
         What speaks against trusting the calibration, one sentence each.
     held_out : Residuals, optional
@@ -270,6 +270,11 @@ class Calibration:
             return self.array.has_geometry_of(array)
         stated = self.array.positions_m / self.known_source.baseline_scale
         return replace(self.array, positions_m=stated, axis_offsets_m=None).has_geometry_of(array)
+
+    @property
+    def variance_factor(self) -> float:
+        """By how much the variances of the errors exceed those that white noise of the stated size makes; 1 or more."""
+        return self.reduced_chi_square.get("slow", 1.0)
 
     @cached_property
     def standard_errors(self) -> FloatArray:

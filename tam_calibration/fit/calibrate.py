@@ -48,13 +48,13 @@ _WITH_AMBIENT_GRADIENT = ("maximum_likelihood", "robust")
 """The methods that can fit the gradient of the ambient field with the errors."""
 
 _MOST_ROUNDS = 5
-"""Of an update: the first may take what is slow for a change of the sensors, which the second hardly does."""
+"""Of an update: the first may take what is slow for a change of the sensors. Three were the most that were needed."""
 
 _SETTLED = 0.1
 """Part by which the variance may exceed that which the readings were weighed by: 5 % of the standard errors."""
 
-_FOLDS = 5
-_BLOCKS_PER_FOLD = 10
+_FOLDS, _BLOCKS_PER_FOLD = 5, 10
+"""A fifth of the samples is held out at once, in blocks of time so short that no fold lacks an attitude."""
 
 
 def calibrate(
@@ -151,12 +151,12 @@ def _jointly(
     """Return the calibration with what is known beside a recording, the samples that it holds for, and the fit."""
     given = None if prior is None else prior_for(recording, array, prior)
     # What was slow on this vehicle is taken for slow again: little of it passes for a change of a sensor.
-    factor = 1.0 if given is None else given.calibration.reduced_chi_square.get("slow", 1.0)
+    factor = 1.0 if given is None else given.calibration.variance_factor
     for _ in range(_MOST_ROUNDS):
         resolved = resolve(recording, array, Known(given, main_field_T, factor))
         fit = partial(maximum_a_posteriori, known=resolved.known)
-        found = fit(resolved.recording, array)
-        before, factor = factor, variance_factor(resolved.recording, found.array, found.errors, found.intensity_T)
+        before, found = factor, fit(resolved.recording, array)
+        factor = variance_factor(found, resolved.recording)
         if factor <= (1 + _SETTLED) * before:
             break
     calibration = accepted(resolved.recording, array, fit)

@@ -126,17 +126,17 @@ def find_warnings(recording: SampleSource, calibration: Calibration) -> tuple[st
         warnings.append("the sensors stand in one line, which determines no gradient tensor: the outputs have none")
     names = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
     chance = 6 * np.sqrt(2 / max(1, calibration.samples - FEWEST_SAMPLES))
-    left = calibration.reduced_chi_square
     for channel, words in names.items():
-        value = left.get(channel, 1.0)
+        value = calibration.reduced_chi_square.get(channel, 1.0)
         if value > max(_LARGEST_CHI_SQUARE, 1 + chance):
             warnings.append(
                 f"the residual {words} is {np.sqrt(value):.3g} times the stated noise: the model or the noise is wrong"
             )
-    if "slow" in left:
+    if calibration.variance_factor > 1:
         warnings.append(
             "the residuals are larger, or last longer, than noise of the stated size: the standard errors are "
-            f"{np.sqrt(left['slow']):.3g} times those of white noise, and hold where the residuals are alike throughout"
+            f"{np.sqrt(calibration.variance_factor):.3g} times those of white noise, and hold where the residuals are "
+            "alike throughout"
         )
     parts = _residual_in_parts(recording, calibration)
     if parts is not None and parts.exceeds(_LARGEST_STEADY_RESIDUAL * calibration.intensity_T):

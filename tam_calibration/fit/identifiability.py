@@ -19,8 +19,13 @@ FEWEST_SAMPLES = 9
 """An ellipsoid has nine parameters, and each sample gives one intensity."""
 
 _LARGEST_ANGLE_ERROR = 0.01
+"""Standard error of an angle, radians, beyond which it is open: as large as the misalignments that are to be found."""
+
 _LARGEST_RELATIVE_ERROR = 0.005
+"""The same of a scale factor, and of a bias over the intensity: 250 nT, as large as what is to be found."""
+
 _SAMPLES = 5000
+"""From which the bound is taken: of more it hardly depends on which."""
 
 
 def require_determined(recording: SampleSource, array: Array, is_uniform: bool = True) -> None:
@@ -74,9 +79,8 @@ def require_accurate(calibration: Calibration) -> None:
     InputError
         It names the parameters.
     """
-    left = dict(calibration.reduced_chi_square)
-    slow = left.pop("slow", 1.0)
-    excess = np.sqrt(max(1.0, *left.values()) / slow)
+    left = (value for name, value in calibration.reduced_chi_square.items() if name != "slow")
+    excess = np.sqrt(max(1.0, *left) / calibration.variance_factor)
     refuse_open(excess * calibration.standard_errors.ravel(), calibration.intensity_T)
 
 
@@ -135,7 +139,11 @@ _WEAK_RELATIVE_ERROR = 5.0
 """Above this ratio to the full sphere's standard error a parameter is badly determined."""
 
 _MOST_NAMES = 3
+"""Parameters that are named: the worst tell what to do."""
+
 _NARROW, _AXIAL = 0.65, 0.95
+"""Part of the sphere's diameter within which the field varied little along a direction, and the cosine from which that
+is called by the name of an axis: within 18° of it."""
 
 _ADVICE = ("pitch and yaw", "roll and yaw", "pitch and roll")
 """The turns that change the field along x, y and z of the array."""

@@ -32,7 +32,10 @@ _DEGREES_OF_FREEDOM = 6.0
 """With four sensors the standard errors are 1.04 times the bound's without outliers; with 4 they would be 1.05."""
 
 _MOST_STEPS = 200
-_SMALLEST_SQUARE = 1e-4  # below a hundredth of the stated noise lies only rounding
+"""Of the scale of the noise, each of which leaves a constant part of the way."""
+
+_SMALLEST_SQUARE = 1e-4
+"""Of the scale of the noise: below a hundredth of what is stated lies only rounding."""
 
 
 def _scale_square(energy: FloatArray, channels: FloatArray) -> float:

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import inv
 
+from tam_calibration.core.least_squares import whitening
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.scale import free_scale, free_scale_gradient
 from tam_calibration.model.change_rates import DAY_S, ChangeRates
@@ -100,12 +101,7 @@ class Prior:
     @cached_property
     def whitening(self) -> FloatArray:
         """(12 K, R) matrix W of the precision W Wᵀ: Wᵀ (θ' - θ₀) has unit variance; nothing along what is held."""
-        deviation = np.sqrt(np.diag(self.covariance))
-        scale = np.divide(1, deviation, out=np.zeros_like(deviation), where=deviation > 0)
-        values, vectors = np.linalg.eigh(self.covariance * np.outer(scale, scale))
-        known = values > _NULL * values[-1]
-        whitening: FloatArray = scale[:, None] * vectors[:, known] / np.sqrt(values[known])
-        return whitening
+        return whitening(self.covariance, _NULL)
 
     @cached_property
     def precision(self) -> FloatArray:

@@ -13,8 +13,13 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 _SAMPLES_FOR_SPHERE = 400
+"""From which centre and radius are taken: they only make the numbers of order one."""
+
 _REWEIGHTINGS = 40
+"""Of the least absolute distances, which come nearer by a constant part each time."""
+
 _SMALLEST_DISTANCE = 1e-4
+"""Part of the radius below which a distance weighs no more, so that no weight is infinite."""
 
 
 @dataclass(frozen=True, eq=False)

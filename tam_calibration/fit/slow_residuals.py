@@ -13,14 +13,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.slow_cosines import BLOCKS, slow_cosines
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.information import rows_by_unknowns
 from tam_calibration.fit.likelihood import UniformLikelihood
 from tam_calibration.fit.scale import Normalized
-from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.recording import Recording, SampleSource
-from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 _BEYOND = 3.09
@@ -31,19 +30,15 @@ _SEEN = 1e-9
 """Part of the largest eigenvalue of a scaled information below which a direction is open."""
 
 
-def variance_factor(recording: SampleSource, array: KnownNoiseArray, errors: SensorErrors, intensity_T: float) -> float:
-    """Return the variance of the estimated errors over that of the inverse information.
+def variance_factor(calibration: Calibration, recording: SampleSource) -> float:
+    """Return the variance of the errors of a fit over that of the inverse information.
 
     Parameters
     ----------
-    recording : SampleSource
-        Raw readings of K sensors in a uniform field.
-    array : KnownNoiseArray
+    calibration : Calibration
         With the noise that the information counts with.
-    errors : SensorErrors
-        The estimate.
-    intensity_T : float
-        Intensity of the field where there is no scalar channel, tesla.
+    recording : SampleSource
+        That it was fitted to, an ambient gradient taken off.
 
     Returns
     -------
@@ -53,11 +48,10 @@ def variance_factor(recording: SampleSource, array: KnownNoiseArray, errors: Sen
     """
     if recording.sample_count < BLOCKS:
         return 1.0
-    information, score = _by_block(recording, array, errors, intensity_T)
-    whitening = _whitening(information.sum(axis=0))
-    information = whitening.T @ information @ whitening
+    information, score = _by_block(calibration, recording)
+    white = whitening(information.sum(axis=0), _SEEN)
+    information, score = white.T @ information @ white, score @ white
     # What a fit by other weights left of the sum is no sign of slowness.
-    score = score @ whitening
     score = score - score.sum(axis=0) @ information
     cosines = slow_cosines()
     energy = float(np.sum((cosines.T @ score) ** 2))
@@ -82,10 +76,10 @@ def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
     calibration : Calibration
         With the inverse of the information for its covariance.
     recording : SampleSource
-        That it was fitted to, an ambient gradient taken off.
+        As for ``variance_factor``.
     """
     assert calibration.covariance is not None
-    factor = variance_factor(recording, calibration.array, calibration.errors, calibration.intensity_T)
+    factor = variance_factor(calibration, recording)
     return replace(with_variance_factor(calibration, factor), covariance=factor * calibration.covariance)
 
 
@@ -96,14 +90,12 @@ def with_variance_factor(calibration: Calibration, factor: float) -> Calibration
     return replace(calibration, reduced_chi_square=calibration.reduced_chi_square | {"slow": factor})
 
 
-def _by_block(
-    recording: SampleSource, array: KnownNoiseArray, errors: SensorErrors, intensity_T: float
-) -> tuple[FloatArray, FloatArray]:
+def _by_block(calibration: Calibration, recording: SampleSource) -> tuple[FloatArray, FloatArray]:
     """Return information (M, Q, Q) and score (M, Q) of the errors, and of a free intensity, in blocks of time."""
-    free_intensity_T = None if recording.scalar_count is not None else intensity_T
+    errors, array, intensity_T = calibration.errors, calibration.array, calibration.intensity_T
+    has_scalar = recording.scalar_count is not None
     # A common turn of all sensors is seen by no uniform field.
-    rows = np.delete(rows_by_unknowns(errors, intensity_T, free_intensity_T), np.s_[9:12], axis=1)
-    has_scalar = free_intensity_T is None
+    rows = np.delete(rows_by_unknowns(errors, intensity_T, None if has_scalar else intensity_T), np.s_[9:12], axis=1)
     vector_noise, centered = array.vector_noise_T / intensity_T, np.zeros_like(errors.bias_T)
     scalar_noise = array.scalar_noise_T / intensity_T if has_scalar else 0.0
     information = np.zeros((BLOCKS, rows.shape[1], rows.shape[1]))
@@ -128,13 +120,3 @@ def _parts(recording: SampleSource) -> Iterator[tuple[int, Recording]]:
             block = int(np.searchsorted(bounds, start, side="right")) - 1
             yield block, Recording(samples.time_s[part], samples.readings_T[part], scalar_T)
         first = last
-
-
-def _whitening(information: FloatArray) -> FloatArray:
-    """Return W (Q, P) with Wᵀ I W = 1 over what an information (Q, Q) determines."""
-    scale = np.sqrt(np.maximum(np.diag(information), 0))
-    inverse = np.divide(1, scale, out=np.zeros_like(scale), where=scale > 0)
-    values, vectors = np.linalg.eigh(information * np.outer(inverse, inverse))
-    seen = values > _SEEN * values[-1]
-    whitening: FloatArray = inverse[:, None] * vectors[:, seen] / np.sqrt(values[seen])
-    return whitening

@@ -32,12 +32,11 @@ ONE_FIELD = 0.1
 UNEXPLAINED = 0.01
 """Share of the variance of readings that attitude leaves where it is that of the sensor: an error of six degrees."""
 
-_REVERSALS = [np.array(signs) for signs in product((1.0, -1.0), repeat=3)]
 _LEFT_HANDED = [
     turn
     for order in permutations(range(3))
-    for signs in _REVERSALS
-    if np.linalg.det(turn := np.eye(3)[list(order)] * signs[:, None]) < 0
+    for signs in product((1.0, -1.0), repeat=3)
+    if np.linalg.det(turn := np.eye(3)[list(order)] * np.array(signs)[:, None]) < 0
 ]
 """The 24 ways in which left-handed axes can lie along right-handed ones."""
 

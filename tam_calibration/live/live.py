@@ -116,7 +116,7 @@ class Live:
             )
         self.on_change, self._calibration = on_change, prior.calibration
         # What lasted ashore lasts at sea: samples tell as little as they told there.
-        array, slow = self._calibration.array, np.sqrt(self._calibration.reduced_chi_square.get("slow", 1.0))
+        array, slow = self._calibration.array, np.sqrt(self._calibration.variance_factor)
         noisy = array.with_noise(slow * array.vector_noise_T, slow * array.scalar_noise_T)
         self._likelihood = MomentLikelihood(prior.errors, noisy, self._calibration.intensity_T)
         self._walk = Walk(prior)

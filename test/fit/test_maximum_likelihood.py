@@ -6,8 +6,9 @@ from live_mission import dive, recording_of
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.closed_form import closed_form
+from tam_calibration.fit.gauss_newton import Point
 from tam_calibration.fit.information import bound
-from tam_calibration.fit.maximum_likelihood import _variance_factor, maximum_likelihood, weights
+from tam_calibration.fit.maximum_likelihood import _errors, _variance_factor, maximum_likelihood, weights
 from tam_calibration.fit.scale import normalize
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -23,6 +24,14 @@ def test_noise_free_data_give_the_errors_back(noise_free, wu_scenario):
     assert_allclose(found.scale_factor, noise_free.errors.scale_factor, rtol=0, atol=1e-12)
     assert_allclose(found.non_orthogonality, noise_free.errors.non_orthogonality, rtol=0, atol=1e-12)
     assert_allclose(found.misalignment, noise_free.errors.misalignment, rtol=0, atol=1e-12)
+
+
+def test_an_iteration_that_went_astray_is_refused(wu_run):
+    """Where it ended at a sensor that is turned inside out, the readings are told to determine no ellipsoid."""
+    matrix, bias = np.tile(np.eye(3), (4, 1, 1)), np.zeros((4, 3))
+    matrix[2] *= -1
+    with pytest.raises(InputError, match="ellipsoid"):
+        _errors(normalize(wu_run.recording), Point(matrix, bias))
 
 
 def test_covariance_is_the_bound_at_the_estimate(wu_run, wu_scenario):

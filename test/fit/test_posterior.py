@@ -72,6 +72,39 @@ def test_one_sensor(wu_scenario):
     assert (ratio <= 1 + 1e-9).all() and ratio[6] < 0.8
 
 
+@pytest.mark.parametrize("times", [100.0, 300.0])
+def test_noise_that_is_stated_too_large_is_no_reason_to_refuse(wu_scenario, times):
+    """A sensor known to 5 % and 3 µT, swung by 3°: with so many times its noise the answer is within what was known."""
+    errors = SensorErrors(
+        np.array([[0.93, 0.95, 0.96]]),
+        np.array([[0.03, -0.02, 0.02]]),
+        np.array([[-2e-6, 2e-6, 1.5e-6]]),
+        np.zeros((1, 3)),
+    )
+    array = Array(np.zeros((1, 3)), np.full(1, 1e-9), 1e-10).with_stated_noise()
+    scenario = replace(wu_scenario, array=array, errors=errors)
+    before = maximum_likelihood(simulate(scenario).recording, array)
+    deviation = np.repeat([0.05, 0.05, 3e-6, 0.0], 3)
+    prior = prior_of(replace(before, errors=SensorErrors.none(1), covariance=np.diag(deviation**2)), None, None)
+    motion = Manoeuvre(from_degrees(3), from_degrees(3), 30.0)
+    turn = simulate(replace(scenario, motion=motion, sample_count=2000, rate_hz=10.0)).recording.take(slice(600))
+    both = posterior_of(turn, replace(array, vector_noise_T=times * array.vector_noise_T), prior)
+    off = (both.errors.to_vector() - errors.to_vector()).ravel()
+    assert (np.abs(off) <= deviation).all()
+
+
+def test_an_intensity_below_zero_is_none(wu_scenario):
+    """A bias that moved by more than the field, unknown to the prior, without a scalar: a refusal says what to do."""
+    array = Array(np.zeros((1, 3)), np.full(1, 1e-9), 1e-10).with_stated_noise()
+    scenario = replace(wu_scenario, array=array, errors=SensorErrors.from_vector(wu_scenario.errors.to_vector()[:1]))
+    prior = prior_of(maximum_likelihood(without_scalar(simulate(scenario).recording, True), array), None, None)
+    turn = without_scalar(swinging(scenario, 5, 6), True).take(slice(100))
+    mean = turn.readings_T.mean(axis=0)
+    away = replace(turn, readings_T=turn.readings_T - 60e-6 * mean / np.linalg.norm(mean))
+    with pytest.raises(Refused, match="sensors that cannot be"):
+        posterior_of(away, array, prior)
+
+
 @pytest.mark.parametrize("mounting_error", [None, from_degrees(0.001)])
 def test_errors_beside_attitude_lie_within_what_is_told(wu_scenario, mounting_error):
     """The mean square over 12 runs is one; where the mounting is known, the frame is that of the attitude."""

@@ -57,9 +57,8 @@ def test_few_samples_of_one_sensor_are_as_seldom_taken_for_slow(wu_scenario):
     found = []
     for seed in range(150):
         recording = simulate(replace(scenario, seed=seed)).recording
-        calibration = maximum_likelihood(replace(recording, readings_T=recording.readings_T[:, :1]), array)
-        arguments = calibration.array, calibration.errors, calibration.intensity_T
-        found.append(variance_factor(replace(recording, readings_T=recording.readings_T[:, :1]), *arguments))
+        recording = replace(recording, readings_T=recording.readings_T[:, :1])
+        found.append(variance_factor(maximum_likelihood(recording, array), recording))
     assert np.sum(np.array(found) > 1) <= 1
 
 
@@ -85,7 +84,7 @@ def test_more_than_chance_makes_once_in_a_thousand_is_told(wu_scenario, ratio, i
         stated = replace(
             array, vector_noise_T=array.vector_noise_T / times, scalar_noise_T=array.scalar_noise_T / times
         )
-        return variance_factor(recording, stated, calibration.errors, calibration.intensity_T)
+        return variance_factor(replace(calibration, array=stated), recording)
 
     point = chi2.isf(1e-3, 180) / 180
     assert (factor_of(3 * np.sqrt(ratio * point / factor_of(3.0))) > 1) == is_told
@@ -98,29 +97,26 @@ def test_noise_that_is_larger_than_stated_is_in_the_standard_errors(wu_scenario,
     noise = {"vector_noise_T": np.full(4, 1e-9 / times), "scalar_noise_T": 1e-10 / times}
     less = replace(wu_scenario.array.with_stated_noise(), **noise)
     calibration = maximum_likelihood(recording, less)
-    factor = variance_factor(recording, less, calibration.errors, calibration.intensity_T)
-    assert_allclose(factor, times**2, rtol=0.25)
+    assert_allclose(variance_factor(calibration, recording), times**2, rtol=0.25)
 
 
 def test_blocks_of_the_file_do_not_matter(wu_scenario):
     """A recording of more than one block of samples gives what its own sums give, whatever the bounds."""
     recording = turned(wu_scenario, 2, 2e-9, BLOCK + 1000)
     calibration = fitted(recording, wu_scenario)
-    arguments = calibration.array, calibration.errors, calibration.intensity_T
     numbers, parts = zip(*slow_residuals._parts(recording), strict=True)
     assert sorted(set(numbers)) == list(range(16))
     assert len(parts) > 16
     assert_allclose(np.concatenate([part.time_s for part in parts]), recording.time_s, rtol=0)
-    assert variance_factor(recording, *arguments) > 5
+    assert variance_factor(calibration, recording) > 5
 
 
 def test_too_few_samples_tell_nothing(wu_scenario):
     """Of 15 samples, less than the blocks are, nothing is told; of 16 it is."""
     recording = turned(wu_scenario, 3, 30e-9)
     calibration = fitted(recording, wu_scenario)
-    arguments = calibration.array, calibration.errors, calibration.intensity_T
-    assert variance_factor(recording.take(slice(15)), *arguments) == 1.0
-    assert variance_factor(recording.take(slice(16)), *arguments) > 1.0
+    assert variance_factor(calibration, recording.take(slice(15))) == 1.0
+    assert variance_factor(calibration, recording.take(slice(16))) > 1.0
 
 
 @pytest.mark.parametrize("has_scalar", [True, False])
@@ -130,7 +126,7 @@ def test_a_calibration_says_by_how_much_they_are_wider(wu_scenario, has_scalar):
     recording = recording if has_scalar else replace(recording, scalar_T=None)
     plain = fitted(recording, wu_scenario)
     calibration = calibrate(recording, wu_scenario.array.with_stated_noise())
-    root = np.sqrt(calibration.reduced_chi_square["slow"])
+    root = np.sqrt(calibration.variance_factor)
     assert any(f"are {root:.3g} times those of white noise" in one for one in calibration.warnings)
     assert_allclose(calibration.standard_errors, root * plain.standard_errors)
 
@@ -149,7 +145,7 @@ def test_an_update_expects_what_was_slow_before(wu_scenario):
     array = wu_scenario.array.with_stated_noise()
     prior = calibrate(turned(wu_scenario, 12, 2e-9), array)
     update = calibrate(turned(wu_scenario, 13, 0.0, 15), array, prior=prior, accept=["few_samples"])
-    assert update.reduced_chi_square["slow"] == prior.reduced_chi_square["slow"]
+    assert update.variance_factor == prior.variance_factor
 
 
 def test_a_scalar_that_is_silent_for_a_while_makes_nothing_slow(wu_scenario):
@@ -159,9 +155,9 @@ def test_a_scalar_that_is_silent_for_a_while_makes_nothing_slow(wu_scenario):
     scalar_T, readings_T = recording.scalar_T.copy(), recording.readings_T.copy()
     scalar_T[600:1000] = np.nan
     silent = replace(recording, scalar_T=scalar_T)
-    assert "slow" not in calibrate(silent, array).reduced_chi_square
+    assert calibrate(silent, array).variance_factor == 1
     readings_T[:, 2] += [20e-9, 0, 0]
     update = calibrate(replace(silent, readings_T=readings_T), array, prior=calibrate(turned(wu_scenario, 15), array))
     [moved] = update.update.moved
-    assert (moved.kind, moved.sensor) == ("bias", 3) and "slow" not in update.reduced_chi_square
+    assert (moved.kind, moved.sensor) == ("bias", 3) and update.variance_factor == 1
     assert_allclose(moved.change, [20e-9, 0, 0], atol=2e-9)
