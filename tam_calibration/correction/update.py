@@ -46,8 +46,8 @@ class Update:
     ----------
     prior : str
         Which calibration was the prior: its recording or its method.
-    rates : ChangeRates
-        By which it was widened.
+    rates : ChangeRates, optional
+        By which it was widened; None for tolerances of new sensors, which no time widens.
     elapsed_s, warming_K : float, optional
         Time and temperature since; None where unknown.
     prior_standard_errors : (K, 12) array
@@ -66,7 +66,7 @@ class Update:
     """
 
     prior: str
-    rates: ChangeRates
+    rates: ChangeRates | None
     elapsed_s: float | None
     warming_K: float | None
     prior_standard_errors: FloatArray

@@ -10,6 +10,7 @@ import numpy as np
 from tam_calibration.files.change_rates_schema import RatesFile, rates_to_mapping
 from tam_calibration.files.schema import check
 from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write, write_whole
+from tam_calibration.files.tolerances_schema import TolerancesFile, tolerances_to_mapping
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -69,6 +70,10 @@ class ArrayFile:
     change_rates : mapping, optional
         How fast the errors of the sensors change: standard deviations by the day and by the kelvin, such as
         ``bias_nT_per_day``; those that are left out are those of survey fluxgates.
+    tolerances : mapping, optional
+        How far the errors of new sensors may be from none, as standard deviations: ``scale_factor_percent``,
+        ``non_orthogonality_deg``, ``bias_nT`` and ``misalignment_deg``, of a data sheet and the mounting. Where they
+        are stated they are known before a fit, unless a calibration is its prior.
     attitude_noise_deg : float, optional
         Standard deviation of the recorded attitude about each axis; where it is stated, attitude is data of a fit.
     mounting_error_deg : float, optional
@@ -96,6 +101,7 @@ class ArrayFile:
     frame_ids: list[str] | None = None
     imu_frame_id: str | None = None
     change_rates: RatesFile | None = None
+    tolerances: TolerancesFile | None = None
     attitude_noise_deg: float | None = None
     mounting_error_deg: float | None = None
     further_channels: list[str] = field(default_factory=list)
@@ -166,6 +172,7 @@ class ArrayFile:
             None if self.attitude_noise_deg is None else from_degrees(self.attitude_noise_deg),
             None if self.mounting_error_deg is None else from_degrees(self.mounting_error_deg),
             tuple(self.further_channels),
+            None if self.tolerances is None else self.tolerances.to_tolerances(),
         )
 
     def _mounting(self) -> Mounting:
@@ -258,6 +265,8 @@ def array_to_mapping(array: Array) -> dict[str, Any]:
     content |= _mounting_to_mapping(array.mounting)
     if array.change_rates is not None:
         content["change_rates"] = rates_to_mapping(array.change_rates)
+    if array.tolerances is not None:
+        content["tolerances"] = tolerances_to_mapping(array.tolerances)
     for name, angle in (("attitude_noise_deg", array.attitude_noise), ("mounting_error_deg", array.mounting_error)):
         if angle is not None:
             content[name] = float(degrees_to_write(np.array(angle)))

@@ -159,6 +159,11 @@ def ppm_to_write(parts: FloatArray) -> FloatArray:
     return _invert(parts, lambda part: part * 1e6, lambda ppm: ppm / 1e6)
 
 
+def percent_to_write(parts: FloatArray) -> FloatArray:
+    """Return per cent that divided by a hundred are the same parts, to the last bit where it can be."""
+    return _invert(parts, lambda part: part * 100, lambda percent: percent / 100)
+
+
 def _invert(
     values: FloatArray, forward: Callable[[FloatArray], FloatArray], backward: Callable[[FloatArray], FloatArray]
 ) -> FloatArray:

@@ -59,7 +59,7 @@ class UpdateFile:
     """The keys of ``update``: tables have a row of twelve numbers for each sensor, SI, as ``covariance_SI`` has."""
 
     prior: str
-    change_rates: RatesFile
+    change_rates: RatesFile | None
     elapsed_s: Annotated[float, Bounds(least=0)] | None
     warming_K: Finite | None
     prior_standard_errors_SI: list[list[_StandardError]]
@@ -82,7 +82,7 @@ class UpdateFile:
                 raise InputError(f"the file is damaged: {name} must have {sensor_count} rows of 12 numbers")
         return Update(
             self.prior,
-            self.change_rates.to_rates(),
+            None if self.change_rates is None else self.change_rates.to_rates(),
             self.elapsed_s,
             self.warming_K,
             np.array(self.prior_standard_errors_SI),
@@ -98,7 +98,7 @@ def update_to_mapping(update: Update) -> dict[str, Any]:
     """Return the keys and values of an update in a file."""
     return {
         "prior": update.prior,
-        "change_rates": rates_to_mapping(update.rates),
+        "change_rates": None if update.rates is None else rates_to_mapping(update.rates),
         "elapsed_s": update.elapsed_s,
         "warming_K": update.warming_K,
         "prior_standard_errors_SI": update.prior_standard_errors.tolist(),

@@ -22,6 +22,7 @@ from tam_calibration.fit.prior import Prior, has_date, prior_of
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.simplified_linear import simplified_linear
 from tam_calibration.fit.slow_residuals import variance_factor, widened
+from tam_calibration.fit.tolerances import beside_tolerances
 from tam_calibration.fit.two_step_linear import two_step_linear
 from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
@@ -75,7 +76,8 @@ def calibrate(
         Samples (N, K, 3), tesla, in a uniform field, the array turned through many directions; any ``SampleSource``
         where it is larger than memory.
     array : Array
-        Geometry and noise, of K sensors; a noise that is not stated is estimated.
+        Geometry and noise, of K sensors; a noise that is not stated is estimated. Tolerances that it states are known
+        before a fit of maximum likelihood in a uniform field, where no prior is given.
     method : str
         "maximum_likelihood", "robust", "lossless", "artificial_vector", "fast_rotation", "integrated",
         "two_step_linear" or "simplified_linear".
@@ -116,9 +118,11 @@ def calibrate(
     """
     fit = _fit_of(method, ambient_gradient)
     is_joint = prior is not None or main_field_T is not None or _attitude_is_data(recording, array)
-    if is_joint and (method != DEFAULT_METHOD or ambient_gradient):
+    takes_priors = method == DEFAULT_METHOD and not ambient_gradient
+    if is_joint and not takes_priors:
         kind = "an ambient gradient" if ambient_gradient else method
         raise InputError(f"priors and attitude as data go with {DEFAULT_METHOD} in a uniform field, not with {kind}")
+    is_joint |= takes_priors and array.tolerances is not None
     if recording.sensor_count != array.sensor_count:
         raise InputError(
             f"the recording has {recording.sensor_count} sensors, the array {array.sensor_count}: "
@@ -136,7 +140,7 @@ def calibrate(
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
     if not is_joint and method == DEFAULT_METHOD:
         calibration = widened(calibration, uniform)
-    warnings = (*(fault.sentence for fault in faults), *find_warnings(uniform, calibration))
+    warnings = (*(fault.sentence for fault in faults), *calibration.warnings, *find_warnings(uniform, calibration))
     calibration = within_limits(replace(calibration, warnings=warnings), accept)
     return replace(calibration, held_out=_held_out(recording, array, fit))
 
@@ -149,6 +153,10 @@ def _jointly(
     recording: SampleSource, array: Array, prior: Prior | Calibration | None, main_field_T: FloatArray | None
 ) -> tuple[Calibration, SampleSource, Fit]:
     """Return the calibration with what is known beside a recording, the samples that it holds for, and the fit."""
+    if prior is None and array.tolerances is not None:
+        calibration, fit = beside_tolerances(recording, array, main_field_T)
+        _require_one_field(recording, calibration)
+        return calibration, recording, fit
     given = None if prior is None else prior_for(recording, array, prior)
     # What was slow on this vehicle is taken for slow again: little of it passes for a change of a sensor.
     factor = 1.0 if given is None else given.calibration.variance_factor
@@ -160,8 +168,9 @@ def _jointly(
         if factor <= (1 + _SETTLED) * before:
             break
     calibration = accepted(resolved.recording, array, fit)
-    if given is not None:
-        calibration = replace(calibration, update=update_of(calibration, given, resolved))
+    if given is not None and resolved.known.prior is not None and resolved.difference is not None:
+        update = update_of(calibration, given, resolved.difference, resolved.known.prior, resolved.moved)
+        calibration = replace(calibration, update=update)
     return calibration, resolved.recording, fit
 
 
@@ -222,10 +231,14 @@ def accepted(recording: SampleSource, array: Array, fit: Fit) -> Calibration:
     except InputError:
         require_one_sphere(recording)
         raise
-    uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
-    require_one_calibration(uniform, calibration)
+    _require_one_field(recording, calibration)
     require_accurate(calibration)
     return calibration
+
+
+def _require_one_field(recording: SampleSource, calibration: Calibration) -> None:
+    uniform = as_if_uniform(recording, calibration.errors, calibration.array, calibration.ambient_gradient)
+    require_one_calibration(uniform, calibration)
 
 
 def _fit_of(method: str, ambient_gradient: bool) -> Fit:

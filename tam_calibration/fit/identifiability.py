@@ -109,14 +109,18 @@ def refuse_open(standard_errors: FloatArray, intensity_T: float) -> None:
     InputError
         It names the parameters.
     """
-    relative, angle = _LARGEST_RELATIVE_ERROR, _LARGEST_ANGLE_ERROR
-    limits = np.array([relative] * 3 + [angle] * 3 + [relative * intensity_T] * 3 + [angle] * 3)
-    open_ = ~(standard_errors.reshape(-1, 12) <= limits)
-    if open_.any():
+    if names := open_parameters(standard_errors, intensity_T):
         raise InputError(
-            f"the readings do not determine {_name_open(open_)}: "
+            f"the readings do not determine {names}: "
             "turn the array through directions outside one plane or cone, up and down as well as around"
         )
+
+
+def open_parameters(standard_errors: FloatArray, intensity_T: float) -> str:
+    """Return the names of parameters whose standard errors, as of ``refuse_open``, are too large to be of use."""
+    relative, angle = _LARGEST_RELATIVE_ERROR, _LARGEST_ANGLE_ERROR
+    limits = np.array([relative] * 3 + [angle] * 3 + [relative * intensity_T] * 3 + [angle] * 3)
+    return _name_open(~(standard_errors.reshape(-1, 12) <= limits))
 
 
 def _name_open(open_: np.ndarray) -> str:

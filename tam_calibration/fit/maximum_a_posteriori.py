@@ -119,7 +119,7 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
     noisy, is_estimated = complete_noise(array, recording)
     posterior = posterior_of(recording, noisy, known)
     if array.vector_noise_T is None:
-        noisy = _scaled_noise(recording, noisy, posterior)
+        noisy = noise_left_in(recording, noisy, posterior.errors, posterior.intensity_T)
         posterior = posterior_of(recording, noisy, known)
     frame = FIRST_SENSOR if known.prior is None else known.prior.calibration.frame
     errors, covariance = posterior.errors, posterior.covariance
@@ -155,37 +155,57 @@ def _into_frame_of_attitude(posterior: Posterior, mounting_error: float) -> tupl
     return errors, derivative @ joint @ derivative.T
 
 
-def _scaled_noise(recording: SampleSource, noisy: KnownNoiseArray, posterior: Posterior) -> KnownNoiseArray:
-    chi_square = measure_chi_square(recording, noisy, posterior.errors, posterior.intensity_T)
+def noise_left_in(
+    recording: SampleSource, noisy: KnownNoiseArray, errors: SensorErrors, intensity_T: float
+) -> KnownNoiseArray:
+    """Return an array with the vector noise that given errors leave between its sensors, or against the intensity.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of its sensors.
+    noisy : KnownNoiseArray
+        With noises of which the ratios are kept.
+    errors : SensorErrors
+        Of the sensors.
+    intensity_T : float
+        Of the field where no scalar reads it, tesla.
+    """
+    chi_square = measure_chi_square(recording, noisy, errors, intensity_T)
     factor = np.sqrt(chi_square.get("differential", chi_square.get("common_mode", 1.0)))
     return replace(noisy, vector_noise_T=factor * noisy.vector_noise_T)
 
 
-def update_of(calibration: Calibration, prior: Prior, resolved: Resolved) -> Update:
+def update_of(
+    calibration: Calibration, prior: Prior, difference: Difference, used: Prior, moved: tuple[Moved, ...] = ()
+) -> Update:
     """Return how a calibration came from its prior.
 
     Parameters
     ----------
     calibration : Calibration
-        Of the resolved recording and prior.
+        Of a recording and the prior.
     prior : Prior
         As it was given.
-    resolved : Resolved
-        What was made of it.
+    difference : Difference
+        Of the data and that prior.
+    used : Prior
+        That was used: widened where something moved.
+    moved : tuple of Moved
+        What was found to have moved.
     """
-    source, difference = prior.calibration.source, resolved.difference
-    assert difference is not None
+    source = prior.calibration.source
     return Update(
         prior=prior.calibration.method if source is None else source.name,
         rates=prior.rates,
         elapsed_s=prior.elapsed_s,
         warming_K=prior.warming_K,
         prior_standard_errors=prior.standard_errors,
-        data_share=_data_share(calibration, resolved.known.prior or prior),
+        data_share=_data_share(calibration, used),
         chi_square=difference.chi_square,
         freedom=difference.freedom,
         probability=difference.probability,
-        moved=resolved.moved,
+        moved=moved,
     )
 
 

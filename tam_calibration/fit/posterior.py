@@ -50,11 +50,15 @@ class Known:
         ``LOCAL_STANDARD_ERROR_T`` in each component.
     variance_factor : float
         By how much what the readings tell varies more than by white noise of the stated size: see ``slow_residuals``.
+    curvature : float
+        By how much the variance of what they tell is larger still, where it is no straight line over what stays
+        uncertain; it widens the covariance, and does not move the errors.
     """
 
     prior: Prior | None = None
     main_field_T: FloatArray | None = None
     variance_factor: float = 1.0
+    curvature: float = 1.0
 
     @property
     def knows_frame(self) -> bool:
@@ -117,6 +121,8 @@ def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known |
     # Noise that is stated larger than it is, beside a turn that tells little more than the prior, has no such place.
     with suppress(Refused):
         end, kept = problem.settled(end, is_corrected=True)
+    if problem.known.curvature > 1:
+        kept = problem.information_at(end, problem.known.curvature), problem.basis_at(end)
     covariance, size = inverted(*kept), 12 * array.sensor_count
     if end.view is None:
         return Posterior(end.errors, covariance[:size, :size], end.intensity_T)
@@ -225,6 +231,13 @@ class Problem:
         both[:-5, :-5] += information
         towards[:-5] += gradient
         return both, towards
+
+    def information_at(self, place: Place, curvature: float) -> FloatArray:
+        """Return the information of data, whose variance is larger by a factor, and of what is known before."""
+        information, gradient = self.data_at(place)
+        information /= curvature
+        self.add_known(place, information, gradient)
+        return information
 
     def add_known(self, place: Place, information: FloatArray, gradient: FloatArray) -> None:
         """Add to normal equations what is known before."""

@@ -64,8 +64,8 @@ class Prior:
         Where it comes from.
     covariance : (12 K, 12 K) array
         Of the flattened errors now, SI: that of the calibration, widened.
-    rates : ChangeRates
-        By which it was widened.
+    rates : ChangeRates, optional
+        By which it was widened; None for tolerances of new sensors, which no time widens.
     elapsed_s : float, optional
         Time since the calibration, seconds; None where a date is missing, and a day was assumed.
     warming_K : float, optional
@@ -74,7 +74,7 @@ class Prior:
 
     calibration: Calibration
     covariance: FloatArray
-    rates: ChangeRates
+    rates: ChangeRates | None
     elapsed_s: float | None
     warming_K: float | None
 

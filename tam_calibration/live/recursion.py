@@ -98,6 +98,7 @@ class Walk:
     def covariance(self, before: Belief, time_s: float, temperature_C: float) -> FloatArray:
         """Return the (12 K, 12 K) covariance of the changes since a belief; where time goes back there are none."""
         warming_K = temperature_C - before.temperature_C
+        assert self.prior.rates is not None
         variances = self.prior.rates.variances(
             max(time_s - before.time_s, 0.0), warming_K if np.isfinite(warming_K) else 0.0
         )

@@ -12,6 +12,7 @@ from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.limits import ATTITUDE_NOISE, BASELINE, DELAY, LENGTH, MOUNTING_ERROR, NOISE
 from tam_calibration.model.mounting import NOT_TURNED, Mounting
 from tam_calibration.model.recording import require_sensor_count
+from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import FloatArray
 
 OUTPUT_NAMES = ("bx", "by", "bz", "gxx", "gxy", "gxz", "gyy", "gyz", "gzz")
@@ -72,6 +73,8 @@ class Array:
         where that turn may be any.
     further_channels : tuple of str
         Currents and actuators beside ``current_A`` that the nodes listen to, see ``further_channels``.
+    tolerances : Tolerances, optional
+        How far the errors of new sensors may be from none; None where nothing is known of them before a fit.
 
     Raises
     ------
@@ -108,6 +111,7 @@ class Array:
     attitude_noise: float | None = None
     mounting_error: float | None = None
     further_channels: tuple[str, ...] = ()
+    tolerances: Tolerances | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and values."""

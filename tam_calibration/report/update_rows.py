@@ -23,6 +23,8 @@ _AXES = {"non-orthogonality": "θ φ ψ", "misalignment": "α β γ"}
 def update_sentences(update: Update) -> list[str]:
     """Return where the prior came from, whether the data contradict it, and what moved, one sentence each."""
     chance = f"χ² {number(update.chi_square)} of {update.freedom} independent differences"
+    if update.rates is None:
+        return ["Prior: the tolerances that the array file states.", f"Data against tolerances: {chance}."]
     verdict = "Data and prior agree" if not update.moved else "The data contradict the prior"
     return [
         f"Prior: {update.prior}, {age_in_words(update.elapsed_s)}; {_warming(update)}.",
