@@ -169,7 +169,8 @@ def _jointly(
             break
     calibration = accepted(resolved.recording, array, fit)
     if given is not None and resolved.known.prior is not None and resolved.difference is not None:
-        update = update_of(calibration, given, resolved.difference, resolved.known.prior, resolved.moved)
+        chi_square, freedom = resolved.difference.chi_square, resolved.difference.freedom
+        update = update_of(calibration, given, resolved.known.prior, chi_square, freedom, resolved.moved)
         calibration = replace(calibration, update=update)
     return calibration, resolved.recording, fit
 

@@ -110,9 +110,7 @@ class Difference:
     @property
     def probability(self) -> float:
         """Of a χ² as large by chance."""
-        from scipy.special import chdtrc
-
-        return float(chdtrc(self.freedom, self.chi_square)) if self.freedom else 1.0
+        return probability_of(self.chi_square, self.freedom)
 
     def evidence(self, change: Change) -> float:
         """Return the logarithm of the factor by which a change explains it better than none."""
@@ -142,6 +140,13 @@ class Difference:
     def _along(self, change: Change) -> tuple[FloatArray, FloatArray]:
         directions = change.directions
         return directions.T @ self.score, directions.T @ self.information @ directions
+
+
+def probability_of(chi_square: float, freedom: int) -> float:
+    """Return the probability of a χ² as large by chance; 1 where nothing is free."""
+    from scipy.special import chdtrc
+
+    return float(chdtrc(freedom, chi_square)) if freedom else 1.0
 
 
 def changes_that_explain(difference: Difference, prior: Prior) -> list[list[Change]]:

@@ -13,7 +13,7 @@ from tam_calibration.correction.calibration import FRAME_STATEMENT as FIRST_SENS
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import Moved, Update
 from tam_calibration.fit.change_time import time_of_change
-from tam_calibration.fit.contradiction import Change, Difference, changes_that_explain
+from tam_calibration.fit.contradiction import Change, Difference, changes_that_explain, probability_of
 from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
 from tam_calibration.fit.identifiability import FEWEST_SAMPLES
 from tam_calibration.fit.posterior import Known, Posterior, posterior_of
@@ -177,7 +177,12 @@ def noise_left_in(
 
 
 def update_of(
-    calibration: Calibration, prior: Prior, difference: Difference, used: Prior, moved: tuple[Moved, ...] = ()
+    calibration: Calibration,
+    prior: Prior,
+    used: Prior,
+    chi_square: float,
+    freedom: int,
+    moved: tuple[Moved, ...] = (),
 ) -> Update:
     """Return how a calibration came from its prior.
 
@@ -187,10 +192,12 @@ def update_of(
         Of a recording and the prior.
     prior : Prior
         As it was given.
-    difference : Difference
-        Of the data and that prior.
     used : Prior
         That was used: widened where something moved.
+    chi_square : float
+        Of the difference between prior and data.
+    freedom : int
+        Number of independent directions that it counts.
     moved : tuple of Moved
         What was found to have moved.
     """
@@ -202,9 +209,9 @@ def update_of(
         warming_K=prior.warming_K,
         prior_standard_errors=prior.standard_errors,
         data_share=_data_share(calibration, used),
-        chi_square=difference.chi_square,
-        freedom=difference.freedom,
-        probability=difference.probability,
+        chi_square=chi_square,
+        freedom=freedom,
+        probability=probability_of(chi_square, freedom),
         moved=moved,
     )
 

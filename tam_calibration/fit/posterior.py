@@ -33,6 +33,10 @@ from tam_calibration.model.units import FloatArray
 _MOST_SKEW = np.pi / 2
 """Non-orthogonality at which two axes of a sensor are one, radians."""
 
+_SHORTER = 0.6
+"""Length of the steps where whole ones do not settle: what is taken off the gradient has a slope that the information
+does not hold, which is as large where a narrow turn tells little beside wide tolerances."""
+
 _ANY_TURN = np.pi
 """Standard deviation of an angle of which nothing is known, radians: it keeps the normal equations regular."""
 
@@ -119,8 +123,10 @@ def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known |
     problem = Problem.of(recording, array, known if isinstance(known, Known) else Known(known))
     end, kept = problem.settled(problem.start, is_corrected=False)
     # Noise that is stated larger than it is, beside a turn that tells little more than the prior, has no such place.
-    with suppress(Refused):
-        end, kept = problem.settled(end, is_corrected=True)
+    for length in (1.0, _SHORTER):
+        with suppress(Refused):
+            end, kept = problem.settled(end, is_corrected=True, length=length)
+            break
     if problem.known.curvature > 1:
         kept = problem.information_at(end, problem.known.curvature), problem.basis_at(end)
     covariance, size = inverted(*kept), 12 * array.sensor_count
@@ -188,7 +194,9 @@ class Problem:
             view = self.attitude.view(errors.matrix, np.zeros_like(errors.bias_T))
         return Place(errors, self.unit_T, view)
 
-    def settled(self, start: Place, is_corrected: bool) -> tuple[Place, tuple[FloatArray, FloatArray]]:
+    def settled(
+        self, start: Place, is_corrected: bool, length: float = 1.0
+    ) -> tuple[Place, tuple[FloatArray, FloatArray]]:
         """Return where Gauss-Newton steps settle, and the information and the free directions a last step before.
 
         Parameters
@@ -197,6 +205,8 @@ class Problem:
             Where to begin.
         is_corrected : bool
             Whether the mean that noise makes of the gradient is taken off it.
+        length : float
+            Of each step, over that of Gauss-Newton.
 
         Raises
         ------
@@ -210,7 +220,7 @@ class Problem:
             basis = self.basis_at(place)
             return basis.T @ information @ basis, basis.T @ gradient, (information, basis)
 
-        return descend(normal_at, lambda place, step: self.moved(place, self.basis_at(place) @ step), start)
+        return descend(normal_at, lambda place, step: self.moved(place, length * self.basis_at(place) @ step), start)
 
     def data_at(self, place: Place, is_corrected: bool = True) -> tuple[FloatArray, FloatArray]:
         """Return the information of the data over the unknowns at a place, and their downhill gradient."""

@@ -14,12 +14,12 @@ from numpy.linalg import norm
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import Update
-from tam_calibration.fit.contradiction import SIGNIFICANT, Difference
+from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
 from tam_calibration.fit.identifiability import open_parameters
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, noise_left_in, update_of
-from tam_calibration.fit.posterior import Known, Place, Posterior, Problem
+from tam_calibration.fit.posterior import Known, Place, Problem
 from tam_calibration.fit.prior import Prior, in_first_frame
 from tam_calibration.fit.slow_residuals import variance_factor
 from tam_calibration.model.array import Array, KnownNoiseArray
@@ -96,16 +96,15 @@ def beside_tolerances(
         if np.allclose(noisy.vector_noise_T, before, rtol=_SETTLED, atol=0):
             break
         known, calibration = _settled(known, recording, noisy)
-    assert calibration.covariance is not None
-    posterior = Posterior(calibration.errors, calibration.covariance, calibration.intensity_T)
-    difference = Difference.of(prior, posterior)
     known = replace(known, curvature=_curvature(calibration, recording, known))
 
     def fit(samples: SampleSource, _: Array) -> Calibration:
         return replace(maximum_a_posteriori(samples, noisy, known), noise_is_estimated=is_estimated)
 
     calibration = fit(recording, array)
-    update = update_of(calibration, prior, difference, prior)
+    # Directions that the readings tell, which other priors are judged by, are no straight lines here.
+    energy, uncertain = prior.terms(calibration.errors).energy, int(np.count_nonzero(prior.standard_errors))
+    update = update_of(calibration, prior, prior, energy, uncertain)
     return replace(calibration, update=update, warnings=_told(calibration, update)), fit
 
 
@@ -163,7 +162,7 @@ def _curvature(calibration: Calibration, recording: SampleSource, known: Known) 
 def _told(calibration: Calibration, update: Update) -> tuple[str, ...]:
     """Return whether the readings contradict the tolerances, and what they leave to them."""
     names = open_parameters(calibration.standard_errors.ravel(), calibration.intensity_T)
-    difference = f"χ² {update.chi_square:.3g} of {update.freedom} independent differences"
+    difference = f"χ² {update.chi_square:.3g} of {update.freedom} errors"
     is_contradicted = update.probability < SIGNIFICANT
     if names and is_contradicted:
         raise Refused(
