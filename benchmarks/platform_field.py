@@ -6,18 +6,19 @@ in time; intensities are lengths of vector sums. A run is calibrated without and
 the scalar are those of that run and of another one of the same vehicle, over the floor of the noise.
 
 FOLDER is ``test/test_data`` of github.com/MIT-AI-Accelerator/MagNav.jl: of the line in ``test_data_TL.mat`` it tells
-what the 18 terms of the effect and a trend leave of the scalar, and whether fits of the fluxgate take such lines. It
-also tells what errors that are known to `SHEET` beforehand and fitted to one half of that line leave in either.
+what the 18 terms of the effect and a trend leave of the scalar, and whether fits of the fluxgate take such lines, alone
+and beside `TOLERANCES`. It also tells what calibrations by one half of that line leave in either, and how much of that
+their covariance tells.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 from numpy.linalg import norm
-from scipy.optimize import approx_fprime, least_squares
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
@@ -30,7 +31,9 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import SCALAR
 from tam_calibration.model.recording import Recording
+from tam_calibration.model.residuals import residual_series
 from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
 from tam_calibration.simulation.attitude import Manoeuvre, Motion, Tumble
 from tam_calibration.validation.blind.vehicle import Body, driven
@@ -51,11 +54,8 @@ RATE_HZ, SECONDS, FINE = 20.0, 200.0, 10
 WORLD_T = np.array([3e-6, 18e-6, -46e-6])
 """A field of middle latitudes, east, north, up."""
 
-SHEET = np.array([0.05] * 6 + [3e-6] * 3)
-"""Standard deviations of scale factors, angles and biases (tesla) that are known beforehand: a fluxgate in a cabin."""
-
-OTHERWISE_T = 100e-9
-"""What each sample counts with: fluxgate and scalar magnetometer differ by tens of nanoteslas, for many samples."""
+TOLERANCES = Tolerances(0.05, np.radians(3), 3e-6, np.radians(3))
+"""What is known of a fluxgate in a cabin before any calibration."""
 
 MOTIONS: dict[str, Motion] = {
     "turned over ashore": Tumble(np.radians(20)),
@@ -156,7 +156,14 @@ def of_flights(folder: Path) -> Iterator[tuple[str, str, float]]:
         yield "flight, test_data_TL", f"scalar after 18 terms and {trend}, nT", float(to_nanotesla(left.std()))
     recording = Recording(time_s, fluxgate[:, None], scalar)
     yield "flight, test_data_TL", "calibrated with platform_field", _is_calibrated(recording, array)
-    yield from of_halves(fluxgate, scalar)
+    beside = replace(array, tolerances=TOLERANCES)
+    yield "flight, test_data_TL", "calibrated beside tolerances", _is_calibrated(recording, beside, ())
+    whole = calibrate(recording, beside)
+    assert whole.held_out is not None
+    for name, residuals in {"before": whole.before, "held out": whole.held_out}.items():
+        left_nT = float(to_nanotesla(residuals.center_intensity_T))
+        yield "flight, test_data_TL", f"|B| against the scalar, {name}, nT", left_nT
+    yield from of_halves(recording, beside)
     other = matlab(folder / "test_data_traj.mat", "traj")
     to_world = Rotation.from_matrix(np.moveaxis(other["Cnb"], -1, 0)).inv().as_quat()
     readings = from_nanotesla(np.column_stack([other[f"flux_a_{axis}"] for axis in "xyz"]))[:, None]
@@ -164,30 +171,29 @@ def of_flights(folder: Path) -> Iterator[tuple[str, str, float]]:
     yield "flight, test_data_traj, with attitude", "calibrated", _is_calibrated(recording, array, ())
 
 
-def of_halves(fluxgate_T: FloatArray, scalar_T: FloatArray) -> Iterator[tuple[str, str, float]]:
-    """Yield what the most probable errors by a data sheet and one half of a line leave of |B| in each half."""
-    upper = np.triu_indices(3)
-
-    def left_T(errors: FloatArray, half: slice) -> FloatArray:
-        matrix = np.eye(3)
-        matrix[upper] += errors[:6] * SHEET[:6]
-        return norm(fluxgate_T[half] @ matrix.T + errors[6:] * SHEET[6:], axis=1) - scalar_T[half]
-
-    def misfit(errors: FloatArray, half: slice) -> FloatArray:
-        return np.append(left_T(errors, half) / OTHERWISE_T, errors)
-
-    middle = len(scalar_T) // 2
-    halves = {"first": slice(middle), "second": slice(middle, None)}
+def of_halves(recording: Recording, array: Array) -> Iterator[tuple[str, str, float]]:
+    """Yield what calibrations of one half of a line, beside the array's tolerances, leave of |B| in each half."""
+    middle = recording.sample_count // 2
+    halves = {"first": recording.take(slice(middle)), "second": recording.take(slice(middle, None))}
     for fitted, half in halves.items():
-        found = least_squares(misfit, np.zeros(9), args=(half,))
-        covariance = np.linalg.inv(found.jac.T @ found.jac)
+        calibration = calibrate(half, array)
         for judged, other in halves.items():
-            name = f"errors by a data sheet and the {fitted} half: in the {judged}"
-            left = left_T(found.x, other)
-            yield "flight, test_data_TL", f"{name} they leave, nT", float(to_nanotesla(np.sqrt(np.mean(left**2))))
-            slope = approx_fprime(found.x, left_T, 1e-6, other)
-            told = np.einsum("ij,jk,ik->i", slope, covariance, slope)
-            yield "flight, test_data_TL", f"{name} they tell, nT", float(to_nanotesla(np.sqrt(np.mean(told))))
+            name = f"calibrated beside tolerances by the {fitted} half, in the {judged}"
+            residual = residual_series(calibration.errors, array, other, np.nan)
+            left = residual.center_intensity_T
+            yield "flight, test_data_TL", f"{name} it leaves, nT", float(to_nanotesla(np.sqrt(np.mean(left**2))))
+            yield "flight, test_data_TL", f"{name} it tells, nT", float(to_nanotesla(told_T(calibration, other)))
+
+
+def told_T(calibration: Calibration, recording: Recording) -> float:
+    """Return the standard error of |B| that the covariance of a calibration of one sensor tells, over a recording."""
+    assert calibration.covariance is not None
+    field = calibration.apply(recording.readings_T)[:, :3]
+    direction = field / norm(field, axis=1)[:, None]
+    by_readings = direction @ np.linalg.inv(calibration.errors.matrix[0])
+    rows = np.einsum("icp,nc->nip", calibration.errors.jacobian()[0], np.column_stack([field, np.ones(len(field))]))
+    slope = np.einsum("ni,nip->np", by_readings, rows)
+    return float(np.sqrt(np.mean(np.einsum("np,pq,nq->n", slope, calibration.covariance, slope))))
 
 
 def _is_calibrated(recording: Recording, array: Array, effects: tuple[str, ...] = ("platform_field",)) -> float:

@@ -22,8 +22,8 @@ from tam_calibration.fit.prior import Prior, has_date, prior_of
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.simplified_linear import simplified_linear
 from tam_calibration.fit.slow_residuals import variance_factor, widened
-from tam_calibration.fit.tolerances import beside_tolerances
 from tam_calibration.fit.two_step_linear import two_step_linear
+from tam_calibration.fit.wide_prior import beside_wide_prior, is_wide, prior_of_tolerances
 from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -153,11 +153,13 @@ def _jointly(
     recording: SampleSource, array: Array, prior: Prior | Calibration | None, main_field_T: FloatArray | None
 ) -> tuple[Calibration, SampleSource, Fit]:
     """Return the calibration with what is known beside a recording, the samples that it holds for, and the fit."""
-    if prior is None and array.tolerances is not None:
-        calibration, fit = beside_tolerances(recording, array, main_field_T)
+    given = None if prior is None else prior_for(recording, array, prior)
+    if given is None and array.tolerances is not None:
+        given = prior_of_tolerances(recording, array)
+    if given is not None and is_wide(given):
+        calibration, fit = beside_wide_prior(recording, array, Known(given, main_field_T))
         _require_one_field(recording, calibration)
         return calibration, recording, fit
-    given = None if prior is None else prior_for(recording, array, prior)
     # What was slow on this vehicle is taken for slow again: little of it passes for a change of a sensor.
     factor = 1.0 if given is None else given.calibration.variance_factor
     for _ in range(_MOST_ROUNDS):

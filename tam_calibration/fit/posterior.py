@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.core.least_squares import whitening
 from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
 from tam_calibration.fit.gauss_newton import descend
 from tam_calibration.fit.information import inverted, keeping, rows_by_unknowns
@@ -37,6 +38,9 @@ _SHORTER = 0.6
 """Length of the steps where whole ones do not settle: what is taken off the gradient has a slope that the information
 does not hold, which is as large where a narrow turn tells little beside wide tolerances."""
 
+_SEEN = 1e-13
+"""Part of the largest eigenvalue of a scaled information below which a direction is open."""
+
 _ANY_TURN = np.pi
 """Standard deviation of an angle of which nothing is known, radians: it keeps the normal equations regular."""
 
@@ -54,15 +58,15 @@ class Known:
         ``LOCAL_STANDARD_ERROR_T`` in each component.
     variance_factor : float
         By how much what the readings tell varies more than by white noise of the stated size: see ``slow_residuals``.
-    curvature : float
-        By how much the variance of what they tell is larger still, where it is no straight line over what stays
+    curvature : (Q, Q) array, optional
+        Covariance of the score of this recording, over the unknowns, by what is no straight line over what stays
         uncertain; it widens the covariance, and does not move the errors.
     """
 
     prior: Prior | None = None
     main_field_T: FloatArray | None = None
     variance_factor: float = 1.0
-    curvature: float = 1.0
+    curvature: FloatArray | None = None
 
     @property
     def knows_frame(self) -> bool:
@@ -127,8 +131,8 @@ def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known |
         with suppress(Refused):
             end, kept = problem.settled(end, is_corrected=True, length=length)
             break
-    if problem.known.curvature > 1:
-        kept = problem.information_at(end, problem.known.curvature), problem.basis_at(end)
+    if problem.known.curvature is not None:
+        kept = problem.information_beside(problem.known.curvature, end), problem.basis_at(end)
     covariance, size = inverted(*kept), 12 * array.sensor_count
     if end.view is None:
         return Posterior(end.errors, covariance[:size, :size], end.intensity_T)
@@ -242,10 +246,13 @@ class Problem:
         towards[:-5] += gradient
         return both, towards
 
-    def information_at(self, place: Place, curvature: float) -> FloatArray:
-        """Return the information of data, whose variance is larger by a factor, and of what is known before."""
+    def information_beside(self, curvature: FloatArray, place: Place) -> FloatArray:
+        """Return the information at a place of what is known, and of data whose score varies by curvature besides."""
         information, gradient = self.data_at(place)
-        information /= curvature
+        # Of an attitude's mounting and the world's direction, which come last, lengths tell nothing.
+        curvature = np.pad(curvature, (0, len(information) - len(curvature)))
+        white = information @ whitening(information + curvature, _SEEN)
+        information = white @ white.T
         self.add_known(place, information, gradient)
         return information
 
