@@ -49,6 +49,10 @@ _SETTLED = 0.1
 """Part by which the variance may exceed that which the residuals show: 5 % of the standard errors."""
 
 
+_ALONE = 0.99
+"""Part of the information on an error above which it is the readings' own, whatever the prior says of it."""
+
+
 def prior_of_tolerances(recording: SampleSource, array: Array) -> Prior:
     """Return what the tolerances of an array tell of the errors of its sensors.
 
@@ -94,8 +98,8 @@ def beside_wide_prior(
     InputError
         When the readings cannot be used.
     Refused
-        When the fit does not settle, or the readings contradict the prior and leave something open to it: neither would
-        tell it.
+        When the fit does not settle, or the readings contradict the prior and leave something to it: neither would tell
+        that.
     """
     prior = known.prior
     assert prior is not None
@@ -164,13 +168,12 @@ def _told(calibration: Calibration, update: Update) -> tuple[str, ...]:
     prior = "the tolerances of the array file" if update.rates is None else "the prior"
     names = open_parameters(calibration.standard_errors.ravel(), calibration.intensity_T)
     contradiction = f"the readings contradict {prior}, χ² {update.chi_square:.3g} of {update.freedom} errors"
-    is_contradicted = update.probability < SIGNIFICANT
-    if names and is_contradicted:
-        raise Refused(
-            f"{contradiction}, and do not determine {names}: state the noise that the readings have, tolerances that "
-            "the sensors keep to, and the rotations of sensors that are turned"
-        )
-    if is_contradicted:
+    if update.probability < SIGNIFICANT:
+        if np.nanmin(update.data_share) < _ALONE:
+            raise Refused(
+                f"{contradiction}, and tell too little alone: state the noise that they have, tolerances that the "
+                "sensors keep to, and the rotations of sensors that are turned; or turn the array further"
+            )
         return (f"{contradiction}, and count alone",)
     if names:
         return (

@@ -130,7 +130,11 @@ def judge(
     seen.check_plausible(array.field)
     grave = [fault.sentence for fault in faults if fault.severity == "refusal"]
     refusals = grave or [refusal for refusal in [refusal_of(seen, array)] if refusal is not None]
-    remarks = [*of_stretches, *(f"tam calibrate would refuse this recording: {refusal}." for refusal in refusals)]
+    alone = " without the tolerances of the array file" if array.tolerances is not None and not grave else ""
+    remarks = [
+        *of_stretches,
+        *(f"tam calibrate would refuse this recording{alone}: {refusal}." for refusal in refusals),
+    ]
     remarks += [f"The channels: {fault.sentence}." for fault in faults if fault.severity == "warning"]
     gap, found = _judged(seen, array, without, progress)
     return Judgement(replace(gap, remarks=(*remarks, *gap.remarks)), seen, found)

@@ -12,6 +12,7 @@ import numpy as np
 
 from tam_calibration.core.normal_equations import ridged
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.identifiability import open_parameters
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
 from tam_calibration.live.change_window import BLOCK_S, ChangeWindow, Step, Suspicion
@@ -105,7 +106,8 @@ class Live:
     Raises
     ------
     InputError
-        When the scale of the calibration is arbitrary.
+        When the scale of the calibration is arbitrary, or it leaves errors open: over errors so uncertain lengths are
+        no straight lines, which the recursion takes them for.
     """
 
     def __init__(self, prior: Prior, on_change: str, state: LiveState | None = None) -> None:
@@ -113,6 +115,11 @@ class Live:
             raise InputError(
                 "the calibration was made without a scalar magnetometer, its scale is arbitrary and cannot be kept up "
                 "to date: calibrate with one"
+            )
+        if names := open_parameters(prior.standard_errors.ravel(), prior.calibration.intensity_T):
+            raise InputError(
+                f"the calibration does not determine {names}, and cannot be kept up to date: calibrate further turns "
+                "first, with it for a prior"
             )
         self.on_change, self._calibration = on_change, prior.calibration
         # What lasted ashore lasts at sea: samples tell as little as they told there.

@@ -1,0 +1,247 @@
+"""Beside a prior that leaves errors open narrow turns are calibrated, with standard errors that hold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from tam_calibration.fit import calibrate, wide_prior
+from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
+from tam_calibration.fit.posterior import Known
+from tam_calibration.fit.prior import in_first_frame
+from tam_calibration.fit.scale import free_scale
+from tam_calibration.fit.wide_prior import beside_wide_prior, prior_of_tolerances
+from tam_calibration.model.array import Array
+from tam_calibration.model.change_rates import ChangeRates
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.tolerances import Tolerances
+from tam_calibration.simulation.attitude import Manoeuvre
+
+WIDE = Tolerances(0.05, np.radians(2), 3e-6, np.radians(2))
+"""What a vehicle's iron adds to a chip: over such errors lengths bend by a hundred times the noise."""
+
+FINE = Tolerances(0.005, np.radians(0.5), 50e-9, np.radians(1))
+"""A fluxgate's data sheet, and a mounting by eye."""
+
+WORLD_T = np.array([3e-6, 18e-6, -46e-6])
+NOISE_T = 1e-9
+
+
+def array_of(tolerances, sensors, noise_T=NOISE_T):
+    """Return an array with tolerances, of one sensor or the cross; a noise of None is not stated."""
+    positions = np.zeros((1, 3)) if sensors == 1 else Array.cross(0.5).positions_m
+    noise = (None, None) if noise_T is None else (np.full(sensors, noise_T), noise_T / 10)
+    return Array(positions, *noise, tolerances=tolerances, change_rates=ChangeRates(*np.zeros(8)))
+
+
+def drawn(tolerances, sensors, rng):
+    """Return errors that the tolerances may have."""
+    errors = rng.normal(size=(sensors, 12)) * np.sqrt(tolerances.variances())
+    errors[:, :3] += 1
+    return SensorErrors.from_vector(errors)
+
+
+def turned(errors, tilt_deg, rng, start_s=0.0, count=300):
+    """Return full circles with swings of pitch and roll, read with white noise."""
+    limit, time_s = np.radians(tilt_deg), 0.2 * np.arange(count)
+    to_world = Rotation.from_quat(Manoeuvre(limit, limit, 60.0).attitudes(time_s + rng.uniform(0, 30), rng))
+    field = to_world.inv().apply(WORLD_T)
+    readings = errors.distort(field)
+    scalar = np.linalg.norm(field, axis=1) + rng.normal(0, NOISE_T / 10, count)
+    return Recording(start_s + time_s, readings + rng.normal(0, NOISE_T, readings.shape), scalar)
+
+
+def pulls(calibration, errors):
+    """Return errors of the free parameters over their standard errors, and those of the principal combinations."""
+    free = calibration.standard_errors.ravel() > 0
+    error = (calibration.errors.to_vector() - in_first_frame(errors)[0].to_vector()).ravel()[free]
+    size = calibration.standard_errors.ravel()[free]
+    variances, axes = np.linalg.eigh(calibration.covariance[np.ix_(free, free)] / np.outer(size, size))
+    return error / size, axes.T @ (error / size) / np.sqrt(variances)
+
+
+def rms(values):
+    """Return the root mean square of arrays of pulls."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def test_a_narrow_turn_is_calibrated_beside_tolerances():
+    """It is refused alone; beside them it is told what came from where, and what is still open."""
+    rng = np.random.default_rng(1)
+    errors = drawn(WIDE, 1, rng)
+    narrow, array = turned(errors, 5, rng), array_of(WIDE, 1)
+    with pytest.raises(InputError, match="do not determine"):
+        calibrate(narrow, replace(array, tolerances=None))
+    found = calibrate(narrow, array)
+    assert found.method == "maximum_a_posteriori" and found.has_scalar_reference
+    assert found.update.prior == "tolerances" and found.update.rates is None and not found.update.moved
+    assert_allclose(found.update.prior_standard_errors[0, :9], np.sqrt(WIDE.variances())[:9])
+    assert (found.update.data_share[0, :9] > 0).all() and np.isnan(found.update.data_share[0, 9:]).all()
+    assert any("this is left to the tolerances of the array file" in warning for warning in found.warnings)
+    assert (
+        found.held_out.center_intensity_T < 1.2 * found.floor.center_intensity_T < found.before.center_intensity_T / 100
+    )
+
+
+def beside(tolerances, recording, sensors):
+    """Return the calibration beside tolerances, none of its samples held out."""
+    array = array_of(tolerances, sensors)
+    return beside_wide_prior(recording, array, Known(prior_of_tolerances(recording, array)))[0]
+
+
+@pytest.mark.parametrize(("tolerances", "tilt_deg", "sensors"), [(WIDE, 2, 1), (WIDE, 10, 1), (FINE, 2, 4)])
+def test_standard_errors_hold_where_little_is_determined(tolerances, tilt_deg, sensors):
+    """Of ten runs, in each error and in each combination; none is further off than by 4.5 standard errors."""
+    single, combined = [], []
+    for seed in range(10):
+        rng = np.random.default_rng([2, seed, tilt_deg, sensors])
+        errors = drawn(tolerances, sensors, rng)
+        found = pulls(beside(tolerances, turned(errors, tilt_deg, rng), sensors), errors)
+        single.append(found[0])
+        combined.append(found[1])
+    assert rms(single) < 1.25 and rms(combined) < 1.2
+    assert np.abs(combined).max() < 4.5
+
+
+def test_without_curvature_combinations_were_told_too_certain(monkeypatch):
+    """At 2° of tilt lengths bend by more than the noise over what stays open: information alone errs threefold."""
+    monkeypatch.setattr(wide_prior, "_curvature", lambda *_: None)
+    combined = []
+    for seed in range(10):
+        rng = np.random.default_rng([2, seed, 2, 1])
+        errors = drawn(WIDE, 1, rng)
+        combined.append(pulls(beside(WIDE, turned(errors, 2, rng), 1), errors)[1])
+    assert rms(combined) > 3
+
+
+def test_one_narrow_turn_is_the_prior_of_the_next():
+    """From tolerances by turns of 3, 10 and 20 degrees: standard errors hold all the way, and nothing has moved."""
+    combined, last = [], []
+    for seed in range(2):
+        rng = np.random.default_rng([3, seed])
+        errors, array, known = drawn(WIDE, 1, rng), array_of(WIDE, 1), None
+        for start_s, tilt_deg in ((1.7e9, 3), (1.7e9 + 1e3, 10), (1.7e9 + 2e3, 20)):
+            known = calibrate(turned(errors, tilt_deg, rng, start_s), array, prior=known)
+            assert not known.update.moved
+            combined.append(pulls(known, errors)[1])
+        last.append(known.standard_errors[0, 6:9].max())
+    assert rms(combined) < 1.2 and np.abs(combined).max() < 4.5
+    assert max(last) < 100e-9
+
+
+@pytest.mark.parametrize("noise_T", [NOISE_T, None])
+def test_a_full_turn_needs_no_tolerances(wu_run, wu_scenario, noise_T):
+    """To a hundredth of a standard error it is the plain fit; a noise that is not stated is said to be estimated."""
+    array = wu_scenario.array.with_stated_noise()
+    if noise_T is None:
+        array = replace(array, vector_noise_T=None, scalar_noise_T=None)
+    plain = calibrate(wu_run.recording, array)
+    found = calibrate(wu_run.recording, replace(array, tolerances=WIDE))
+    difference = (found.errors.to_vector() - plain.errors.to_vector())[1:] / plain.standard_errors[1:]
+    assert np.abs(difference).max() < 0.01
+    assert_allclose(found.standard_errors[1:], plain.standard_errors[1:], rtol=0.05)
+    assert found.noise_is_estimated == plain.noise_is_estimated == (noise_T is None)
+    assert not found.warnings and found.update.data_share[1:].min() > 0.99
+
+
+def test_other_methods_do_without_tolerances(wu_run, wu_scenario):
+    """They are what they are without."""
+    array = wu_scenario.array
+    for method in ("lossless", "robust"):
+        found = calibrate(wu_run.recording, replace(array, tolerances=WIDE), method)
+        assert_allclose(found.errors.to_vector(), calibrate(wu_run.recording, array, method).errors.to_vector())
+        assert found.update is None
+
+
+@pytest.mark.parametrize(("share", "is_alone"), [(0.991, True), (0.989, False)])
+def test_readings_count_alone_where_they_tell_all(share, is_alone):
+    """From 99 % of the information on each error they do; below a contradicted prior is refused."""
+    rng = np.random.default_rng(10)
+    found = calibrate(turned(drawn(FINE, 1, rng), 80, rng), array_of(FINE, 1))
+    update = replace(found.update, probability=1e-5, data_share=np.full((1, 12), share))
+    if is_alone:
+        assert "count alone" in wide_prior._told(found, update)[0]
+    else:
+        with pytest.raises(Refused, match="tell too little alone"):
+            wide_prior._told(found, update)
+
+
+def test_tolerances_that_are_contradicted_tell_nothing():
+    """A bias of a hundred tolerances: a narrow turn is refused, a full one counts alone and says so."""
+    rng = np.random.default_rng(4)
+    errors = replace(drawn(FINE, 1, rng), bias_T=np.array([[5e-6, 0, 0]]))
+    with pytest.raises(Refused, match=r"the tolerances of the array file, χ² .* of 9 errors, and tell too little"):
+        calibrate(turned(errors, 5, rng), array_of(FINE, 1))
+    found = calibrate(turned(errors, 80, rng), array_of(FINE, 1))
+    assert any("contradict the tolerances" in warning and "count alone" in warning for warning in found.warnings)
+    assert_allclose(found.errors.bias_T, errors.bias_T, atol=5 * found.standard_errors[0, 6:9].max())
+
+
+def test_the_scale_stays_a_convention_without_a_scalar():
+    """As it is without tolerances: the mean determinant is one, and the rest is told with its standard errors."""
+    rng = np.random.default_rng(5)
+    errors = drawn(FINE, 4, rng)
+    errors = replace(errors, scale_factor=free_scale(errors.matrix) * errors.scale_factor)
+    found = beside(FINE, replace(turned(errors, 60, rng), scalar_T=None), 4)
+    assert not found.has_scalar_reference
+    assert_allclose(free_scale(found.errors.matrix), 1)
+    assert rms(pulls(found, errors)[0]) < 1.5
+
+
+def test_the_weight_of_the_readings_comes_from_above(monkeypatch):
+    """By a tenth at a time, until what is measured is within a tenth; as often as 20 times, not for ever."""
+    weights = []
+    monkeypatch.setattr(wide_prior, "maximum_a_posteriori", lambda *given: weights.append(given[2].variance_factor))
+
+    def known(target):
+        monkeypatch.setattr(wide_prior, "variance_factor", lambda *_: target(weights[-1]))
+        weights.clear()
+        wide_prior._settled(Known(prior_of_tolerances(recording, array)), recording, array)
+        return np.array(weights)
+
+    rng = np.random.default_rng(6)
+    recording, array = turned(drawn(FINE, 1, rng), 5, rng), array_of(FINE, 1).with_stated_noise()
+    falls = known(lambda _: 3e3)
+    assert falls[0] > 300 * 1e3
+    assert_allclose(falls[1:-1] / falls[:-2], 0.1)
+    assert falls[-1] == 3e3
+    assert len(known(lambda weight: weight / 1.12)) == 20
+    assert len(known(lambda weight: weight / 1.1)) == 1
+
+
+def test_a_noise_that_is_not_stated_is_scaled_twice_at_most(monkeypatch):
+    """Beside a prior that is contradicted it would grow without end, and refuse nothing."""
+    scalings = []
+    scaled = wide_prior.noise_left_in
+    monkeypatch.setattr(wide_prior, "noise_left_in", lambda *given: scalings.append(given) or scaled(*given))
+    rng = np.random.default_rng(7)
+    errors = replace(drawn(FINE, 1, rng), bias_T=np.array([[5e-6, 0, 0]]))
+    with pytest.raises(Refused):
+        calibrate(turned(errors, 5, rng), array_of(FINE, 1, None))
+    assert len(scalings) == 2
+
+
+def test_curvature_is_measured_by_a_hundred_draws_of_a_thousand_samples():
+    """Of ten times as many samples that count a tenth each it is the same, to a tenth."""
+    rng = np.random.default_rng(8)
+    errors, array = drawn(WIDE, 1, rng), array_of(WIDE, 1)
+    long = turned(errors, 10, rng, count=10_000)
+    short = long.take(slice(None, None, 10))
+    known = Known(prior_of_tolerances(short, array))
+    calibration = maximum_a_posteriori(short, array, known)
+    sizes = []
+    for recording, weighed in ((short, known), (long, replace(known, variance_factor=10.0))):
+        sizes.append(np.sum(calibration.covariance * wide_prior._curvature(calibration, recording, weighed)))
+    assert (wide_prior._DRAWS, wide_prior._SAMPLES) == (100, 1000)
+    assert_allclose(*sizes, rtol=0.1)
+
+
+def test_steps_that_overshoot_are_shortened():
+    """One of these turns of 2° has no end of whole steps; by shorter ones none is taken for a contradiction."""
+    for seed in (9, 27, 28):
+        rng = np.random.default_rng([7, seed, 1, 2, 300])
+        assert beside(WIDE, turned(drawn(WIDE, 1, rng), 2, rng), 1).update.probability > 0.001
