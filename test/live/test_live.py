@@ -224,3 +224,10 @@ def test_constants():
     assert SCREENED == (1, 2, 4, 8, 14)
     assert (PUBLISHED_FROM, WIDENED, MOST_CHANGES, LARGEST_WALK) == (0.5, 3.0, 100, 0.1)
     assert pytest.approx(2 * np.log(100)) == CLEAR_RATIO
+
+
+def test_a_calibration_that_leaves_errors_open_is_refused(prior):
+    """One whose errors are a thousand times less certain: over these lengths are no straight lines."""
+    Live(replace(prior, covariance=1e4 * prior.covariance), "tell")
+    with pytest.raises(InputError, match=r"does not determine .*scale factor x.*, and cannot be kept up to date"):
+        Live(replace(prior, covariance=1e6 * prior.covariance), "tell")
