@@ -8,9 +8,10 @@ import pytest
 from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
-from tam_calibration.files import read_calibration, write_array, write_calibration, write_recording
+from tam_calibration.files import read_calibration, read_recording, write_array, write_calibration, write_recording
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.array import Array
+from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Manoeuvre
@@ -54,6 +55,24 @@ def test_an_update_is_told_and_kept(folder):
     moved = read_calibration("dive.yaml").update.moved[0]
     assert (moved.kind, moved.sensor) == ("bias", 3)
     assert "Prior and data" in (folder / "dive.html").read_text()
+
+
+def test_tolerances_are_a_prior_and_what_they_made_is_the_next(folder, wu_scenario):
+    """A dive that is refused alone; what is left to the tolerances is told; the file is read, and is a prior itself."""
+    assert "do not determine" in run("calibrate", "dive.csv", "--array", "array.yaml", code=2)
+    tolerances = Tolerances(0.05, from_degrees(1.0), 3e-6, from_degrees(3.0))
+    write_array("sheet.yaml", replace(wu_scenario.array, tolerances=tolerances))
+    first = ("calibrate", "dive.csv", "--array", "sheet.yaml")
+    told = run(*first, "-o", "first.yaml", "--report", "first.html")
+    assert "Prior: the tolerances that the array file states. Data against tolerances: χ²" in told
+    assert "this is left to the tolerances of the array file; turn the array further" in told
+    update = read_calibration("first.yaml").update
+    assert update.prior == "tolerances" and update.rates is None and update.freedom == 45
+    assert "the tolerances that the array file states" in (folder / "first.html").read_text()
+    dive = read_recording("dive.csv")
+    write_recording("next.csv", replace(dive, time_s=dive.time_s + 600))
+    told = run("calibrate", "next.csv", "--array", "sheet.yaml", "--prior", "first.yaml")
+    assert "Data and prior agree" in told and "0.158 h old" in told
 
 
 def test_json_has_the_shares(folder):
