@@ -16,6 +16,7 @@ SERVER = get_context("forkserver")
 
 def start_server():
     """Start the process from which others are forked; they hold signals back as those of `Children` do."""
+    forkserver._forkserver._stop()  # that of another test, which holds nothing back
     SERVER.set_forkserver_preload([f"tam_calibration.nodes.{name}_node" for name in NODES])
     resource_tracker.ensure_running()  # it would let them through
     with signals.held_back():

@@ -69,6 +69,9 @@ def inject(recording: Path, array: Path, effect: str | None, times: float, outpu
     )
 
 
+_PRELOADED = ("tam_calibration.cli.diagnose", "tam_calibration.validation.blind.case")
+"""What tasks load: loaded once, before the processes are forked."""
+
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
@@ -224,7 +227,9 @@ def score(folder: Path, keys_path: Path | None, json_path: Path | None, report: 
 
 def _in_processes(description: str, work: Callable[[Task], Result], tasks: list[Task], jobs: int) -> Iterator[Result]:
     """Do the tasks in processes of one thread each, and return the results as they come."""
-    with processes(jobs, get_context("spawn")) as pool, showing_progress() as progress:
+    context = get_context("forkserver")
+    context.set_forkserver_preload(list(_PRELOADED))
+    with processes(jobs, context) as pool, showing_progress() as progress:
         done = as_completed(submit_all(pool, work, tasks))
         for future in progress.track(done, total=len(tasks), description=description):
             yield future.result()

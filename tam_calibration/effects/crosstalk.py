@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, ClassVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -27,6 +28,8 @@ _BLOCK = 16
 """Samples over which the response of a row is averaged: shorter than a window, long enough against noise."""
 
 _BLEED = Coefficient("bleed", "1")
+
+_KNOWN: "WeakKeyDictionary[Covariates, list[tuple[slice, CubicSpline]]]" = WeakKeyDictionary()
 
 
 class Crosstalk(LinearEffect):
@@ -102,16 +105,24 @@ class Crosstalk(LinearEffect):
 
 def _change(covariates: Covariates, axis: int, late_s: float) -> FloatArray:
     """Return the field (N,) along an axis so long before, less the present one."""
+    time, change = covariates.time_s, np.zeros(covariates.sample_count)
+    for stretch, course in _courses(covariates):
+        before = time[stretch] - late_s
+        past = np.where(before[:, None] < time[stretch.start], _turned(course, before), course(before))
+        change[stretch] = (past - covariates.field_T[stretch])[:, axis]
+    return change
+
+
+def _courses(covariates: Covariates) -> "list[tuple[slice, CubicSpline]]":
+    """Return the stretches of more than one sample, and the course of the field in each."""
     from scipy.interpolate import CubicSpline
 
-    time, change = covariates.time_s, np.zeros(covariates.sample_count)
-    for stretch in covariates.stretches:
-        if stretch.stop - stretch.start > 1:
-            field = covariates.field_T[stretch]
-            course, before = CubicSpline(time[stretch], field), time[stretch] - late_s
-            past = np.where(before[:, None] < time[stretch.start], _turned(course, before), course(before))
-            change[stretch] = (past - field)[:, axis]
-    return change
+    if covariates not in _KNOWN:
+        stretches = [stretch for stretch in covariates.stretches if stretch.stop - stretch.start > 1]
+        _KNOWN[covariates] = [
+            (stretch, CubicSpline(covariates.time_s[stretch], covariates.field_T[stretch])) for stretch in stretches
+        ]
+    return _KNOWN[covariates]
 
 
 def _turned(course: "CubicSpline", time_s: FloatArray) -> FloatArray:

@@ -122,7 +122,7 @@ def mode(drive: FloatArray, rate: FloatArray, time_s: FloatArray, tau: complex) 
 
 
 def follow(end: NDArray[Any], start: NDArray[Any], initial: NDArray[Any], ratio: NDArray[Any]) -> NDArray[Any]:
-    """Return x (N, C) of x_n = end_n + exp(-ratio_n) (x_{n-1} - start_n), by doubling the reach of each sample.
+    """Return x (N, C) of x_n = end_n + exp(-ratio_n) (x_{n-1} - start_n).
 
     Ends and starts are (N - 1, C), of the samples after the first; ratios the same or (N - 1, 1).
 
@@ -136,11 +136,18 @@ def follow(end: NDArray[Any], start: NDArray[Any], initial: NDArray[Any], ratio:
         Exponent of the decay in each step; its real part is not negative.
     """
     decay = np.exp(-ratio)
-    factor = np.concatenate([np.zeros_like(decay[:1]), decay]) if len(decay) else np.zeros((1, 1))
     state = np.concatenate([initial[None], end - decay * start])
-    reach = 1
-    while reach < len(state) and np.abs(factor[reach:]).max() > np.finfo(float).eps:
-        state[reach:] += factor[reach:] * state[:-reach]
-        factor[reach:] *= factor[:-reach].copy()
-        reach *= 2
-    return state
+    if decay.shape[1] == 1:
+        return _followed(state, decay[:, 0])
+    return np.column_stack([_followed(*each) for each in zip(state.T, decay.T, strict=True)])
+
+
+def _followed(added: NDArray[Any], decay: NDArray[Any]) -> NDArray[Any]:
+    """Return x of x_n = decay_n x_{n-1} + added_n: the solution of equations of two diagonals."""
+    from scipy.linalg.lapack import get_lapack_funcs
+
+    diagonals = np.ones((2, len(added)), dtype=decay.dtype)
+    diagonals[1, :-1] = -decay
+    (solve,) = get_lapack_funcs(("tbtrs",), (diagonals, added))
+    followed: NDArray[Any] = solve(diagonals, added, uplo="L", diag="U")[0]
+    return followed

@@ -77,7 +77,10 @@ class World:
         """Return quaternions (N, 4) from the array's frame to the world of those recorded."""
         from scipy.spatial.transform import Rotation
 
-        turned: FloatArray = (Rotation.from_quat(recorded) * Rotation.from_matrix(self.mount).inv()).as_quat()
+        x, y, z, w = Rotation.from_matrix(self.mount).inv().as_quat()
+        # Rows (x, y, z, w) times these are the products, for which SciPy takes thirty times as long.
+        behind = np.array([[w, -z, y, -x], [z, w, -x, -y], [-y, x, w, -z], [x, y, z, w]])
+        turned: FloatArray = recorded / np.linalg.norm(recorded, axis=1)[:, None] @ behind
         return turned
 
     def field(self, attitude: FloatArray) -> FloatArray:

@@ -270,7 +270,9 @@ class Passage:
     def _across(by_turn: FloatArray, slopes: FloatArray) -> FloatArray:
         """Return derivatives (N, 3 K + 3, P) less their part along those (N, 3 K, 3) by the attitudes' errors."""
         turned = np.swapaxes(by_turn, 1, 2)
-        along = np.linalg.solve(turned @ by_turn + np.eye(3), turned @ slopes)
+        along = np.linalg.inv(turned @ by_turn + np.eye(3)) @ (
+            turned @ slopes
+        )  # the matrices' eigenvalues begin at one
         return np.concatenate([slopes - by_turn @ along, -along], axis=1)
 
     def _fields(
@@ -286,19 +288,22 @@ class Passage:
         points = self._points(unknowns, rotation)
         made = [self.kernel(points - source[:3], source[3:]) for source in sources]
         tensor = np.tensordot(further[GRADIENT], UNIT_TENSORS, 1)
-        back = np.swapaxes(rotation, 1, 2)[:, None]
+        # Contiguous, else each of their products costs several times as much.
+        weights = np.ascontiguousarray(np.swapaxes(rotation, 1, 2)[:, None] / self.noise_T[:, None, None])
 
         def seen(vectors: FloatArray) -> FloatArray:
             """Whiten vectors (N, K, 3, Q) of the world as the sensors see them."""
-            weighted = (back @ vectors) / self.noise_T[:, None, None]
-            return weighted.reshape(len(turn), -1, vectors.shape[-1])
+            return (weights @ vectors).reshape(len(turn), -1, vectors.shape[-1])
 
         world: FloatArray = sum((field for field, _, _ in made), further[UNIFORM] + points @ tensor)
         gradient: FloatArray = sum((slope for _, slope, _ in made), np.broadcast_to(tensor, (*points.shape, 3)))
         field = seen(world[..., None])[..., 0]
         by_turn = np.zeros((len(turn), 0, 0))
         if self.attitude_noise:
-            by_turn = self._by_turn(world, gradient, rotation) @ _added(self.attitude_noise * turn)
+            moved = weights @ gradient @ (rotation[:, None] @ _crossing(self.array.positions_m))
+            slopes = _crossing(field.reshape(points.shape)) - moved
+            added = self.attitude_noise * _added(self.attitude_noise * turn)
+            by_turn = slopes.reshape(len(turn), -1, 3) @ added
         if not with_slopes:
             return field, by_turn, np.zeros((0, 0, 0))
         by_source = [part for _, slope, by_moment in made for part in (-slope, by_moment)]
@@ -307,14 +312,6 @@ class Passage:
         by_velocity = self.time_s[:, None, None, None] * gradient
         by_further = np.concatenate([everywhere, by_tensor, by_velocity], axis=-1)[..., self.known.is_free]
         return field, by_turn, seen(np.concatenate([*by_source, by_further], axis=-1))
-
-    def _by_turn(self, world: FloatArray, gradient: FloatArray, rotation: FloatArray) -> FloatArray:
-        """Return the derivatives (N, 3 K, 3) of whitened fields by the attitudes' errors, in units of their size."""
-        back = np.swapaxes(rotation, 1, 2)[:, None]
-        own = (back @ world[..., None])[..., 0]
-        moved = back @ gradient @ rotation[:, None] @ _crossing(self.array.positions_m)
-        slopes = (_crossing(own) - moved) * (self.attitude_noise / self.noise_T)[:, None, None]
-        return slopes.reshape(len(world), -1, 3)
 
 
 def _crossing(vectors: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -153,6 +154,8 @@ class Corrector(TamNode):
         if not calibration.is_of(self._array):
             raise InputError("the calibration is of another array: choose the array_file that it was made with")
         correction = Correction(calibration)
+        if correction.takes_off:
+            import_module("scipy.linalg")  # else it would be loaded while the first samples wait
         if self._correction is not None:
             correction.go_on(self._correction)
         self._correction = correction

@@ -72,15 +72,25 @@ def dipole_field(offset_m: FloatArray, moment_Am2: FloatArray) -> tuple[FloatArr
     by_moment : (…, 3, 3) array
         Rows of the field, columns of the moment, T/(A m²).
     """
-    distance = norm(offset_m, axis=-1)[..., None, None]
-    unit = offset_m / distance[..., 0]
-    squared = unit[..., :, None] * unit[..., None, :]
-    by_moment = _STRENGTH * (3 * squared - np.eye(3)) / distance**3
-    field = (by_moment @ np.asarray(moment_Am2)[..., None])[..., 0]
-    along = np.sum(unit * moment_Am2, axis=-1)[..., None, None]
-    crossed = unit[..., :, None] * np.asarray(moment_Am2)[..., None, :]
-    shape = crossed + np.swapaxes(crossed, -1, -2) + along * (np.eye(3) - 5 * squared)
-    return field, 3 * _STRENGTH * shape / distance**4, by_moment
+    # Components first: loops then run over the points, and not over three numbers each.
+    both = np.broadcast_arrays(offset_m, moment_Am2)
+    offset, moment = (np.ascontiguousarray(np.moveaxis(each, -1, 0)) for each in both)
+    square = np.sum(offset**2, axis=0)
+    distance = np.sqrt(square)
+    unit = offset / distance
+    along = np.sum(unit * moment, axis=0)
+    near = _STRENGTH / (square * distance)
+    steep = 3 * near / distance
+    crossed = unit[:, None] * (steep * (moment - 2.5 * along * unit))
+    gradient = crossed + np.swapaxes(crossed, 0, 1)
+    by_moment = (3 * near * unit)[:, None] * unit
+    for axis in range(3):
+        gradient[axis, axis] += steep * along
+        by_moment[axis, axis] -= near
+    field = near * (3 * along * unit - moment)
+    last = [np.moveaxis(field, 0, -1), *(np.moveaxis(each, (0, 1), (-2, -1)) for each in (gradient, by_moment))]
+    field, gradient, by_moment = map(np.ascontiguousarray, last)
+    return field, gradient, by_moment
 
 
 def moment_of_field(offset_m: FloatArray, field_T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -5,7 +5,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.linalg import norm, qr, svd
+from numpy.linalg import norm, pinv, qr, svd
 
 from tam_calibration.model.units import FloatArray
 from tam_calibration.validation.blind.disturbance import Disturbance, Signal
@@ -50,33 +50,32 @@ class NominalModel:
     def tangent(self) -> FloatArray:
         """Derivatives by the parameters, fields projected out, whitened, columns of unit size (N (3K + 1), p)."""
         scene = self.scene
-        samples, sensors = scene.sample_count, scene.sensor_count
-        unit = np.column_stack([scene.field_T / scene.intensity_T.mean(), np.ones(samples)])
-        columns = []
-        for row in range(3 * sensors):
-            for column in range(4):
-                if row < 3 and column < row:
-                    continue
-                change = np.zeros((samples, 3 * sensors + 1))
-                change[:, row] = unit[:, column]
-                columns.append(self._without_fields(change).ravel())
-        stacked = np.stack(columns, axis=1)
+        of_parameters = [(row, column) for row in range(3 * scene.sensor_count) for column in range(4)]
+        rows, columns = np.array([(row, column) for row, column in of_parameters if row > 2 or column >= row]).T
+        unit = np.column_stack([scene.field_T / scene.intensity_T.mean(), np.ones(scene.sample_count)])
+        directions = self.field_directions
+        across = np.eye(directions.shape[1]) - directions @ np.swapaxes(directions, 1, 2)
+        stacked = (across[:, :, rows] * unit[:, None, columns]).reshape(-1, len(rows))
         return np.asarray(stacked / norm(stacked, axis=0))
-
-    @cached_property
-    def parameters(self) -> FloatArray:
-        """The tangent, orthonormal."""
-        return np.asarray(qr(self.tangent)[0])
 
     @cached_property
     def conditioning(self) -> float:
         """Smallest singular value of the tangent over its largest; near zero for an uninformative motion."""
-        values = svd(self.tangent.T @ self.tangent, compute_uv=False)
+        values = svd(self._normal, compute_uv=False)
         return float(np.sqrt(max(values[-1], 0) / values[0]))
+
+    @cached_property
+    def _normal(self) -> FloatArray:
+        return np.asarray(self.tangent.T @ self.tangent)
+
+    @cached_property
+    def _inverse(self) -> FloatArray:
+        return pinv(self._normal, hermitian=True)
 
     def _without_fields(self, whitened: FloatArray) -> FloatArray:
         directions = self.field_directions
-        return np.asarray(whitened - np.einsum("nij,nj->ni", directions, np.einsum("nkj,nk->nj", directions, whitened)))
+        along = np.swapaxes(directions, 1, 2) @ whitened[..., None]
+        return np.asarray(whitened - (directions @ along)[..., 0])
 
     def whitened(self, signal: Signal) -> FloatArray:
         """Return the residual of a signal with every sample's field free (N, 3K + 1)."""
@@ -89,8 +88,10 @@ class NominalModel:
     def left(self, signal: Signal) -> FloatArray:
         """Return the residual of a signal after the nominal fit, in noise floors (N, 3K + 1)."""
         rows = self.whitened(signal)
-        flat = rows.ravel()
-        return np.asarray(flat - self.parameters @ (self.parameters.T @ flat)).reshape(rows.shape)
+        left = rows.ravel()
+        for _ in range(2):  # the second time takes off what rounding of the normal matrix left
+            left = left - self.tangent @ (self._inverse @ (left @ self.tangent))
+        return left.reshape(rows.shape)
 
     def visible_gap(self, signal: Signal) -> float:
         """Return the root mean square of that residual over the redundant channels."""
