@@ -86,6 +86,7 @@ def require_one_calibration(recording: SampleSource, calibration: Calibration) -
     if parts is not None and parts.exceeds(_LARGEST_RESIDUAL * calibration.intensity_T):
         raise Refused(f"the recording is not one calibration: {parts.sentence()}; calibrate the parts apart")
     if not field.hold(calibration.intensity_T):
+        require_one_sphere(recording)
         raise Refused(
             f"the fitted intensity of {calibration.intensity_T * 1e6:.4g} µT is outside the "
             f"{field.range_uT} µT of {field.whose} field: the readings are not those of one sensor turned in one field"
