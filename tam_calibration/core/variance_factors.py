@@ -27,9 +27,16 @@ class VarianceFactors:
         """Return the larger of each two."""
         return VarianceFactors(max(self.differential, others.differential), max(self.common_mode, others.common_mode))
 
-    def divided_by(self, divisor: float) -> "VarianceFactors":
-        """Return both, smaller by a divisor."""
-        return VarianceFactors(self.differential / divisor, self.common_mode / divisor)
+    def times(self, multiple: float) -> "VarianceFactors":
+        """Return a multiple of both."""
+        return VarianceFactors(self.differential * multiple, self.common_mode * multiple)
+
+    def is_near(self, others: "VarianceFactors", part: float) -> bool:
+        """Whether both differ from the same of others by no more than a part of those."""
+        return (
+            abs(self.differential - others.differential) <= part * others.differential
+            and abs(self.common_mode - others.common_mode) <= part * others.common_mode
+        )
 
     def exceed(self, others: "VarianceFactors", part: float) -> bool:
         """Whether one of them is larger than the same of others by more than a part of that."""
