@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from live_mission import UNCHANGING
 from numpy.testing import assert_allclose
+from scipy.linalg import eigh
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from tam_calibration.core.variance_factors import WHITE
+from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.fit import calibrate, slow_residuals
 from tam_calibration.fit.information import keeping, rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood
@@ -213,6 +214,21 @@ def test_a_scalar_that_is_silent_for_a_while_makes_nothing_slow(wu_scenario):
     [moved] = update.update.moved
     assert (moved.kind, moved.sensor) == ("bias", 3) and update.variance_factors == WHITE
     assert_allclose(moved.change, [20e-9, 0, 0], atol=2e-9)
+
+
+def test_what_is_fitted_beside_the_errors_is_widened_by_no_more_than_the_larger_factor():
+    """Nor by less than the smaller one, where an ambient gradient left the covariance more than the channels tell."""
+    generator = np.random.default_rng(16)
+    differential = np.cov(generator.normal(size=(12, 40)))
+    differential[9:] = differential[:, 9:] = 0
+    common = np.zeros((12, 12))
+    common[9:, 9:] = np.cov(generator.normal(size=(3, 40)))
+    root = generator.normal(size=(12, 2))
+    covariance = np.linalg.inv(differential + common) + root @ root.T
+    for factors in (VarianceFactors(4.0, 900.0), VarianceFactors(900.0, 4.0)):
+        wider = slow_residuals._sandwich(covariance, differential, factors)
+        ratio = eigh(wider, covariance, eigvals_only=True)
+        assert 3.999 < ratio.min() < 4.001 and 100 < ratio.max() < 900.1
 
 
 SLOW_T, SLOW_LASTS = 40e-9, 10
