@@ -20,6 +20,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files import read_array, read_recording
 from tam_calibration.fit import calibrate
@@ -73,8 +74,8 @@ def row(what: str, found: list[FloatArray]) -> tuple[str, ...]:
 def main(paths: tuple[Path, ...], bias_nT: float, white: bool) -> None:
     """Count, and print a table."""
     if white:
-        import_module("tam_calibration.fit.slow_residuals").variance_factor = lambda *_: 1.0
-        import_module("tam_calibration.fit.calibrate").variance_factor = lambda *_: 1.0
+        import_module("tam_calibration.fit.slow_residuals").variance_factors = lambda *_: VarianceFactors()
+        import_module("tam_calibration.fit.calibrate").variance_factors = lambda *_: VarianceFactors()
     *of_recordings, of_array = paths
     array = replace(read_array(of_array), change_rates=ChangeRates(bias_per_day=from_nanotesla(bias_nT)))
     recordings = {path.stem: read_recording(path) for path in of_recordings}

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import inv
 
+from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.update import Update
 from tam_calibration.effects.removal import added_to, of_sensors, removable
 from tam_calibration.model.array import Array, KnownNoiseArray
@@ -183,7 +184,8 @@ class Calibration:
     reduced_chi_square : dict
         ``differential`` (between sensors) and ``common_mode`` (against the scalar) whitened residual energy per
         degree of freedom; 1 when noise alone is left. Empty where there is no redundancy. Where residuals are larger,
-        or last longer, than noise, ``slow`` stands beside them: see ``variance_factor``.
+        or last longer, than noise, ``slow_differential`` or ``slow_common_mode`` stands beside them: see
+        ``variance_factors``.
     warnings : tuple of str
         What speaks against trusting the calibration, one sentence each.
     held_out : Residuals, optional
@@ -272,9 +274,10 @@ class Calibration:
         return replace(self.array, positions_m=stated, axis_offsets_m=None).has_geometry_of(array)
 
     @property
-    def variance_factor(self) -> float:
-        """By how much the variances of the errors exceed those that white noise of the stated size makes; 1 or more."""
-        return self.reduced_chi_square.get("slow", 1.0)
+    def variance_factors(self) -> VarianceFactors:
+        """By how much what each channel tells varies more than by white noise of the stated size."""
+        told = self.reduced_chi_square
+        return VarianceFactors(told.get("slow_differential", 1.0), told.get("slow_common_mode", 1.0))
 
     @cached_property
     def standard_errors(self) -> FloatArray:

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from tam_calibration.core.variance_factors import WHITE
 from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.artificial_vector import artificial_vector
@@ -21,7 +22,7 @@ from tam_calibration.fit.posterior import Known
 from tam_calibration.fit.prior import Prior, has_date, prior_of
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.simplified_linear import simplified_linear
-from tam_calibration.fit.slow_residuals import variance_factor, widened
+from tam_calibration.fit.slow_residuals import variance_factors, widened
 from tam_calibration.fit.two_step_linear import two_step_linear
 from tam_calibration.fit.wide_prior import beside_wide_prior, is_wide, prior_of_tolerances
 from tam_calibration.integrity import require_enough, require_sound
@@ -161,14 +162,14 @@ def _jointly(
         _require_one_field(recording, calibration)
         return calibration, recording, fit
     # What was slow on this vehicle is taken for slow again: little of it passes for a change of a sensor.
-    factor = 1.0 if given is None else given.calibration.variance_factor
+    factors = WHITE if given is None else given.calibration.variance_factors
     for _ in range(_MOST_ROUNDS):
-        resolved = resolve(recording, array, Known(given, main_field_T, factor))
+        resolved = resolve(recording, array, Known(given, main_field_T, factors))
         fit = partial(maximum_a_posteriori, known=resolved.known)
-        before, found = factor, fit(resolved.recording, array)
-        factor = variance_factor(found, resolved.recording)
-        if factor <= (1 + _SETTLED) * before:
+        measured = variance_factors(fit(resolved.recording, array), resolved.recording)
+        if not measured.exceed(factors, _SETTLED):
             break
+        factors = measured.at_least(factors)
     calibration = accepted(resolved.recording, array, fit)
     if given is not None and resolved.known.prior is not None and resolved.difference is not None:
         chi_square, freedom = resolved.difference.chi_square, resolved.difference.freedom

@@ -133,12 +133,13 @@ def find_warnings(recording: SampleSource, calibration: Calibration) -> tuple[st
             warnings.append(
                 f"the residual {words} is {np.sqrt(value):.3g} times the stated noise: the model or the noise is wrong"
             )
-    if calibration.variance_factor > 1:
-        warnings.append(
-            "the residuals are larger, or last longer, than noise of the stated size: the standard errors are "
-            f"{np.sqrt(calibration.variance_factor):.3g} times those of white noise, and hold where the residuals are "
-            "alike throughout"
-        )
+    factors = calibration.variance_factors
+    for words, factor in zip(names.values(), (factors.differential, factors.common_mode), strict=True):
+        if factor > 1:
+            warnings.append(
+                f"the residuals {words} are larger, or last longer, than noise of the stated size: they count as noise "
+                f"of {np.sqrt(factor):.3g} times that size, and standard errors hold where they are alike throughout"
+            )
     parts = _residual_in_parts(recording, calibration)
     if parts is not None and parts.exceeds(_LARGEST_STEADY_RESIDUAL * calibration.intensity_T):
         warnings.append(parts.sentence())

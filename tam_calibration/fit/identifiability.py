@@ -79,8 +79,8 @@ def require_accurate(calibration: Calibration) -> None:
     InputError
         It names the parameters.
     """
-    left = (value for name, value in calibration.reduced_chi_square.items() if name != "slow")
-    excess = np.sqrt(max(1.0, *left) / calibration.variance_factor)
+    left = (calibration.reduced_chi_square.get(channel, 1.0) for channel in ("differential", "common_mode"))
+    excess = np.sqrt(max(1.0, *left) / calibration.variance_factors.largest)
     refuse_open(excess * calibration.standard_errors.ravel(), calibration.intensity_T)
 
 

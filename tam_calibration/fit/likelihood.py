@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.normal_equations import gram
+from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.fit.channel_maps import ChannelMaps, Turning
 from tam_calibration.fit.reference import InterpolationNoise
 from tam_calibration.fit.scale import Normalized
@@ -53,6 +54,10 @@ class Linearization:
         Downhill: ``information @ step = gradient`` is the Gauss-Newton step.
     correction : (12 K + P,) array
         What was taken off the gradient as the mean that noise makes of it.
+    common_information : (12 K + P, 12 K + P) array
+        The common mode's part of the information; the rest is that of the differential channels.
+    common_gradient : (12 K + P,) array
+        The common mode's part of the gradient, from which all of the correction is taken off.
     differential, common_mode : float
         Sums of the squares of the whitened channels.
     reference_count : int
@@ -62,9 +67,26 @@ class Linearization:
     information: FloatArray
     gradient: FloatArray
     correction: FloatArray
+    common_information: FloatArray
+    common_gradient: FloatArray
     differential: float
     common_mode: float
     reference_count: int
+
+    def weighed(self, factors: VarianceFactors) -> "Linearization":
+        """Return the normal equations of channels whose variances are larger by factors."""
+        between, common = factors.differential, factors.common_mode
+        beside = 1 / common - 1 / between
+        return Linearization(
+            self.information / between + beside * self.common_information,
+            self.gradient / between + beside * self.common_gradient,
+            self.correction / common,
+            self.common_information / common,
+            self.common_gradient / common,
+            self.differential / between,
+            self.common_mode / common,
+            self.reference_count,
+        )
 
 
 class CommonMode(NamedTuple):
@@ -327,13 +349,22 @@ def normal_equations(
     information, gradient, differential = _differential(channels, moments)
     size = channels.response[0].size
     response = channels.response.reshape(-1, size)
-    information += response @ common.moments[:size, :size] @ response.T
+    common_information = response @ common.moments[:size, :size] @ response.T
     energy = float(common.moments[size, size])
     channel_count = (len(channels.unbiased) - 3) * sample_count + common.reference_count
     variance_factor = min((differential + energy) / max(channel_count, 1), 1.0)
     correction = response @ (variance_factor * common.score)
-    gradient += response @ common.moments[:size, size] - correction
-    return Linearization(information, gradient, correction, differential, energy, common.reference_count)
+    common_gradient = response @ common.moments[:size, size] - correction
+    return Linearization(
+        information + common_information,
+        gradient + common_gradient,
+        correction,
+        common_information,
+        common_gradient,
+        differential,
+        energy,
+        common.reference_count,
+    )
 
 
 def _differential(channels: ChannelMaps, moments: FloatArray) -> tuple[FloatArray, FloatArray, float]:

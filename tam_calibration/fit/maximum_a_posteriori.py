@@ -19,7 +19,7 @@ from tam_calibration.fit.identifiability import FEWEST_SAMPLES
 from tam_calibration.fit.posterior import Known, Posterior, posterior_of
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.recorded_attitude import FRAME_STATEMENT
-from tam_calibration.fit.slow_residuals import with_variance_factor
+from tam_calibration.fit.slow_residuals import with_variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -127,7 +127,7 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
         frame = FRAME_STATEMENT
         errors, covariance = _into_frame_of_attitude(posterior, noisy.mounting_error)
     estimate = Estimate(errors, covariance, True, posterior.intensity_T, frame=frame)
-    calibration = with_variance_factor(make_calibration(NAME, recording, noisy, estimate), known.variance_factor)
+    calibration = with_variance_factors(make_calibration(NAME, recording, noisy, estimate), known.variance_factors)
     has_scale = calibration.has_scalar_reference or known.knows_scale
     return replace(calibration, noise_is_estimated=is_estimated, has_scalar_reference=has_scale)
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import whitening
+from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
 from tam_calibration.fit.gauss_newton import descend
 from tam_calibration.fit.information import inverted, keeping, rows_by_unknowns
@@ -56,8 +57,9 @@ class Known:
     main_field_T : (3,) array, optional
         The world's field where the recording was made, east, north, up, tesla: that of a model, with its error of
         ``LOCAL_STANDARD_ERROR_T`` in each component.
-    variance_factor : float
-        By how much what the readings tell varies more than by white noise of the stated size: see ``slow_residuals``.
+    variance_factors : VarianceFactors
+        By how much what each channel of the readings tells varies more than by white noise of the stated size: see
+        ``slow_residuals``.
     curvature : (Q, Q) array, optional
         Covariance of the score of this recording, over the unknowns, by what is no straight line over what stays
         uncertain; it widens the covariance, and does not move the errors.
@@ -65,7 +67,7 @@ class Known:
 
     prior: Prior | None = None
     main_field_T: FloatArray | None = None
-    variance_factor: float = 1.0
+    variance_factors: VarianceFactors = WHITE
     curvature: FloatArray | None = None
 
     @property
@@ -229,11 +231,10 @@ class Problem:
     def data_at(self, place: Place, is_corrected: bool = True) -> tuple[FloatArray, FloatArray]:
         """Return the information of the data over the unknowns at a place, and their downhill gradient."""
         matrix, bias = self.rows_at(place)
-        here = self.likelihood.linearize(matrix, bias)
+        here = self.likelihood.linearize(matrix, bias).weighed(self.known.variance_factors)
         rows = rows_by_unknowns(place.errors, self.unit_T, None if self.has_scalar else place.intensity_T)
-        factor = self.known.variance_factor
         downhill = here.gradient if is_corrected else here.gradient + here.correction
-        information, gradient = rows.T @ here.information @ rows / factor, rows.T @ downhill / factor
+        information, gradient = rows.T @ here.information @ rows, rows.T @ downhill
         if self.attitude is None or place.view is None:
             return information, gradient
         count = len(rows)

@@ -4,7 +4,8 @@ Residuals of a real recording are those of noise and of what no calibration hold
 hysteresis. These last for many samples, which then tell less than as many independent ones. What moves the estimate is
 the sum over the samples of their scores. Their sums weighted by slow cosines vary as it does (``core.slow_cosines``),
 and are compared with the variance that white noise of the stated size gives them, all parameters together: each alone
-would have too few degrees of freedom.
+would have too few degrees of freedom. The differential channels and the common mode are compared apart: on a vehicle
+the scalar's residual may last while the sensors agree to their white noise.
 """
 
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ import numpy as np
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.slow_cosines import BLOCKS, slow_cosines
+from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.information import rows_by_unknowns
 from tam_calibration.fit.likelihood import UniformLikelihood
@@ -29,9 +31,22 @@ often standard errors are widened without need."""
 _SEEN = 1e-9
 """Part of the largest eigenvalue of a scaled information below which a direction is open."""
 
+_OWN = 0.5
+"""Part of the information on a direction from which it is one of a channel: each channel tells what the other does not,
+so that it is all or nothing but for rounding."""
 
-def variance_factor(calibration: Calibration, recording: SampleSource) -> float:
-    """Return the variance of the errors of a fit over that of the inverse information.
+_FRAME = np.s_[9:12]
+"""Turns of sensor 1: a turn of all sensors is seen by no uniform field."""
+
+_ROUNDING = 1e-13
+"""Part of the largest eigenvalue of a scaled covariance below which lies rounding."""
+
+_DIFFERENTIAL, _COMMON_MODE = 0, 1
+"""Places of the channels in what is summed by blocks."""
+
+
+def variance_factors(calibration: Calibration, recording: SampleSource) -> VarianceFactors:
+    """Return the variance of what each channel tells a fit over that of white noise.
 
     Parameters
     ----------
@@ -42,16 +57,84 @@ def variance_factor(calibration: Calibration, recording: SampleSource) -> float:
 
     Returns
     -------
-    float
-        1 where white noise of the stated size makes as much at least once in a thousand recordings, or where there are
-        too few samples to tell; else more than 1.
+    VarianceFactors
+        Each 1 where white noise of the stated size makes as much at least once in a thousand recordings, where there
+        are too few samples to tell, or where the channel tells nothing; else more than 1.
     """
     if recording.sample_count < BLOCKS:
-        return 1.0
+        return WHITE
     information, score = _by_block(calibration, recording)
-    white = whitening(information.sum(axis=0), _SEEN)
+    white = whitening(information.sum(axis=(0, 1)), _SEEN)
+    return VarianceFactors(*map(_factor, white.T @ information @ white, score @ white))
+
+
+def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
+    """Return a calibration of maximum likelihood with standard errors that hold what its residuals show.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        With the inverse of the information for its covariance.
+    recording : SampleSource
+        As for ``variance_factors``.
+    """
+    assert calibration.covariance is not None
+    factors, covariance = variance_factors(calibration, recording), calibration.covariance.copy()
+    if factors == WHITE:
+        return calibration
+    differential = _by_block(calibration, recording)[0][_DIFFERENTIAL].sum(axis=0)
+    seen = np.delete(np.arange(len(covariance)), _FRAME)
+    inside, size = np.ix_(seen, seen), len(seen)
+    covariance[inside] = _sandwich(covariance[inside], differential[:size, :size], factors)
+    return replace(with_variance_factors(calibration, factors), covariance=covariance)
+
+
+def with_variance_factors(calibration: Calibration, factors: VarianceFactors) -> Calibration:
+    """Return a calibration that says by which factors what its channels tell varies more than by white noise."""
+    told = {"slow_differential": factors.differential, "slow_common_mode": factors.common_mode}
+    slow = {name: factor for name, factor in told.items() if factor != 1}
+    return replace(calibration, reduced_chi_square=calibration.reduced_chi_square | slow)
+
+
+def _sandwich(covariance: FloatArray, differential: FloatArray, factors: VarianceFactors) -> FloatArray:
+    """Return the covariance of an estimate that took the noise of both channels for white.
+
+    With the information A = I_d + I_c and the covariance C of the estimate by it, for which C A C = C whatever is held,
+    that is C (f_d I_d + f_c I_c) C = f_c C + (f_d - f_c) C I_d C. A free intensity needs no row here: the differential
+    channels do not see it.
+
+    Parameters
+    ----------
+    covariance : (P, P) array
+        C, of what white noise makes.
+    differential : (P, P) array
+        I_d, the information of the differential channels.
+    factors : VarianceFactors
+        f_d and f_c.
+    """
+    root = covariance @ whitening(covariance, _ROUNDING)
+    part, turn = np.linalg.eigh(root.T @ differential @ root)
+    directions, part = root @ turn, np.clip(part, 0, 1)
+    least = min(factors.differential, factors.common_mode)
+    more = part * factors.differential + (1 - part) * factors.common_mode - least
+    wider: FloatArray = least * covariance + directions * more @ directions.T
+    return wider
+
+
+def _factor(information: FloatArray, score: FloatArray) -> float:
+    """Return the variance of a channel's slow sums over that of white noise; 1 where that makes as much by chance.
+
+    Parameters
+    ----------
+    information : (M, Q, Q) array
+        Of the channel in blocks of time, in units of which that of both channels in all blocks is one.
+    score : (M, Q) array
+        Of the channel in these blocks.
+    """
+    part, directions = np.linalg.eigh(information.sum(axis=0))
+    white = directions[:, part > _OWN] / np.sqrt(part[part > _OWN])
     information, score = white.T @ information @ white, score @ white
-    # What a fit by other weights left of the sum is no sign of slowness.
+    # At the best errors the channels' sums balance each other, and a prior: what is left is no sign of slowness.
     score = score - score.sum(axis=0) @ information
     cosines = slow_cosines()
     energy = float(np.sum((cosines.T @ score) ** 2))
@@ -68,43 +151,30 @@ def variance_factor(calibration: Calibration, recording: SampleSource) -> float:
     return energy / expected if deviation > _BEYOND else 1.0
 
 
-def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
-    """Return a calibration of maximum likelihood with standard errors that hold what its residuals show.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        With the inverse of the information for its covariance.
-    recording : SampleSource
-        As for ``variance_factor``.
-    """
-    assert calibration.covariance is not None
-    factor = variance_factor(calibration, recording)
-    return replace(with_variance_factor(calibration, factor), covariance=factor * calibration.covariance)
-
-
-def with_variance_factor(calibration: Calibration, factor: float) -> Calibration:
-    """Return a calibration that says by which factor the variances of its errors exceed those of white noise."""
-    if factor == 1:
-        return calibration
-    return replace(calibration, reduced_chi_square=calibration.reduced_chi_square | {"slow": factor})
-
-
 def _by_block(calibration: Calibration, recording: SampleSource) -> tuple[FloatArray, FloatArray]:
-    """Return information (M, Q, Q) and score (M, Q) of the errors, and of a free intensity, in blocks of time."""
+    """Return what each channel tells of the errors, and of a free intensity, in blocks of time.
+
+    Returns
+    -------
+    information : (2, M, Q, Q) array
+        Of the differential channels, and of the common mode.
+    score : (2, M, Q) array
+        Of these.
+    """
     errors, array, intensity_T = calibration.errors, calibration.array, calibration.intensity_T
     has_scalar = recording.scalar_count is not None
-    # A common turn of all sensors is seen by no uniform field.
-    rows = np.delete(rows_by_unknowns(errors, intensity_T, None if has_scalar else intensity_T), np.s_[9:12], axis=1)
+    rows = np.delete(rows_by_unknowns(errors, intensity_T, None if has_scalar else intensity_T), _FRAME, axis=1)
     vector_noise, centered = array.vector_noise_T / intensity_T, np.zeros_like(errors.bias_T)
     scalar_noise = array.scalar_noise_T / intensity_T if has_scalar else 0.0
-    information = np.zeros((BLOCKS, rows.shape[1], rows.shape[1]))
-    score = np.zeros((BLOCKS, rows.shape[1]))
+    information = np.zeros((2, BLOCKS, rows.shape[1], rows.shape[1]))
+    score = np.zeros((2, BLOCKS, rows.shape[1]))
     for block, part in _parts(recording):
         data = Normalized(part, errors.bias_T, intensity_T, has_scalar)
         here = UniformLikelihood(data, vector_noise, scalar_noise).linearize(errors.matrix, centered)
-        information[block] += rows.T @ here.information @ rows
-        score[block] += rows.T @ here.gradient
+        information[_DIFFERENTIAL, block] += rows.T @ (here.information - here.common_information) @ rows
+        score[_DIFFERENTIAL, block] += rows.T @ (here.gradient - here.common_gradient)
+        information[_COMMON_MODE, block] += rows.T @ here.common_information @ rows
+        score[_COMMON_MODE, block] += rows.T @ here.common_gradient
     return information, score
 
 

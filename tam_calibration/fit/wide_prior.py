@@ -13,6 +13,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.noise import complete_noise
+from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import Update
 from tam_calibration.fit.contradiction import SIGNIFICANT
@@ -22,7 +23,7 @@ from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, noise_left_in, update_of
 from tam_calibration.fit.posterior import Known, Place, Problem
 from tam_calibration.fit.prior import Prior, in_first_frame
-from tam_calibration.fit.slow_residuals import variance_factor
+from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import SKETCH, SampleSource
@@ -125,14 +126,14 @@ def _settled(known: Known, recording: SampleSource, array: KnownNoiseArray) -> t
     assert known.prior is not None
     errors, intensity_T = known.prior.errors, known.prior.calibration.intensity_T
     energy = max(1.0, *measure_chi_square(recording, array, errors, intensity_T).values())
-    factor = recording.sample_count * energy
+    factors = VarianceFactors(recording.sample_count * energy, recording.sample_count * energy)
     for _ in range(_MOST_ROUNDS):
-        known = replace(known, variance_factor=factor)
+        known = replace(known, variance_factors=factors)
         calibration = maximum_a_posteriori(recording, array, known)
-        measured = variance_factor(calibration, recording)
-        if abs(measured - factor) <= _SETTLED * factor:
+        measured = variance_factors(calibration, recording)
+        if measured.is_near(factors, _SETTLED):
             break
-        factor = max(measured, factor / _LARGEST_FALL)
+        factors = measured.at_least(factors.times(1 / _LARGEST_FALL))
     return known, calibration
 
 
@@ -145,8 +146,8 @@ def _curvature(calibration: Calibration, recording: SampleSource, known: Known) 
     noise.
     """
     some = recording.thinned(_SAMPLES)
-    weight = known.variance_factor * some.sample_count / recording.sample_count
-    problem = Problem.of(some, calibration.array, replace(known, variance_factor=weight))
+    weight = known.variance_factors.times(some.sample_count / recording.sample_count)
+    problem = Problem.of(some, calibration.array, replace(known, variance_factors=weight))
     place = Place(calibration.errors, calibration.intensity_T)
     basis, (information, score) = problem.basis_at(place), problem.data_at(place)
     deviates = np.random.default_rng(_SEED).normal(size=(_DRAWS, len(score)))

@@ -123,9 +123,8 @@ class Live:
             )
         self.on_change, self._calibration = on_change, prior.calibration
         # What lasted ashore lasts at sea: samples tell as little as they told there.
-        array, slow = self._calibration.array, np.sqrt(self._calibration.variance_factor)
-        noisy = array.with_noise(slow * array.vector_noise_T, slow * array.scalar_noise_T)
-        self._likelihood = MomentLikelihood(prior.errors, noisy, self._calibration.intensity_T)
+        stored = self._calibration
+        self._likelihood = MomentLikelihood(prior.errors, stored.array, stored.intensity_T, stored.variance_factors)
         self._walk = Walk(prior)
         self._stored = Belief(prior.errors, prior.covariance, np.nan, np.nan)
         self._window = ChangeWindow(prior, self._walk)

@@ -17,6 +17,7 @@ from numpy.linalg import inv
 
 from tam_calibration.core.elimination import Elimination
 from tam_calibration.core.normal_equations import gram
+from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.information import rows_by_unknowns
 from tam_calibration.fit.likelihood import UNIFORM, CommonModeSums, Linearization, normal_equations
@@ -78,11 +79,14 @@ class MomentLikelihood:
         With every noise.
     unit_T : float
         About the intensity of the field, tesla.
+    factors : VarianceFactors
+        By how much what the samples tell varies more than by white noise of that size.
     """
 
     origin: SensorErrors
     array: KnownNoiseArray
     unit_T: float
+    factors: VarianceFactors = WHITE
 
     def moments(self, readings_T: FloatArray, scalar_T: FloatArray) -> SampleMoments:
         """Return the moments of samples.
@@ -122,14 +126,17 @@ class MomentLikelihood:
         common = self._common_mode(moments, errors, offset)
         rows = normal_equations(channels, moments.second, common, moments.count)
         by_errors = rows_by_unknowns(errors, self.unit_T, None)
-        return Linearization(
+        whole = Linearization(
             by_errors.T @ rows.information @ by_errors,
             by_errors.T @ rows.gradient,
             by_errors.T @ rows.correction,
+            by_errors.T @ rows.common_information @ by_errors,
+            by_errors.T @ rows.common_gradient,
             rows.differential,
             rows.common_mode,
             rows.reference_count,
         )
+        return whole.weighed(self.factors)
 
     def _common_mode(self, moments: SampleMoments, errors: SensorErrors, offset: FloatArray) -> CommonModeSums:
         """Return the sums of the common mode at given errors."""

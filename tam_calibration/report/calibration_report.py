@@ -217,7 +217,8 @@ def _weight(value: float) -> str:
 _CHANNELS = {
     "differential": "between the sensors",
     "common_mode": "against the reference intensity",
-    "slow": "in sums over many samples",
+    "slow_differential": "between the sensors in sums over many samples",
+    "slow_common_mode": "against the reference intensity in sums over many samples",
 }
 
 

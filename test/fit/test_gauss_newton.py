@@ -34,7 +34,8 @@ def steps_to(target, information, kept, robust, first=None):
         nonlocal count
         count += 1
         gradient = (1 - kept) * information @ (target - parameters(point))
-        return Linearization(information, gradient, np.zeros_like(gradient), 0.0, 0.0, 0)
+        none, nothing = np.zeros_like(gradient), np.zeros_like(information)
+        return Linearization(information, gradient, none, nothing, none, 0.0, 0.0, 0)
 
     point, found = gauss_newton(linearize, start, robust)
     assert found is information

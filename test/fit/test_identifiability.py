@@ -84,6 +84,17 @@ def test_a_large_standard_error_names_its_parameter(wu_run, wu_scenario):
         require_accurate(replace(calibration, covariance=poor))
 
 
+@pytest.mark.parametrize("channel", ["differential", "common_mode"])
+def test_how_long_a_residual_lasts_refuses_nothing(wu_run, wu_scenario, channel):
+    """A standard error that is large only since residuals of one channel last is told, and not refused."""
+    calibration = maximum_likelihood(wu_run.recording, wu_scenario.array)
+    wide = replace(calibration, covariance=1e6 * calibration.covariance)
+    wide.covariance[31, 31] = 1e-12
+    with pytest.raises(InputError, match="do not determine bias y of sensor 3"):
+        require_accurate(wide)
+    require_accurate(replace(wide, reduced_chi_square={f"slow_{channel}": 1e6}))
+
+
 @dataclass(frozen=True)
 class Swings:
     """Independent attitudes, uniform within limits of yaw, pitch and roll in degrees."""

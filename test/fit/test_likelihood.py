@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.fit.channel_maps import ChannelMaps, Turning
 from tam_calibration.fit.likelihood import (
     UNIFORM,
@@ -73,6 +74,46 @@ def test_information_is_the_curvature_of_the_energy(at_truth):
         assert likelihood.energy(there[0], there[1], there[3]).sum() == pytest.approx(expected, rel=1e-3)
         assert point.differential + point.common_mode == pytest.approx(expected, rel=1e-3)
         assert_allclose(point.gradient, -information @ step, atol=2e-3 * np.abs(information @ step).max())
+
+
+def test_the_common_mode_s_part_is_what_the_intensities_tell(at_truth):
+    """Without them it is nothing, and the rest stays; of one sensor it is all."""
+    likelihood, matrix, bias, gradient = at_truth
+    with_it = likelihood.linearize(matrix, bias + 1e-6, None, gradient)
+    silent = replace(likelihood, intensity=np.full(40, np.nan)).linearize(matrix, bias + 1e-6, None, gradient)
+    assert not silent.common_information.any() and not silent.common_gradient.any()
+    assert_allclose(with_it.information - with_it.common_information, silent.information, rtol=1e-6, atol=1e-3)
+    assert_allclose(with_it.gradient - with_it.common_gradient, silent.gradient, rtol=1e-6, atol=1e-3)
+    alone = replace(likelihood, points=likelihood.points[:, :1], vector_noise=likelihood.vector_noise[:1], turning=None)
+    one = alone.linearize(matrix[:1], bias[:1] + 1e-6)
+    assert one.information.tolist() == one.common_information.tolist()
+    assert one.gradient.tolist() == one.common_gradient.tolist()
+
+
+def test_each_channel_is_weighed_by_its_own_factor(at_truth):
+    """Parts of information and gradient add up again, energies and correction go with their channel."""
+    likelihood, matrix, bias, gradient = at_truth
+    whole = likelihood.linearize(matrix, bias + 1e-6, None, gradient)
+    weighed = whole.weighed(VarianceFactors(4.0, 9.0))
+    between = whole.information - whole.common_information
+    assert_allclose(weighed.information, between / 4 + whole.common_information / 9, rtol=1e-9, atol=1e-3)
+    towards = whole.gradient - whole.common_gradient
+    assert_allclose(weighed.gradient, towards / 4 + whole.common_gradient / 9, rtol=1e-9, atol=1e-3)
+    assert_allclose(weighed.common_information, whole.common_information / 9)
+    assert_allclose(weighed.common_gradient, whole.common_gradient / 9)
+    assert_allclose(weighed.correction, whole.correction / 9)
+    assert weighed.differential == whole.differential / 4 and weighed.common_mode == whole.common_mode / 9
+    assert weighed.reference_count == whole.reference_count
+
+
+def test_factors_of_white_noise_change_no_bit(at_truth):
+    """Nor do factors that are the same for both channels more than a common one does."""
+    likelihood, matrix, bias, gradient = at_truth
+    whole = likelihood.linearize(matrix, bias + 1e-6, None, gradient)
+    for factor in (1.0, 7.0):
+        weighed = whole.weighed(VarianceFactors(factor, factor))
+        assert weighed.information.tolist() == (whole.information / factor).tolist()
+        assert weighed.gradient.tolist() == (whole.gradient / factor).tolist()
 
 
 def test_each_sample_may_have_its_own_scalar_noise(scenario):

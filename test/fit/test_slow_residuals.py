@@ -1,20 +1,31 @@
-"""Standard errors hold what residuals that last for many samples do to a fit; where these are white they stay."""
+"""Standard errors hold what residuals that last for many samples do to a fit, channel by channel; white ones stay."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from live_mission import UNCHANGING
 from numpy.testing import assert_allclose
+from scipy.linalg import eigh
 from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.fit import calibrate, slow_residuals
+from tam_calibration.fit.information import keeping, rows_by_unknowns
+from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.slow_residuals import variance_factor, widened
+from tam_calibration.fit.prior import in_first_frame
+from tam_calibration.fit.scale import free_scale_gradient
+from tam_calibration.fit.slow_residuals import variance_factors, widened
 from tam_calibration.model.array import Array
-from tam_calibration.model.recording import BLOCK
+from tam_calibration.model.recording import BLOCK, Recording
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Tumble
+from tam_calibration.simulation.attitude import Manoeuvre, Tumble
 
 LASTS = 20
 """Samples that the slow noise lasts for: a twelfth of a block of the recordings."""
@@ -24,10 +35,14 @@ def turned(scenario, seed, slow_T=0.0, count=4000):
     """Return a recording of a slow turn, with noise that lasts in each axis beside the white one."""
     scenario = replace(scenario, motion=Tumble(np.radians(20)), sample_count=count, rate_hz=10.0, seed=seed)
     recording = simulate(scenario).recording
-    kept = np.exp(-1 / LASTS)
-    white = np.random.default_rng([seed, 1]).normal(size=recording.readings_T.shape)
-    slow = lfilter([np.sqrt(1 - kept**2)], [1, -kept], white, axis=0)
+    slow = lasting(np.random.default_rng([seed, 1]).normal(size=recording.readings_T.shape), LASTS)
     return replace(recording, readings_T=recording.readings_T + slow_T * slow)
+
+
+def lasting(white, samples):
+    """Return noise of the size of white noise, whose correlation falls to 1/e in some samples."""
+    kept = np.exp(-1 / samples)
+    return lfilter([np.sqrt(1 - kept**2)], [1, -kept], white, axis=0)
 
 
 def fitted(recording, scenario):
@@ -35,9 +50,9 @@ def fitted(recording, scenario):
     return maximum_likelihood(recording, scenario.array.with_stated_noise())
 
 
-def pulls(calibration, scenario):
+def pulls(calibration, errors):
     """Return the errors of all free parameters over their standard errors."""
-    error = (calibration.errors.to_vector() - scenario.errors.to_vector()).ravel()
+    error = (calibration.errors.to_vector() - errors.to_vector()).ravel()
     free = calibration.standard_errors.ravel() > 0
     return error[free] / calibration.standard_errors.ravel()[free]
 
@@ -58,8 +73,9 @@ def test_few_samples_of_one_sensor_are_as_seldom_taken_for_slow(wu_scenario):
     for seed in range(150):
         recording = simulate(replace(scenario, seed=seed)).recording
         recording = replace(recording, readings_T=recording.readings_T[:, :1])
-        found.append(variance_factor(maximum_likelihood(recording, array), recording))
-    assert np.sum(np.array(found) > 1) <= 1
+        found.append(variance_factors(maximum_likelihood(recording, array), recording))
+    assert np.sum([factors.common_mode > 1 for factors in found]) <= 1
+    assert {factors.differential for factors in found} == {1.0}
 
 
 def test_noise_that_lasts_is_in_the_standard_errors(wu_scenario):
@@ -68,15 +84,16 @@ def test_noise_that_lasts_is_in_the_standard_errors(wu_scenario):
     for seed in range(12):
         recording = turned(wu_scenario, seed, 2e-9)
         plain = fitted(recording, wu_scenario)
-        white.append(pulls(plain, wu_scenario))
-        slow.append(pulls(widened(plain, recording), wu_scenario))
+        white.append(pulls(plain, wu_scenario.errors))
+        slow.append(pulls(widened(plain, recording), wu_scenario.errors))
     assert np.sqrt(np.mean(np.square(white))) > 2.5
     assert 0.85 < np.sqrt(np.mean(np.square(slow))) < 1.15
 
 
+@pytest.mark.parametrize(("channel", "parameters"), [("differential", 36), ("common_mode", 9)])
 @pytest.mark.parametrize(("ratio", "is_told"), [(0.96, False), (1.04, True)])
-def test_more_than_chance_makes_once_in_a_thousand_is_told(wu_scenario, ratio, is_told):
-    """Below and above that point of the χ² of 180 sums, four of 45 parameters: the stated noise scales them."""
+def test_more_than_chance_makes_once_in_a_thousand_is_told(wu_scenario, channel, parameters, ratio, is_told):
+    """Below and above that point of the χ² of four sums of each parameter: the stated noise scales them."""
     recording, array = turned(wu_scenario, 1), wu_scenario.array.with_stated_noise()
     calibration = maximum_likelihood(recording, array)
 
@@ -84,20 +101,25 @@ def test_more_than_chance_makes_once_in_a_thousand_is_told(wu_scenario, ratio, i
         stated = replace(
             array, vector_noise_T=array.vector_noise_T / times, scalar_noise_T=array.scalar_noise_T / times
         )
-        return variance_factor(replace(calibration, array=stated), recording)
+        return getattr(variance_factors(replace(calibration, array=stated), recording), channel)
 
-    point = chi2.isf(1e-3, 180) / 180
+    point = chi2.isf(1e-3, 4 * parameters) / (4 * parameters)
     assert (factor_of(3 * np.sqrt(ratio * point / factor_of(3.0))) > 1) == is_told
 
 
 @pytest.mark.parametrize("times", [1.3, 3.0])
 def test_noise_that_is_larger_than_stated_is_in_the_standard_errors(wu_scenario, times):
-    """White noise, so many times the stated: variances are those of its square; 1.3 are 5 deviations from chance."""
-    recording = turned(wu_scenario, 1)
+    """White noise, so many times the stated: variances are those of its square; 1.3 are 5 deviations from chance.
+
+    Four runs tell that of the common mode, of a quarter of the parameters, as exactly.
+    """
     noise = {"vector_noise_T": np.full(4, 1e-9 / times), "scalar_noise_T": 1e-10 / times}
     less = replace(wu_scenario.array.with_stated_noise(), **noise)
-    calibration = maximum_likelihood(recording, less)
-    assert_allclose(variance_factor(calibration, recording), times**2, rtol=0.25)
+    runs = [turned(wu_scenario, seed) for seed in range(1, 5)]
+    found = [variance_factors(maximum_likelihood(recording, less), recording) for recording in runs]
+    assert_allclose(found[0].differential, times**2, rtol=0.25)
+    if times == 3:
+        assert_allclose(np.mean([factors.common_mode for factors in found]), times**2, rtol=0.25)
 
 
 def test_blocks_of_the_file_do_not_matter(wu_scenario):
@@ -108,27 +130,58 @@ def test_blocks_of_the_file_do_not_matter(wu_scenario):
     assert sorted(set(numbers)) == list(range(16))
     assert len(parts) > 16
     assert_allclose(np.concatenate([part.time_s for part in parts]), recording.time_s, rtol=0)
-    assert variance_factor(calibration, recording) > 5
+    factors = variance_factors(calibration, recording)
+    assert factors.differential > 5 and factors.common_mode > 5
 
 
 def test_too_few_samples_tell_nothing(wu_scenario):
     """Of 15 samples, less than the blocks are, nothing is told; of 16 it is."""
     recording = turned(wu_scenario, 3, 30e-9)
     calibration = fitted(recording, wu_scenario)
-    assert variance_factor(calibration, recording.take(slice(15))) == 1.0
-    assert variance_factor(calibration, recording.take(slice(16))) > 1.0
+    assert variance_factors(calibration, recording.take(slice(15))) == WHITE
+    factors = variance_factors(calibration, recording.take(slice(16)))
+    assert factors.differential > 1 and factors.common_mode > 1
 
 
 @pytest.mark.parametrize("has_scalar", [True, False])
 def test_a_calibration_says_by_how_much_they_are_wider(wu_scenario, has_scalar):
-    """The factor stands beside the reduced χ², its root in a warning, and the standard errors are wider by it."""
+    """Factors stand beside the reduced χ², their roots in warnings; the covariance is the sandwich of the channels.
+
+    Over all unknowns, the free intensity among them where there is no scalar, and with what is held.
+    """
     recording = turned(wu_scenario, 4, 2e-9)
     recording = recording if has_scalar else replace(recording, scalar_T=None)
-    plain = fitted(recording, wu_scenario)
     calibration = calibrate(recording, wu_scenario.array.with_stated_noise())
-    root = np.sqrt(calibration.variance_factor)
-    assert any(f"are {root:.3g} times those of white noise" in one for one in calibration.warnings)
-    assert_allclose(calibration.standard_errors, root * plain.standard_errors)
+    factors = calibration.variance_factors
+    for words, factor in (
+        ("between the sensors", factors.differential),
+        ("against the reference intensity", factors.common_mode),
+    ):
+        [warning] = [one for one in calibration.warnings if f"residuals {words} are larger, or last" in one]
+        assert f"count as noise of {np.sqrt(factor):.3g} times that size" in warning
+    expected = np.sqrt(np.diag(sandwich(calibration, recording))).reshape(4, 12)
+    assert_allclose(calibration.standard_errors, expected, rtol=1e-3)
+
+
+def sandwich(calibration, recording):
+    """Return A⁻¹ (f_d I_d + f_c I_c) A⁻¹ of the errors, from the samples."""
+    errors, array, unit_T = calibration.errors, calibration.array, calibration.intensity_T
+    has_scalar = recording.scalar_T is not None
+    intensity = recording.scalar_T / unit_T if has_scalar else np.ones(recording.sample_count)
+    scalar_noise = array.scalar_noise_T / unit_T if has_scalar else 0.0
+    points = (recording.readings_T - errors.bias_T) / unit_T
+    likelihood = Likelihood(points, intensity, array.vector_noise_T / unit_T, scalar_noise)
+    here = likelihood.linearize(errors.matrix, np.zeros((4, 3)))
+    rows = rows_by_unknowns(errors, unit_T, None if has_scalar else unit_T)
+    free = np.ones(rows.shape[1], dtype=bool)
+    free[9:12] = False
+    basis = np.eye(len(free))[:, free] if has_scalar else keeping(np.append(free_scale_gradient(errors), 0.0), free)
+    inside = basis.T @ rows.T @ here.information @ rows @ basis
+    weighed = calibration.variance_factors
+    spread = weighed.differential * (here.information - here.common_information)
+    spread += weighed.common_mode * here.common_information
+    bread = basis @ np.linalg.inv(inside) @ basis.T
+    return (bread @ rows.T @ spread @ rows @ bread)[:48, :48]
 
 
 def test_an_update_weighs_slow_residuals_as_what_they_tell(wu_scenario):
@@ -137,7 +190,7 @@ def test_an_update_weighs_slow_residuals_as_what_they_tell(wu_scenario):
     prior = calibrate(turned(wu_scenario, 5), array)
     moved = [calibrate(turned(wu_scenario, seed, 5e-9, 1000), array, prior=prior) for seed in range(6, 12)]
     assert [calibration.update.moved for calibration in moved] == [()] * 6
-    assert np.sqrt(np.mean(np.square([pulls(one, wu_scenario) for one in moved]))) < 1.3
+    assert np.sqrt(np.mean(np.square([pulls(one, wu_scenario.errors) for one in moved]))) < 1.3
 
 
 def test_an_update_expects_what_was_slow_before(wu_scenario):
@@ -145,7 +198,7 @@ def test_an_update_expects_what_was_slow_before(wu_scenario):
     array = wu_scenario.array.with_stated_noise()
     prior = calibrate(turned(wu_scenario, 12, 2e-9), array)
     update = calibrate(turned(wu_scenario, 13, 0.0, 15), array, prior=prior, accept=["few_samples"])
-    assert update.variance_factor == prior.variance_factor
+    assert update.variance_factors == prior.variance_factors != WHITE
 
 
 def test_a_scalar_that_is_silent_for_a_while_makes_nothing_slow(wu_scenario):
@@ -155,9 +208,143 @@ def test_a_scalar_that_is_silent_for_a_while_makes_nothing_slow(wu_scenario):
     scalar_T, readings_T = recording.scalar_T.copy(), recording.readings_T.copy()
     scalar_T[600:1000] = np.nan
     silent = replace(recording, scalar_T=scalar_T)
-    assert calibrate(silent, array).variance_factor == 1
+    assert calibrate(silent, array).variance_factors == WHITE
     readings_T[:, 2] += [20e-9, 0, 0]
     update = calibrate(replace(silent, readings_T=readings_T), array, prior=calibrate(turned(wu_scenario, 15), array))
     [moved] = update.update.moved
-    assert (moved.kind, moved.sensor) == ("bias", 3) and update.variance_factor == 1
+    assert (moved.kind, moved.sensor) == ("bias", 3) and update.variance_factors == WHITE
     assert_allclose(moved.change, [20e-9, 0, 0], atol=2e-9)
+
+
+def test_what_is_fitted_beside_the_errors_is_widened_by_no_more_than_the_larger_factor():
+    """Nor by less than the smaller one, where an ambient gradient left the covariance more than the channels tell."""
+    generator = np.random.default_rng(16)
+    differential = np.cov(generator.normal(size=(12, 40)))
+    differential[9:] = differential[:, 9:] = 0
+    common = np.zeros((12, 12))
+    common[9:, 9:] = np.cov(generator.normal(size=(3, 40)))
+    root = generator.normal(size=(12, 2))
+    covariance = np.linalg.inv(differential + common) + root @ root.T
+    for factors in (VarianceFactors(4.0, 900.0), VarianceFactors(900.0, 4.0)):
+        wider = slow_residuals._sandwich(covariance, differential, factors)
+        ratio = eigh(wider, covariance, eigvals_only=True)
+        assert 3.999 < ratio.min() < 4.001 and 100 < ratio.max() < 900.1
+
+
+SLOW_T, SLOW_LASTS = 40e-9, 10
+"""What a vehicle adds to the scalar, and for how many samples it lasts."""
+
+TOLERANCES = Tolerances(0.005, np.radians(0.5), 50e-9, np.radians(1))
+"""Of the sensors of a vehicle."""
+
+CROSS = replace(Array.cross(0.5, vector_noise_T=1e-9, scalar_noise_T=1e-10), change_rates=UNCHANGING)
+"""Of sensors that stay as they are."""
+
+
+def drawn(seed):
+    """Return errors of four sensors as the tolerances have them."""
+    vector = np.random.default_rng([seed, 0]).normal(size=(4, 12)) * np.sqrt(TOLERANCES.variances())
+    vector[:, :3] += 1
+    return in_first_frame(SensorErrors.from_vector(vector, SensorErrors.none(4).orientation))[0]
+
+
+def on_vehicle(errors, seed, tilt, slow_T=SLOW_T, count=1000, start_s=0.0):
+    """Return a recording of circles with so much pitch and roll, degrees: white sensors, and a slow scalar."""
+    generator = np.random.default_rng([seed, 1])
+    time_s = start_s + 0.2 * np.arange(count)
+    attitude = Manoeuvre(np.radians(tilt), np.radians(tilt), 60.0).attitudes(time_s, generator)
+    field_T = Rotation.from_quat(attitude).inv().apply([3e-6, 18e-6, -46e-6])
+    readings_T = errors.distort(field_T) + 1e-9 * generator.normal(size=(count, 4, 3))
+    slow = lasting(generator.normal(size=count + 100), SLOW_LASTS)[100:]
+    scalar_T = np.linalg.norm(field_T, axis=1) + 1e-10 * generator.normal(size=count)
+    return Recording(time_s, readings_T, scalar_T + slow_T * slow)
+
+
+def principal_pulls(calibration, errors):
+    """Return the errors along the principal directions of their correlation over the standard deviations there."""
+    free = calibration.standard_errors.ravel() > 0
+    deviation = calibration.standard_errors.ravel()[free]
+    variance, directions = np.linalg.eigh(calibration.covariance[np.ix_(free, free)] / np.outer(deviation, deviation))
+    return directions.T @ pulls(calibration, errors) / np.sqrt(variance)
+
+
+def alone(errors, seed):
+    """Return a calibration by all attitudes."""
+    return calibrate(on_vehicle(errors, seed, 60), CROSS)
+
+
+def of_prior(errors, seed):
+    """Return the update by ±20° of a calibration whose scalar was quiet."""
+    prior = calibrate(on_vehicle(errors, seed + 100, 60, 0.0), CROSS)
+    return calibrate(on_vehicle(errors, seed, 20, start_s=1e4), CROSS, prior=prior)
+
+
+def of_slow_prior(errors, seed):
+    """Return the update by ±20° of a calibration whose scalar was as slow."""
+    prior = calibrate(on_vehicle(errors, seed + 100, 60), CROSS)
+    return calibrate(on_vehicle(errors, seed, 20, start_s=1e4), CROSS, prior=prior)
+
+
+def beside_tolerances(tilt, errors, seed):
+    """Return a calibration by circles beside the tolerances."""
+    return calibrate(on_vehicle(errors, seed, tilt), replace(CROSS, tolerances=TOLERANCES))
+
+
+@pytest.mark.parametrize(
+    "make", [alone, of_prior, of_slow_prior, partial(beside_tolerances, 10), partial(beside_tolerances, 30)]
+)
+def test_a_slow_scalar_is_noise_of_the_intensity_alone(make):
+    """40 nT that last for ten samples, between sensors of 1 nT: errors of a dozen runs are one standard error.
+
+    So are those of their principal directions, of which the relative ones are known 300 times as well. The variance of
+    the common mode is that of noise of this size and duration; the differences count as white.
+    """
+    found, principal, common = [], [], []
+    for seed in range(12):
+        errors = drawn(seed)
+        calibration = make(errors, seed)
+        assert calibration.variance_factors.differential == 1
+        common.append(calibration.variance_factors.common_mode)
+        found.append(pulls(calibration, errors))
+        principal.append(principal_pulls(calibration, errors))
+    kept = np.exp(-1 / SLOW_LASTS)
+    white_T2 = 1e-10**2 + 1e-9**2 / 4
+    expected = SLOW_T**2 / white_T2 * (1 + kept) / (1 - kept)
+    assert 0.5 * expected < np.median(common) < 1.5 * expected
+    assert 0.8 < np.sqrt(np.mean(np.square(found))) < 1.3
+    assert 0.8 < np.sqrt(np.mean(np.square(principal))) < 1.3
+
+
+def test_a_slow_scalar_does_not_widen_what_the_sensors_tell_of_each_other():
+    """The calibration's part of the tensor is as certain as beside a white scalar; that of the intensity is not."""
+    recording = on_vehicle(drawn(1), 1, 60)
+    plain = maximum_likelihood(recording, CROSS)
+    wide = widened(plain, recording)
+    ratio = np.sqrt(np.diag(of_outputs(wide)) / np.diag(of_outputs(plain)))
+    assert np.all(ratio[:3] > 100)
+    assert_allclose(ratio[4:], 1, rtol=0.01)
+
+
+def of_outputs(calibration):
+    """Return the covariance of field and tensor that the errors of the sensors make, averaged over directions."""
+    matrix = calibration.correction_matrix
+    size = len(calibration.covariance)
+    total = np.zeros((len(matrix), len(matrix)))
+    for direction in np.eye(3):
+        by_rows = np.append(calibration.intensity_T * direction, 1.0)
+        rows = np.zeros((4, 3, 4, 12))
+        for sensor, own in enumerate(calibration.errors.jacobian()):
+            rows[sensor, :, sensor] = np.einsum("icp,c->ip", own, by_rows)
+        derivative = matrix @ rows.reshape(12, size)
+        total += derivative @ calibration.covariance @ derivative.T
+    return total
+
+
+@pytest.mark.parametrize("has_scalar", [True, False])
+def test_what_lasts_in_the_sensors_is_in_both_factors(wu_scenario, has_scalar):
+    """2 nT that last in each axis for 20 samples, of 1 nT of white noise: both channels hold them alike."""
+    recording = turned(wu_scenario, 4, 2e-9)
+    recording = recording if has_scalar else replace(recording, scalar_T=None)
+    factors = variance_factors(fitted(recording, wu_scenario), recording)
+    assert factors.differential > 20 and factors.common_mode > 20
+    assert 0.3 < factors.common_mode / factors.differential < 3

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.fit import calibrate, wide_prior
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.posterior import Known
@@ -193,15 +194,21 @@ def test_the_scale_stays_a_convention_without_a_scalar():
 
 
 def test_the_weight_of_the_readings_comes_from_above(monkeypatch):
-    """By a tenth at a time, until what is measured is within a tenth; as often as 20 times, not for ever."""
-    weights = []
-    monkeypatch.setattr(wide_prior, "maximum_a_posteriori", lambda *given: weights.append(given[2].variance_factor))
+    """By a tenth at a time, until what is measured is within a tenth; as often as 20 times, not for ever.
 
-    def known(target):
-        monkeypatch.setattr(wide_prior, "variance_factor", lambda *_: target(weights[-1]))
+    That of each channel falls by itself, and the other stays where it is measured.
+    """
+    weights = []
+    monkeypatch.setattr(wide_prior, "maximum_a_posteriori", lambda *given: weights.append(given[2].variance_factors))
+
+    def known(target, common_mode=lambda weight: weight):
+        def measured(*_):
+            return VarianceFactors(target(weights[-1].differential), common_mode(weights[-1].common_mode))
+
+        monkeypatch.setattr(wide_prior, "variance_factors", measured)
         weights.clear()
         wide_prior._settled(Known(prior_of_tolerances(recording, array)), recording, array)
-        return np.array(weights)
+        return np.array([weight.differential for weight in weights])
 
     rng = np.random.default_rng(6)
     recording, array = turned(drawn(FINE, 1, rng), 5, rng), array_of(FINE, 1).with_stated_noise()
@@ -209,6 +216,9 @@ def test_the_weight_of_the_readings_comes_from_above(monkeypatch):
     assert falls[0] > 300 * 1e3
     assert_allclose(falls[1:-1] / falls[:-2], 0.1)
     assert falls[-1] == 3e3
+    assert len({weight.common_mode for weight in weights}) == 1
+    assert_allclose(known(lambda _: 3e3, lambda _: 3e4), falls)
+    assert weights[-1] == VarianceFactors(3e3, 3e4)
     assert len(known(lambda weight: weight / 1.12)) == 20
     assert len(known(lambda weight: weight / 1.1)) == 1
 
@@ -234,7 +244,7 @@ def test_curvature_is_measured_by_a_hundred_draws_of_a_thousand_samples():
     known = Known(prior_of_tolerances(short, array))
     calibration = maximum_a_posteriori(short, array, known)
     sizes = []
-    for recording, weighed in ((short, known), (long, replace(known, variance_factor=10.0))):
+    for recording, weighed in ((short, known), (long, replace(known, variance_factors=VarianceFactors(10.0, 10.0)))):
         sizes.append(np.sum(calibration.covariance * wide_prior._curvature(calibration, recording, weighed)))
     assert (wide_prior._DRAWS, wide_prior._SAMPLES) == (100, 1000)
     assert_allclose(*sizes, rtol=0.1)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from live_mission import UNCHANGING, ashore, dive, moved
+from numpy.linalg import inv
 from scipy.signal import lfilter
 from scipy.special import chdtrc
 
@@ -71,11 +72,42 @@ def test_noise_that_lasted_ashore_is_no_change_at_sea(prior, true_errors, cross,
     white = generator.normal(size=(len(time_s), 12))
     rows = dive(true_errors, cross, generator, time_s)
     rows[:, 1:13] += 3e-9 * lfilter([np.sqrt(1 - kept**2)], [1, -kept], white, axis=0)
-    slow = {"slow": 360.0} if is_known else {}
+    slow = {"slow_differential": 360.0, "slow_common_mode": 360.0} if is_known else {}
     live = Live(replace(prior, calibration=replace(prior.calibration, reduced_chi_square=slow)), "tell")
     for some in np.array_split(rows, 60):
         live.add(some)
     assert bool(live.state.changes) != is_known
+
+
+def learned_beside(prior, rows, factor):
+    """Return the live calibration after rows, by a stored one whose common mode had a variance factor."""
+    slow = {"slow_common_mode": factor}
+    wide = replace(prior, covariance=1e4 * prior.covariance)
+    live = Live(replace(wide, calibration=replace(prior.calibration, reduced_chi_square=slow)), "tell")
+    for some in np.array_split(rows, 60):
+        live.add(some)
+    return live
+
+
+def test_a_scalar_that_was_slow_ashore_counts_less_at_sea(prior, true_errors, cross):
+    """By a factor of 4 the field of a bias is twice as uncertain; between sensors it is as certain."""
+    rows = dive(true_errors, cross, np.random.default_rng(23), np.arange(0, 60, 0.05))
+    beliefs = [learned_beside(prior, rows, factor).state.recursion.now for factor in (1.0, 4.0)]
+    for signs, expected in (([1, 1], 2), ([1, -1], 1)):
+        weight = np.zeros((4, 12))
+        weight[:2, 6:9] = np.array(signs)[:, None] * inv(true_errors.matrix[:2])[:, 0]
+        white, slow = (weight.ravel() @ belief.covariance @ weight.ravel() for belief in beliefs)
+        assert np.sqrt(slow / white) == pytest.approx(expected, rel=0.1)
+
+
+def test_intensities_that_lasted_ashore_are_no_change_at_sea(prior, true_errors, cross):
+    """10 nT that last for half a second: taken for white they are a change, and weighed as ashore they are none."""
+    kept, generator = np.exp(-1 / 10), np.random.default_rng(22)
+    rows = dive(true_errors, cross, generator, np.arange(0, 60, 0.05))
+    rows[:, 13] += 10e-9 * lfilter([np.sqrt(1 - kept**2)], [1, -kept], generator.normal(size=len(rows)))
+    assert learned_beside(prior, rows, 1.0).state.changes
+    live = learned_beside(prior, rows, 1e4)
+    assert not live.state.changes and live.state.recursion.now.distance(true_errors) < 1.3
 
 
 def test_what_the_rates_allow_is_no_change(true_errors, cross):

@@ -7,6 +7,7 @@ import pytest
 from live_mission import UNCHANGING, ashore, dive, moved, recording_of
 from numpy.testing import assert_allclose
 
+from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.fit.likelihood import UniformLikelihood
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.posterior import posterior_of
@@ -51,7 +52,10 @@ def test_blocks_one_after_another_give_the_fit_of_all_samples(far_prior, cross, 
 
 
 def test_the_moments_give_the_normal_equations_of_the_samples(far_prior, cross):
-    """At errors far from those that the moments are about: information, gradient and energies as from the samples."""
+    """At errors far from those that the moments are about: information, gradient and energies as from the samples.
+
+    So is the common mode's part of them; factors weigh each channel.
+    """
     prior, errors = far_prior
     array, unit_T = prior.calibration.array, prior.calibration.intensity_T
     rows = dive(errors, cross, np.random.default_rng(3), np.arange(1000) / 20)
@@ -74,8 +78,14 @@ def test_the_moments_give_the_normal_equations_of_the_samples(far_prior, cross):
     difference = (here.information - jacobian.T @ exact.information @ jacobian) / np.outer(scale, scale)
     assert np.abs(difference).max() < 1e-3
     assert np.abs((here.gradient - jacobian.T @ exact.gradient) / scale).max() < 1e-2
+    difference = (here.common_information - jacobian.T @ exact.common_information @ jacobian) / np.outer(scale, scale)
+    assert np.abs(difference).max() < 1e-3
+    assert np.abs((here.common_gradient - jacobian.T @ exact.common_gradient) / scale).max() < 1e-2
     assert_allclose([here.differential, here.common_mode], [exact.differential, exact.common_mode], rtol=1e-3)
     assert here.reference_count == 1000
+    factors = VarianceFactors(4.0, 90.0)
+    weighed = replace(likelihood, factors=factors).linearize(halves[0] + halves[1], errors)
+    assert weighed.information.tolist() == here.weighed(factors).information.tolist()
 
 
 def test_what_changes_is_forgotten_as_in_a_kalman_filter(true_errors, cross):

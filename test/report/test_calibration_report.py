@@ -92,6 +92,16 @@ def test_figures_of_the_calibration_are_on_the_page(make, write, undrawn):
     assert all(statement in page.text for statement in calibration.statements)
 
 
+def test_channels_whose_residuals_last_are_told_apart(make, write, undrawn):
+    """Each factor beside the reduced χ², with what it is of."""
+    slow = {"common_mode": 1.0, "slow_differential": 3.0, "slow_common_mode": 8e4}
+    text = write(*make(reduced_chi_square=slow)).text
+    assert "3.00 between the sensors in sums over many samples" in text
+    assert "80000 against the reference intensity in sums over many samples" in text.replace("\u202f", "").replace(
+        " 000", "000"
+    )
+
+
 def test_names_are_escaped(make, write, undrawn):
     """A file name cannot inject markup."""
     page = write(*make(source=Provenance("<script>alert(1)</script>&amp;.csv", 1, "00"), method="<b>"))
