@@ -116,14 +116,14 @@ class Live:
                 "the calibration was made without a scalar magnetometer, its scale is arbitrary and cannot be kept up "
                 "to date: calibrate with one"
             )
-        if names := open_parameters(prior.standard_errors.ravel(), prior.calibration.intensity_T):
+        stored = prior.calibration
+        if names := open_parameters(stored.standard_errors.ravel(), stored.intensity_T):
             raise InputError(
                 f"the calibration does not determine {names}, and cannot be kept up to date: calibrate further turns "
                 "first, with it for a prior"
             )
-        self.on_change, self._calibration = on_change, prior.calibration
+        self.on_change, self._calibration = on_change, stored
         # What lasted ashore lasts at sea: samples tell as little as they told there.
-        stored = self._calibration
         self._likelihood = MomentLikelihood(prior.errors, stored.array, stored.intensity_T, stored.variance_factors)
         self._walk = Walk(prior)
         self._stored = Belief(prior.errors, prior.covariance, np.nan, np.nan)

@@ -259,7 +259,11 @@ def test_constants():
 
 
 def test_a_calibration_that_leaves_errors_open_is_refused(prior):
-    """One whose errors are a thousand times less certain: over these lengths are no straight lines."""
-    Live(replace(prior, covariance=1e4 * prior.covariance), "tell")
+    """One whose errors are ten thousand times less certain: over these lengths are no straight lines."""
+
+    def less_certain(times):
+        return replace(prior.calibration, covariance=times**2 * prior.calibration.covariance)
+
+    Live(replace(prior, calibration=less_certain(100)), "tell")
     with pytest.raises(InputError, match=r"does not determine .*scale factor x.*, and cannot be kept up to date"):
-        Live(replace(prior, covariance=1e6 * prior.covariance), "tell")
+        Live(replace(prior, calibration=less_certain(10_000)), "tell")
