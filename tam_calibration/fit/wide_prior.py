@@ -75,9 +75,12 @@ def prior_of_tolerances(recording: SampleSource, array: Array) -> Prior:
 
 
 def is_wide(prior: Prior) -> bool:
-    """Whether a prior leaves errors open: it is that of tolerances, or of a calibration that would not do alone."""
-    standard_errors, intensity_T = prior.standard_errors.ravel(), prior.calibration.intensity_T
-    return prior.rates is None or bool(open_parameters(standard_errors, intensity_T))
+    """Whether a prior leaves errors open: it is that of tolerances, or of a calibration that would not do alone.
+
+    One that would, and has aged, is not wide: what moved since then is looked for.
+    """
+    stored = prior.calibration
+    return prior.rates is None or bool(open_parameters(stored.standard_errors.ravel(), stored.intensity_T))
 
 
 def beside_wide_prior(

@@ -8,12 +8,13 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray, from_degrees
 
 _LARGEST = {
-    "scale_factor": 0.5,
+    "scale_factor": 0.2,
     "non_orthogonality": from_degrees(15.0),
     "bias_T": 2e-3,
     "misalignment": from_degrees(15.0),
 }
-"""Of a tolerance by the kind of error, SI: as far as errors of a calibration that is accepted."""
+"""Of a tolerance by the kind of error, SI: chips keep to more than half of it, and no scale factor within five of these
+deviations is negative."""
 
 
 @dataclass(frozen=True)

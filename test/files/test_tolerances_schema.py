@@ -32,7 +32,7 @@ def test_they_are_read_in_si_and_written_as_they_were(tmp_path):
         ("{scale_factor_percent: 1, non_orthogonality_deg: 1, bias_nT: 100}", "misalignment_deg' is missing"),
         (STATED.replace("0.7", "0"), "the tolerance of scale_factor is 0"),
         (STATED.replace("12.3", ".inf"), "bias"),
-        (STATED.replace("0.7", "70"), "the tolerance of scale_factor is 0.7, and lies above 0 and within 0.5"),
+        (STATED.replace("0.7", "70"), "the tolerance of scale_factor is 0.7, and lies above 0 and within 0.2"),
         (STATED.replace("bias_nT", "bias_uT"), "bias_nT' is missing"),
     ],
 )

@@ -11,9 +11,9 @@ from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.fit import calibrate, wide_prior
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.posterior import Known
-from tam_calibration.fit.prior import in_first_frame
+from tam_calibration.fit.prior import in_first_frame, prior_of
 from tam_calibration.fit.scale import free_scale
-from tam_calibration.fit.wide_prior import beside_wide_prior, prior_of_tolerances
+from tam_calibration.fit.wide_prior import beside_wide_prior, is_wide, prior_of_tolerances
 from tam_calibration.model.array import Array
 from tam_calibration.model.change_rates import ChangeRates
 from tam_calibration.model.exceptions import InputError, Refused
@@ -132,6 +132,17 @@ def test_one_narrow_turn_is_the_prior_of_the_next():
         last.append(known.standard_errors[0, 6:9].max())
     assert rms(combined) < 1.2 and np.abs(combined).max() < 4.5
     assert max(last) < 100e-9
+
+
+def test_a_calibration_that_has_aged_is_not_wide():
+    """Whatever its rates allow since: what moved is looked for. One that leaves errors open is wide, and tolerances are."""
+    rng = np.random.default_rng(11)
+    errors, array = drawn(WIDE, 1, rng), array_of(WIDE, 1)
+    recording = turned(errors, 80, rng)
+    whole = prior_of(calibrate(recording, replace(array, tolerances=None)), None, None, ChangeRates(bias_per_day=5e-6))
+    assert whole.standard_errors[0, 6] > 4e-6 and not is_wide(whole)
+    assert is_wide(prior_of(calibrate(turned(errors, 3, rng), array), None, None))
+    assert is_wide(prior_of_tolerances(recording, array_of(FINE, 1)))
 
 
 @pytest.mark.parametrize("noise_T", [NOISE_T, None])
