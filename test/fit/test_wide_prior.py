@@ -135,7 +135,7 @@ def test_one_narrow_turn_is_the_prior_of_the_next():
 
 
 def test_a_calibration_that_has_aged_is_not_wide():
-    """Whatever its rates allow since: what moved is looked for. One that leaves errors open is wide, and tolerances are."""
+    """Whatever its rates allow since: what moved is looked for. One that leaves errors open is, and tolerances are."""
     rng = np.random.default_rng(11)
     errors, array = drawn(WIDE, 1, rng), array_of(WIDE, 1)
     recording = turned(errors, 80, rng)
