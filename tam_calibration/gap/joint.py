@@ -24,6 +24,10 @@ from tam_calibration.model.units import FloatArray
 _STEP = 0.01
 """Step of a parameter of the shape for numerical derivatives, as a part of its value."""
 
+_ROUNDING = 1e-9
+"""Part of what an effect adds below which a step of its shape changes nothing: rounding is 1e-15 of it, and a step that
+tells anything of a parameter changes more than 1e-6."""
+
 _FIRST_TURN = slice(9, 12)
 """Misalignment of the first sensor, which is zero."""
 
@@ -167,7 +171,10 @@ def _moved(part: Part, name: str, channels: WhitenedChannels) -> Term:
         moved = replace(part, shape=shape)
         return moved.signal(moved.terms(channels), count)
 
-    slope = (added(part.shape[name] + size) - added(part.shape[name] - size)) / (2 * size)
+    above, below = added(part.shape[name] + size), added(part.shape[name] - size)
+    change = above - below
+    # At two layers that are alike the share of either makes no difference, but for rounding.
+    slope = change / (2 * size) if np.abs(change).max() > _ROUNDING * np.abs(above).max() else np.zeros_like(change)
     rows = np.flatnonzero(slope.any(axis=0))
     parameter = Coefficient(name, part.effect.shape_units[name])
     return Term(ALL, None, name, (parameter,), slope[:, rows], rows, np.zeros(len(rows), dtype=np.intp))
