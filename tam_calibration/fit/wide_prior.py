@@ -169,14 +169,17 @@ def _curvature(calibration: Calibration, recording: SampleSource, known: Known) 
 
 def _told(calibration: Calibration, update: Update) -> tuple[str, ...]:
     """Return whether the readings contradict the prior, and what they leave to it."""
-    prior = "the tolerances of the array file" if update.rates is None else "the prior"
+    prior, mend = "the prior", "faster change_rates"
+    if update.rates is None:
+        prior = "the tolerances of the array file"
+        mend = "tolerances that the sensors keep to, and the rotations of sensors that are turned"
     names = open_parameters(calibration.standard_errors.ravel(), calibration.intensity_T)
     contradiction = f"the readings contradict {prior}, χ² {update.chi_square:.3g} of {update.freedom} errors"
     if update.probability < SIGNIFICANT:
         if np.nanmin(update.data_share) < _ALONE:
             raise Refused(
-                f"{contradiction}, and tell too little alone: state the noise that they have, tolerances that the "
-                "sensors keep to, and the rotations of sensors that are turned; or turn the array further"
+                f"{contradiction}, and tell too little alone: state the noise that they have, {mend}; or turn the array "
+                "further"
             )
         return (f"{contradiction}, and count alone",)
     if names:
