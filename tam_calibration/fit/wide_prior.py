@@ -178,8 +178,8 @@ def _told(calibration: Calibration, update: Update) -> tuple[str, ...]:
     if update.probability < SIGNIFICANT:
         if np.nanmin(update.data_share) < _ALONE:
             raise Refused(
-                f"{contradiction}, and tell too little alone: state the noise that they have, {mend}; or turn the array "
-                "further"
+                f"{contradiction}, and tell too little alone: state the noise that they have, {mend}; or turn the "
+                "array further"
             )
         return (f"{contradiction}, and count alone",)
     if names:
