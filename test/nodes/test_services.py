@@ -10,9 +10,12 @@ import pytest
 from numpy.testing import assert_allclose
 from ros_bench import node_command
 
-from tam_calibration.files import calibration_from_yaml, read_calibration, write_calibration
+from tam_calibration.files import calibration_from_yaml, read_calibration, write_array, write_calibration
+from tam_calibration.fit import calibrate
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
+from tam_calibration.model.tolerances import Tolerances
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 std_msgs = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed")
@@ -183,3 +186,24 @@ def test_a_loaded_calibration_is_the_prior_where_that_is_asked_for(bench, record
     bench.play(recording, publish, samples)
     answer = bench.call("calibrator/calibrate")
     assert answer.success and "maximum_a_posteriori" in answer.message and "Prior: " in answer.message
+
+
+def test_tolerances_of_the_array_file_are_a_prior_on_board(bench, true_errors, cross, tmp_path):
+    """Directions within some degrees of one: refused without, calibrated with them, what is left to them is told."""
+    rng = np.random.default_rng(3)
+    field = 50e-6 * np.column_stack([0.05 * rng.normal(size=(200, 2)), np.ones(200)])
+    readings = true_errors.distort(field) + 1e-9 * rng.normal(size=(200, 4, 3))
+    intensity = np.linalg.norm(field, axis=1) + 1e-10 * rng.normal(size=200)
+    narrow = Recording(1.7e9 + np.arange(200) / 100, readings, intensity)
+    with pytest.raises(InputError, match="do not determine"):
+        calibrate(narrow, cross)
+    path = tmp_path / "array.yaml"
+    write_array(path, replace(cross, tolerances=Tolerances(0.1, 0.05, 3e-6, 0.05)))
+    bench.start_nodes(collector={"array_file": path}, calibrator={"array_file": path})
+    samples = bench.listen(sensor_msgs.PointCloud2, "samples")
+    publish = bench.publish_sensors()
+    bench.connect(collector={"samples": 2})
+    bench.play(narrow, publish, samples)
+    answer = bench.call("calibrator/calibrate")
+    assert answer.success and "maximum_a_posteriori" in answer.message
+    assert "left to the tolerances of the array file" in answer.message
