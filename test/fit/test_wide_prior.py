@@ -261,6 +261,16 @@ def test_curvature_is_measured_by_a_hundred_draws_of_a_thousand_samples():
     assert_allclose(*sizes, rtol=0.1)
 
 
+def test_curvature_is_nothing_where_lengths_are_straight():
+    """Over a data sheet's errors and 10° of tilt it is a thousandth of the noise, however far the prior pulls."""
+    rng = np.random.default_rng(12)
+    recording, array = turned(drawn(FINE, 1, rng), 10, rng), array_of(FINE, 1)
+    known = Known(prior_of_tolerances(recording, array))
+    calibration = maximum_a_posteriori(recording, array, known)
+    assert known.prior.terms(calibration.errors).energy > 1
+    assert np.sum(calibration.covariance * wide_prior._curvature(calibration, recording, known)) < 9e-3
+
+
 def test_steps_that_overshoot_are_shortened():
     """One of these turns of 2° has no end of whole steps; by shorter ones none is taken for a contradiction."""
     for seed in (9, 27, 28):
