@@ -36,12 +36,15 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation.attitude import Manoeuvre
+from tam_calibration.validation.blind.rates import WITHIN_95
 
 RESULTS = Path(__file__).parent / "results" / "tolerances.csv"
 STATED = {
     "vehicle": Tolerances(0.05, np.radians(2), 3e-6, np.radians(2)),
     "sheet": Tolerances(0.005, np.radians(0.5), 50e-9, np.radians(1)),
 }
+"""Errors of a chip or of a fluxgate beside iron, and those that a maker of fluxgates and a mounting by eye leave."""
+
 TURNS_DEG = ((2,), (10,), (30,), (3, 3, 10))
 """Limits of pitch and roll, of one turn or of some in a row."""
 
@@ -51,10 +54,8 @@ WORLD_T = np.array([3e-6, 18e-6, -46e-6])
 REAL, PARTS = Tolerances(0.03, np.radians(2), 10e-6, np.radians(2)), 12
 """Of recordings that others made, whose sensors had been calibrated by their maker."""
 
-WITHIN_95 = 1.96
-"""Standard errors."""
-
 SAMPLES, STEP_S, PERIOD_S, NOISE_T = 300, 0.2, 60.0, 1e-9
+"""A minute's full circle, sampled as often as an update of a mission is, with Wu's noise."""
 
 
 def turn(errors: SensorErrors, tilt_deg: float, start_s: float, rng: np.random.Generator) -> Recording:

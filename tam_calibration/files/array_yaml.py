@@ -9,13 +9,13 @@ import numpy as np
 
 from tam_calibration.files.change_rates_schema import RatesFile, rates_to_mapping
 from tam_calibration.files.schema import check
-from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write, write_whole
-from tam_calibration.files.tolerances_schema import TolerancesFile, tolerances_to_mapping
+from tam_calibration.files.text_files import degrees_to_write, nanotesla_to_write, percent_to_write, write_whole
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.mounting import Mounting, quaternion_of
+from tam_calibration.model.tolerances import Tolerances
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
 _Vector = tuple[float, float, float]
@@ -27,6 +27,31 @@ LookUp = Callable[[str], tuple[FloatArray, FloatArray]]
 
 _LEAST_DISTANCE_M = 1e-3
 """Of two sensors: no tri-axial magnetometer is smaller than a millimetre."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TolerancesFile:
+    """The keys of ``tolerances``, all of which are needed: what is left out would be known, or be anything."""
+
+    scale_factor_percent: float
+    non_orthogonality_deg: float
+    bias_nT: float
+    misalignment_deg: float
+
+    def to_tolerances(self) -> Tolerances:
+        """Return the tolerances in SI.
+
+        Raises
+        ------
+        InputError
+            When one is not positive, or beyond what a working sensor has.
+        """
+        return Tolerances(
+            self.scale_factor_percent / 100,
+            from_degrees(self.non_orthogonality_deg),
+            from_nanotesla(self.bias_nT),
+            from_degrees(self.misalignment_deg),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,7 +291,7 @@ def array_to_mapping(array: Array) -> dict[str, Any]:
     if array.change_rates is not None:
         content["change_rates"] = rates_to_mapping(array.change_rates)
     if array.tolerances is not None:
-        content["tolerances"] = tolerances_to_mapping(array.tolerances)
+        content["tolerances"] = _tolerances_to_mapping(array.tolerances)
     for name, angle in (("attitude_noise_deg", array.attitude_noise), ("mounting_error_deg", array.mounting_error)):
         if angle is not None:
             content[name] = float(degrees_to_write(np.array(angle)))
@@ -275,6 +300,17 @@ def array_to_mapping(array: Array) -> dict[str, Any]:
     if array.field != EARTH_FIELD:
         content["intensity_nT"] = nanotesla_to_write(np.array([array.field.low_T, array.field.high_T])).tolist()
     return content
+
+
+def _tolerances_to_mapping(tolerances: Tolerances) -> dict[str, float]:
+    """Return the keys and values of tolerances in a file."""
+    written = {
+        "scale_factor_percent": percent_to_write(np.array(tolerances.scale_factor)),
+        "non_orthogonality_deg": degrees_to_write(np.array(tolerances.non_orthogonality)),
+        "bias_nT": nanotesla_to_write(np.array(tolerances.bias_T)),
+        "misalignment_deg": degrees_to_write(np.array(tolerances.misalignment)),
+    }
+    return {key: float(value) for key, value in written.items()}
 
 
 def _mounting_to_mapping(mounting: Mounting) -> dict[str, Any]:

@@ -16,6 +16,8 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 
 _Part = Annotated[float, Bounds(least=0, most=1, may_be_nan=True)]
 _StandardError = Annotated[float, Bounds(least=0, most=1e12)]
+"""SI, of an error of a sensor: a larger one means a damaged file, as in the calibration itself."""
+
 _Kind = Literal["scale factor", "non-orthogonality", "bias", "misalignment"]
 
 _UNIT_OF = {"scale factor": "", "non-orthogonality": "_deg", "bias": "_nT", "misalignment": "_deg"}

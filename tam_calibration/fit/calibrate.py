@@ -171,7 +171,8 @@ def _jointly(
             break
         factors = measured.at_least(factors)
     calibration = accepted(resolved.recording, array, fit)
-    if given is not None and resolved.known.prior is not None and resolved.difference is not None:
+    if given is not None:
+        assert resolved.known.prior is not None and resolved.difference is not None
         chi_square, freedom = resolved.difference.chi_square, resolved.difference.freedom
         update = update_of(calibration, given, resolved.known.prior, chi_square, freedom, resolved.moved)
         calibration = replace(calibration, update=update)

@@ -270,9 +270,8 @@ class Passage:
     def _across(by_turn: FloatArray, slopes: FloatArray) -> FloatArray:
         """Return derivatives (N, 3 K + 3, P) less their part along those (N, 3 K, 3) by the attitudes' errors."""
         turned = np.swapaxes(by_turn, 1, 2)
-        along = np.linalg.inv(turned @ by_turn + np.eye(3)) @ (
-            turned @ slopes
-        )  # the matrices' eigenvalues begin at one
+        # No eigenvalue of these matrices is below one, so that inverting them loses nothing.
+        along = np.linalg.inv(turned @ by_turn + np.eye(3)) @ (turned @ slopes)
         return np.concatenate([slopes - by_turn @ along, -along], axis=1)
 
     def _fields(

@@ -47,6 +47,7 @@ _WINDOW_BATCHES = 500
 """Batches, most of a single sample, whose |B| is compared with the scalar."""
 
 _SILENCE_S = 2.0
+"""Without samples, from which the status says so: two periods of the status, so that one late sample is no silence."""
 
 
 class Corrector(TamNode):
