@@ -75,3 +75,8 @@ class Update:
     freedom: int
     probability: float
     moved: tuple[Moved, ...] = ()
+
+    @property
+    def prior_in_words(self) -> str:
+        """What the prior was, for a sentence."""
+        return "the tolerances of the array file" if self.rates is None else "the prior"

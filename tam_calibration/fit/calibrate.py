@@ -1,38 +1,33 @@
 """One call from a recording to a calibration that was checked before, after, and on samples it has not seen."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from tam_calibration.core.variance_factors import WHITE
 from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.accepted_fit import Fit, accepted
 from tam_calibration.fit.artificial_vector import artificial_vector
-from tam_calibration.fit.consistency import find_warnings, require_one_calibration, require_one_sphere
-from tam_calibration.fit.estimate import mean_temperature
+from tam_calibration.fit.consistency import find_warnings
 from tam_calibration.fit.fast_rotation import fast_rotation
-from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_accurate, require_determined
+from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_determined
 from tam_calibration.fit.integrated import integrated
+from tam_calibration.fit.joint_calibration import calibrate_jointly
 from tam_calibration.fit.lossless import lossless
-from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, resolve, update_of
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.posterior import Known
-from tam_calibration.fit.prior import Prior, has_date, prior_of
+from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.simplified_linear import simplified_linear
-from tam_calibration.fit.slow_residuals import variance_factors, widened
+from tam_calibration.fit.slow_residuals import widened
 from tam_calibration.fit.two_step_linear import two_step_linear
-from tam_calibration.fit.wide_prior import beside_wide_prior, is_wide, prior_of_tolerances
 from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.residuals import Residuals, measure_residuals
 from tam_calibration.model.units import FloatArray
-
-Fit = Callable[[SampleSource, Array], Calibration]
 
 METHODS: dict[str, Fit] = {
     "maximum_likelihood": maximum_likelihood,
@@ -48,12 +43,6 @@ DEFAULT_METHOD = "maximum_likelihood"
 
 _WITH_AMBIENT_GRADIENT = ("maximum_likelihood", "robust")
 """The methods that can fit the gradient of the ambient field with the errors."""
-
-_MOST_ROUNDS = 5
-"""Of an update: the first may take what is slow for a change of the sensors. Three were the most that were needed."""
-
-_SETTLED = 0.1
-"""Part by which the variance may exceed that which the readings were weighed by: 5 % of the standard errors."""
 
 _FOLDS, _BLOCKS_PER_FOLD = 5, 10
 """A fifth of the samples is held out at once, in blocks of time so short that no fold lacks an attitude."""
@@ -118,7 +107,8 @@ def calibrate(
     ()
     """
     fit = _fit_of(method, ambient_gradient)
-    is_joint = prior is not None or main_field_T is not None or _attitude_is_data(recording, array)
+    attitude_is_data = array.attitude_noise is not None and recording.whole().attitude is not None
+    is_joint = prior is not None or main_field_T is not None or attitude_is_data
     takes_priors = method == DEFAULT_METHOD and not ambient_gradient
     if is_joint and not takes_priors:
         kind = "an ambient gradient" if ambient_gradient else method
@@ -135,7 +125,7 @@ def calibrate(
         require_determined(recording, array, is_uniform=not ambient_gradient)
     require_enough(recording.sample_count, accept)
     if is_joint:
-        calibration, recording, fit = _jointly(recording, array, prior, main_field_T)
+        calibration, recording, fit = calibrate_jointly(recording, array, prior, main_field_T)
     else:
         calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
@@ -144,106 +134,6 @@ def calibrate(
     warnings = (*(fault.sentence for fault in faults), *calibration.warnings, *find_warnings(uniform, calibration))
     calibration = within_limits(replace(calibration, warnings=warnings), accept)
     return replace(calibration, held_out=_held_out(recording, array, fit))
-
-
-def _attitude_is_data(recording: SampleSource, array: Array) -> bool:
-    return array.attitude_noise is not None and recording.whole().attitude is not None
-
-
-def _jointly(
-    recording: SampleSource, array: Array, prior: Prior | Calibration | None, main_field_T: FloatArray | None
-) -> tuple[Calibration, SampleSource, Fit]:
-    """Return the calibration with what is known beside a recording, the samples that it holds for, and the fit."""
-    given = None if prior is None else prior_for(recording, array, prior)
-    if given is None and array.tolerances is not None:
-        given = prior_of_tolerances(recording, array)
-    if given is not None and is_wide(given):
-        calibration, fit = beside_wide_prior(recording, array, Known(given, main_field_T))
-        _require_one_field(recording, calibration)
-        return calibration, recording, fit
-    # What was slow on this vehicle is taken for slow again: little of it passes for a change of a sensor.
-    factors = WHITE if given is None else given.calibration.variance_factors
-    for _ in range(_MOST_ROUNDS):
-        resolved = resolve(recording, array, Known(given, main_field_T, factors))
-        fit = partial(maximum_a_posteriori, known=resolved.known)
-        measured = variance_factors(fit(resolved.recording, array), resolved.recording)
-        if not measured.exceed(factors, _SETTLED):
-            break
-        factors = measured.at_least(factors)
-    calibration = accepted(resolved.recording, array, fit)
-    if given is not None:
-        assert resolved.known.prior is not None and resolved.difference is not None
-        chi_square, freedom = resolved.difference.chi_square, resolved.difference.freedom
-        update = update_of(calibration, given, resolved.known.prior, chi_square, freedom, resolved.moved)
-        calibration = replace(calibration, update=update)
-    return calibration, resolved.recording, fit
-
-
-def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration) -> Prior:
-    """Return a prior for a recording: a calibration is widened to its time and temperature.
-
-    Parameters
-    ----------
-    recording : SampleSource
-        That the prior goes with.
-    array : Array
-        Of the recording; its rates of change are taken.
-    prior : Prior or Calibration
-        Of the same sensors.
-
-    Raises
-    ------
-    InputError
-        When it is of another array, has no covariance, or was made from samples of the same time.
-    """
-    calibration = prior.calibration if isinstance(prior, Prior) else prior
-    if not calibration.is_of(array):
-        raise InputError("the prior is the calibration of another array: use one of this array")
-    first_s, last_s = recording.time_span_s
-    begin_s, end_s = calibration.time_span_s
-    if has_date(first_s) and has_date(begin_s) and first_s <= end_s and begin_s <= last_s:
-        raise InputError(
-            "the prior was made from samples of the same time as the recording, which would count twice: "
-            "take the calibration before it"
-        )
-    if isinstance(prior, Prior):
-        return prior
-    temperature_C = mean_temperature(recording)
-    return prior_of(calibration, (first_s + last_s) / 2, temperature_C, array.change_rates)
-
-
-def accepted(recording: SampleSource, array: Array, fit: Fit) -> Calibration:
-    """Return the calibration of a fit that is of one field, the same throughout, and accurate enough to be of use.
-
-    Parameters
-    ----------
-    recording : SampleSource
-        Raw readings of the array that was turned in a field.
-    array : Array
-        Geometry and noise of its K sensors; a noise that is not stated is estimated.
-    fit : callable
-        The method: from recording and array to a ``Calibration``.
-
-    Raises
-    ------
-    InputError
-        When the readings make no calibration, or leave parameters open.
-    Refused
-        When the recording is not one calibration.
-    """
-    try:
-        calibration = fit(recording, array)
-    except InputError:
-        require_one_sphere(recording)
-        raise
-    _require_one_field(recording, calibration)
-    require_accurate(calibration)
-    return calibration
-
-
-def _require_one_field(recording: SampleSource, calibration: Calibration) -> None:
-    uniform = as_if_uniform(recording, calibration.errors, calibration.array, calibration.ambient_gradient)
-    require_one_calibration(uniform, calibration)
 
 
 def _fit_of(method: str, ambient_gradient: bool) -> Fit:

@@ -18,6 +18,7 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.variance_factors import WHITE, VarianceFactors
+from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
 from tam_calibration.fit.gauss_newton import descend
 from tam_calibration.fit.information import inverted, keeping, rows_by_unknowns
@@ -63,12 +64,15 @@ class Known:
     curvature : (Q, Q) array, optional
         Covariance of the score of this recording, over the unknowns, by what is no straight line over what stays
         uncertain; it widens the covariance, and does not move the errors.
+    start : Calibration, optional
+        Where the iteration begins; by default at the prior, and without one at the closed form.
     """
 
     prior: Prior | None = None
     main_field_T: FloatArray | None = None
     variance_factors: VarianceFactors = WHITE
     curvature: FloatArray | None = None
+    start: Calibration | None = None
 
     @property
     def knows_frame(self) -> bool:
@@ -174,10 +178,11 @@ class Problem:
         """
         has_scalar = recording.scalar_count is not None if has_scalar is None else has_scalar
         known = known if isinstance(known, Known) else Known(known)
-        if known.prior is None:
+        begun = known.start or (None if known.prior is None else known.prior.calibration)
+        if begun is None:
             start, unit_T = first_guess(recording, array), normalize(recording).radius_T
         else:
-            start, unit_T = known.prior.errors, known.prior.calibration.intensity_T
+            start, unit_T = begun.errors, begun.intensity_T
         data = Normalized(recording, start.bias_T, unit_T, has_scalar)
         likelihood = likelihood_of(recording, array, data)
         attitude = _attitude_of(data, array)

@@ -16,16 +16,16 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import Update
-from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
-from tam_calibration.fit.identifiability import open_parameters
+from tam_calibration.fit.identifiability import open_parameters, require_accurate
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, noise_left_in, update_of
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.posterior import Known, Place, Problem
 from tam_calibration.fit.prior import Prior, in_first_frame
 from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray
-from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -48,10 +48,6 @@ _DRAWS, _SAMPLES, _SEED = 100, 1000, 0
 
 _SETTLED = 0.1
 """Part by which the variance may exceed that which the residuals show: 5 % of the standard errors."""
-
-
-_ALONE = 0.99
-"""Part of the information on an error above which it is the readings' own, whatever the prior says of it."""
 
 
 def prior_of_tolerances(recording: SampleSource, array: Array) -> Prior:
@@ -102,33 +98,45 @@ def beside_wide_prior(
     InputError
         When the readings cannot be used.
     Refused
-        When the fit does not settle, or the readings contradict the prior and leave something to it: neither would tell
-        that.
+        When the fit does not settle.
     """
     prior = known.prior
     assert prior is not None
     noisy, is_estimated = complete_noise(array, recording)
-    settled, calibration = _settled(known, recording, noisy)
+    settled, calibration = _settled(replace(known, start=_plain_fit(recording, noisy)), recording, noisy)
     for _ in range(_MOST_SCALINGS if array.vector_noise_T is None else 0):
         before = noisy.vector_noise_T
         noisy = noise_left_in(recording, noisy, calibration.errors, calibration.intensity_T)
         if np.allclose(noisy.vector_noise_T, before, rtol=_SETTLED, atol=0):
             break
-        settled, calibration = _settled(known, recording, noisy)
+        settled, calibration = _settled(settled, recording, noisy)
     curved = replace(settled, curvature=_curvature(calibration, recording, settled))
     calibration = replace(maximum_a_posteriori(recording, noisy, curved), noise_is_estimated=is_estimated)
     # Directions that the readings tell, which other priors are judged by, are no straight lines here.
     energy, uncertain = prior.terms(calibration.errors).energy, int(np.count_nonzero(prior.standard_errors))
     update = update_of(calibration, prior, prior, energy, uncertain)
-    told = replace(calibration, update=update, warnings=_told(calibration, update))
+    told = replace(calibration, update=update, warnings=_left_open(calibration, update))
     return told, lambda samples, _: maximum_a_posteriori(samples, noisy, settled)
+
+
+def _plain_fit(recording: SampleSource, array: KnownNoiseArray) -> Calibration | None:
+    """Return the fit of the readings alone, where they determine one: its errors may be any, and far from the prior's.
+
+    From there the way is short; from no errors those of ten times the field are not found.
+    """
+    try:
+        calibration = maximum_likelihood(recording, array)
+        require_accurate(calibration)
+    except (InputError, Refused):
+        return None
+    return calibration
 
 
 def _settled(known: Known, recording: SampleSource, array: KnownNoiseArray) -> tuple[Known, Calibration]:
     """Return what is known, with the weight of the readings that their residuals show, and the calibration by it."""
     assert known.prior is not None
-    errors, intensity_T = known.prior.errors, known.prior.calibration.intensity_T
-    energy = max(1.0, *measure_chi_square(recording, array, errors, intensity_T).values())
+    start = known.start or known.prior.calibration
+    energy = max(1.0, *measure_chi_square(recording, array, start.errors, start.intensity_T).values())
     factors = VarianceFactors(recording.sample_count * energy, recording.sample_count * energy)
     for _ in range(_MOST_ROUNDS):
         known = replace(known, variance_factors=factors)
@@ -137,6 +145,11 @@ def _settled(known: Known, recording: SampleSource, array: KnownNoiseArray) -> t
         if measured.is_near(factors, _SETTLED):
             break
         factors = measured.at_least(factors.times(1 / _LARGEST_FALL))
+    else:
+        raise Refused(
+            "the weight that the readings have beside what is known before does not settle: turn the array further, or "
+            "state the noise that they have"
+        )
     return known, calibration
 
 
@@ -167,24 +180,12 @@ def _curvature(calibration: Calibration, recording: SampleSource, known: Known) 
     return curvature
 
 
-def _told(calibration: Calibration, update: Update) -> tuple[str, ...]:
-    """Return whether the readings contradict the prior, and what they leave to it."""
-    prior, mend = "the prior", "faster change_rates"
-    if update.rates is None:
-        prior = "the tolerances of the array file"
-        mend = "tolerances that the sensors keep to, and the rotations of sensors that are turned"
+def _left_open(calibration: Calibration, update: Update) -> tuple[str, ...]:
+    """Return what the readings leave to the prior, in a sentence, or nothing."""
     names = open_parameters(calibration.standard_errors.ravel(), calibration.intensity_T)
-    contradiction = f"the readings contradict {prior}, χ² {update.chi_square:.3g} of {update.freedom} errors"
-    if update.probability < SIGNIFICANT:
-        if np.nanmin(update.data_share) < _ALONE:
-            raise Refused(
-                f"{contradiction}, and tell too little alone: state the noise that they have, {mend}; or turn the "
-                "array further"
-            )
-        return (f"{contradiction}, and count alone",)
-    if names:
-        return (
-            f"the readings do not determine {names}: this is left to {prior}; turn the array further, and take this "
-            "calibration for a prior",
-        )
-    return ()
+    if not names:
+        return ()
+    return (
+        f"the readings do not determine {names}: this is left to {update.prior_in_words}; turn the array further, and "
+        "take this calibration for a prior",
+    )

@@ -5,7 +5,7 @@ from numpy.linalg import LinAlgError
 
 from tam_calibration.effects.grades import LEAST_SAMPLES, NEGLIGIBLE
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.fit.calibrate import accepted
+from tam_calibration.fit.accepted_fit import accepted
 from tam_calibration.fit.consistency import require_one_sphere
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood

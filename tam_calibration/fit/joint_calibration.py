@@ -1,0 +1,153 @@
+"""The calibration of a recording with what is known beside it: which prior counts, and whether readings count alone."""
+
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from tam_calibration.core.variance_factors import WHITE
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.accepted_fit import Fit, accepted, require_one_field
+from tam_calibration.fit.contradiction import SIGNIFICANT
+from tam_calibration.fit.estimate import mean_temperature
+from tam_calibration.fit.identifiability import require_determined
+from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, resolve, update_of
+from tam_calibration.fit.posterior import Known
+from tam_calibration.fit.prior import Prior, has_date, prior_of
+from tam_calibration.fit.slow_residuals import variance_factors
+from tam_calibration.fit.wide_prior import beside_wide_prior, is_wide, prior_of_tolerances
+from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.units import FloatArray
+
+_MOST_ROUNDS = 5
+"""Of an update: the first may take what is slow for a change of the sensors. Three were the most that were needed."""
+
+_SETTLED = 0.1
+"""Part by which the variance may exceed that which the readings were weighed by: 5 % of the standard errors."""
+
+
+class JointCalibration(NamedTuple):
+    """A calibration, the samples that it holds for, and the fit that made it."""
+
+    calibration: Calibration
+    recording: SampleSource
+    fit: Fit
+
+
+def calibrate_jointly(
+    recording: SampleSource, array: Array, prior: Prior | Calibration | None, main_field_T: FloatArray | None
+) -> JointCalibration:
+    """Return the calibration of a recording with what is known beside it.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors in a uniform field.
+    array : Array
+        Geometry and noise. Its tolerances are the prior where no other is given.
+    prior : Prior or Calibration, optional
+        Of the same sensors.
+    main_field_T : (3,) array, optional
+        The world's field, east, north, up, tesla.
+
+    Raises
+    ------
+    InputError
+        When the prior does not go with the recording, or all together leaves parameters open.
+    Refused
+        When the recording is not one calibration, or contradicts a prior that leaves errors open and tells too little
+        alone.
+    """
+    given = None if prior is None else prior_for(recording, array, prior)
+    if given is None and array.tolerances is not None:
+        given = prior_of_tolerances(recording, array)
+    if given is not None and is_wide(given):
+        return _beside_wide_prior(recording, array, given, main_field_T)
+    return _beside_prior(recording, array, given, main_field_T)
+
+
+def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration) -> Prior:
+    """Return a prior for a recording: a calibration is widened to its time and temperature.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        That the prior goes with.
+    array : Array
+        Of the recording; its rates of change are taken.
+    prior : Prior or Calibration
+        Of the same sensors.
+
+    Raises
+    ------
+    InputError
+        When it is of another array, has no covariance, or was made from samples of the same time.
+    """
+    calibration = prior.calibration if isinstance(prior, Prior) else prior
+    if not calibration.is_of(array):
+        raise InputError("the prior is the calibration of another array: use one of this array")
+    first_s, last_s = recording.time_span_s
+    begin_s, end_s = calibration.time_span_s
+    if has_date(first_s) and has_date(begin_s) and first_s <= end_s and begin_s <= last_s:
+        raise InputError(
+            "the prior was made from samples of the same time as the recording, which would count twice: "
+            "take the calibration before it"
+        )
+    if isinstance(prior, Prior):
+        return prior
+    temperature_C = mean_temperature(recording)
+    return prior_of(calibration, (first_s + last_s) / 2, temperature_C, array.change_rates)
+
+
+def _beside_prior(
+    recording: SampleSource, array: Array, given: Prior | None, main_field_T: FloatArray | None
+) -> JointCalibration:
+    """Return the calibration beside a prior that leaves no error open, what moved since then learned anew."""
+    # What was slow on this vehicle is taken for slow again: little of it passes for a change of a sensor.
+    factors = WHITE if given is None else given.calibration.variance_factors
+    for _ in range(_MOST_ROUNDS):
+        resolved = resolve(recording, array, Known(given, main_field_T, factors))
+        fit = partial(maximum_a_posteriori, known=resolved.known)
+        measured = variance_factors(fit(resolved.recording, array), resolved.recording)
+        if not measured.exceed(factors, _SETTLED):
+            break
+        factors = measured.at_least(factors)
+    calibration = accepted(resolved.recording, array, fit)
+    if given is not None:
+        assert resolved.known.prior is not None and resolved.difference is not None
+        chi_square, freedom = resolved.difference.chi_square, resolved.difference.freedom
+        update = update_of(calibration, given, resolved.known.prior, chi_square, freedom, resolved.moved)
+        calibration = replace(calibration, update=update)
+    return JointCalibration(calibration, resolved.recording, fit)
+
+
+def _beside_wide_prior(
+    recording: SampleSource, array: Array, given: Prior, main_field_T: FloatArray | None
+) -> JointCalibration:
+    """Return the calibration beside a prior that leaves errors open, or that of readings that contradict it, alone."""
+    calibration, fit = beside_wide_prior(recording, array, Known(given, main_field_T))
+    update = calibration.update
+    assert update is not None
+    if update.probability >= SIGNIFICANT:
+        require_one_field(recording, calibration)
+        return JointCalibration(calibration, recording, fit)
+    contradiction = (
+        f"the readings contradict {update.prior_in_words}, χ² {update.chi_square:.3g} of {update.freedom} errors"
+    )
+    try:
+        require_determined(recording, array)
+        alone = _beside_prior(recording, array, None, main_field_T)
+    except (InputError, Refused):
+        mend = "faster change_rates"
+        if update.rates is None:
+            mend = "tolerances that the sensors keep to, and the rotations of sensors that are turned"
+        raise Refused(
+            f"{contradiction}, and tell too little alone: state the noise that they have, {mend}; or turn the array "
+            "further"
+        ) from None
+    update = replace(update, data_share=np.where(np.isnan(update.data_share), np.nan, 1.0))
+    told = replace(alone.calibration, update=update, warnings=(f"{contradiction}, and count alone",))
+    return alone._replace(calibration=told)
