@@ -194,6 +194,20 @@ def test_tolerances_that_are_contradicted_tell_nothing():
     assert np.nanmin(found.update.data_share) == np.nanmax(found.update.data_share) == 1
 
 
+def test_a_turn_that_contradicts_a_narrow_one_counts_alone():
+    """A bias that the first was certain of moved by 1 µT since then; a second that tells too little is refused."""
+    rng = np.random.default_rng(14)
+    errors, array = drawn(WIDE, 1, rng), array_of(WIDE, 1)
+    first = calibrate(turned(errors, 5, rng), array)
+    moved = replace(errors, bias_T=errors.bias_T + np.array([1e-6, 0, 0]))
+    with pytest.raises(Refused, match=r"contradict the prior, .* alone: state the noise .*, faster change_rates"):
+        calibrate(turned(moved, 5, rng, start_s=100.0), array, prior=first)
+    full = turned(moved, 80, rng, start_s=100.0)
+    found, plain = calibrate(full, array, prior=first), calibrate(full, replace(array, tolerances=None))
+    assert any("contradict the prior" in warning and "count alone" in warning for warning in found.warnings)
+    assert_allclose(found.errors.to_vector(), plain.errors.to_vector(), rtol=1e-9, atol=1e-15)
+
+
 def test_the_scale_stays_a_convention_without_a_scalar():
     """As it is without tolerances: the mean determinant is one, and the rest is told with its standard errors."""
     rng = np.random.default_rng(5)
