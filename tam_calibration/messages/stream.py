@@ -176,7 +176,8 @@ class InterpolatedStream(JoinedStream):
             return None
         messages = [*self.past, self.buffer[0]]
         stamps = [float(stamp - key) for stamp, _ in messages]
-        if stamps[-1] <= 0 or not is_even(*stamps):
+        # Where sensor 1 lags, what the others said after the stamp may have passed already.
+        if stamps[-2] > 0 or stamps[-1] <= 0 or not is_even(*stamps):
             return None
         oldest, first, second, third, after = weights(*stamps)
         columns = zip(*(values for _, values in messages), strict=True)

@@ -85,7 +85,7 @@ class Usage:
         reasons = [(count, f"{count} {fault}: look at the driver of {first.name}") for count, fault in own]
         newest = max([first, *others], key=lambda stream: stream.timeline.newest_ns)
         for stream in (first, *others):
-            reasons.append((stream.losses.missing, _why_missing(stream, newest, patience_ns)))
+            reasons.append((stream.losses.missing, _why_missing(stream, first, newest, patience_ns)))
         told = sorted((reason for reason in reasons if reason[0]), key=lambda reason: -reason[0])
         waiting = len(first.buffer) + len(first.timeline.doubtful)
         return cls(
@@ -230,7 +230,7 @@ def _own_faults(losses: Losses) -> list[tuple[int, str]]:
     ]
 
 
-def _why_missing(stream: Stream, newest: Stream, patience_ns: int) -> str:
+def _why_missing(stream: Stream, first: Stream, newest: Stream, patience_ns: int) -> str:
     """Return why samples have nothing of a sensor: nothing came, nothing usable, not in time, or not all."""
     losses, name = stream.losses, stream.name
     if not losses.received:
@@ -238,9 +238,12 @@ def _why_missing(stream: Stream, newest: Stream, patience_ns: int) -> str:
     lacking = f"{losses.missing} found none of {name}"
     if losses.implausible + losses.unusable + losses.duplicate > losses.missing // 2:
         return f"{lacking}, most of whose messages cannot be used: {losses.explain()}"
+    limit_ns = max(patience_ns, stream.timeline.reach_ns)
+    mend = "stopped, or their clocks differ; synchronise the clocks, or state delay_s in the array file"
     behind_ns = newest.timeline.newest_ns - stream.timeline.newest_ns
-    if behind_ns > max(patience_ns, stream.timeline.reach_ns):
-        behind = f"{behind_ns / 1e9:.3g} s behind that of {newest.name}"
-        mend = "it stopped, or their clocks differ; synchronise the clocks, or state delay_s in the array file"
-        return f"{lacking}, whose newest stamp is {behind}: {mend}"
+    if behind_ns > limit_ns:
+        return f"{lacking}, whose newest stamp is {behind_ns / 1e9:.3g} s behind that of {newest.name}: it {mend}"
+    ahead_ns = stream.timeline.newest_ns - first.timeline.newest_ns
+    if ahead_ns > limit_ns:
+        return f"{lacking}, whose newest stamp is {ahead_ns / 1e9:.3g} s ahead of that of {first.name}: that {mend}"
     return f"{lacking}, of which {losses.received} messages came: they have gaps, or come too late; look at the load"
