@@ -131,7 +131,9 @@ def over_standard_errors(off: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 def figures(found: list[FloatArray]) -> tuple[str, str, str]:
-    """Return the part of single errors within 95 %, and rms and largest of all combinations."""
+    """Return the part of single errors within 95 %, and rms and largest of all combinations; dashes without any."""
+    if not found:
+        return "-", "-", "-"
     single, combined = np.stack(found, axis=1)
     within = f"{100 * np.mean(np.abs(single) < WITHIN_95):.1f}"
     return within, f"{np.sqrt(np.mean(combined**2)):.2f}", f"{np.abs(combined).max():.1f}"

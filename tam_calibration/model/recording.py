@@ -164,12 +164,14 @@ class Recording:
                 where = f"sensor {index[1] + 1} axis {'xyz'[index[2]]}" if name == "readings_T" else name
                 bad_samples, first = np.flatnonzero(bad.reshape(len(bad), -1).any(axis=1)), value[tuple(index)]
                 first_s, last_s = self.time_s[bad_samples[[0, -1]]].tolist()
+                has_times = np.isfinite([first_s, last_s]).all()
+                span = f", between {first_s:.2f} and {last_s:.2f} s" if has_times else ""
                 kind, mend = f"{'' if is_channel else 'NaN or '}infinite values", "remove them"
                 if np.isfinite(first):
                     kind, mend = f"values beyond {largest:g}", f"{first:g} is of another unit, or damage"
                 raise InputError(
                     f"{len(bad_samples)} of {self.sample_count} samples hold {kind}, first {where} in sample "
-                    f"{index[0] + 1}, between {first_s:.2f} and {last_s:.2f} s: {mend}"
+                    f"{index[0] + 1}{span}: {mend}"
                 )
 
     def _check_attitude(self) -> None:

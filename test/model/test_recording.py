@@ -76,7 +76,7 @@ def test_a_channel_may_be_missing_in_places(channel):
             {"readings_T": with_value((SAMPLES, SENSORS, 3), (4, 1, 2), np.nan)},
             "1 of 6 samples hold NaN or infinite values, first sensor 2 axis z in sample 5",
         ),
-        ({"time_s": np.array([0, np.nan, 2, 3, 4, 5])}, "first time_s in sample 2"),
+        ({"time_s": np.array([0, np.nan, 2, 3, 4, 5])}, "first time_s in sample 2: remove them"),
         ({"temperature_C": with_value(SAMPLES, 0, np.inf)}, "first temperature_C in sample 1"),
         ({"attitude": with_value((SAMPLES, 4), (3, 0), np.inf)}, "first attitude in sample 4"),
         ({"time_s": np.array([0, 1, 1, 2, 3, 4])}, r"time repeats at sample 3.*1 such place"),
