@@ -1,11 +1,11 @@
 """Whether standard errors of real recordings hold: calibrations of one sensor of several days, and their updates.
 
 Run ``python benchmarks/real_updates.py RECORDING RECORDING … ARRAY [--white]``; all recordings are of one sensor. A
-calibration of each tells scale factors and angles, which do not change from day to day: their differences over their
-standard errors are counted. Then each third of each recording updates the calibration of each other one
-(``tam calibrate --prior``), and all nine parameters are compared with those of the other two thirds: how often the 95 %
-intervals hold, how often a sensor is said to have moved, though biases may change by ``--bias-nT-per-day``, and how
-often the update is refused. ``--white`` takes residuals for white noise, as it was before.
+calibration of each, and one by ``robust``, tells scale factors and angles, which do not change from day to day: their
+differences over their standard errors are counted. Then each third of each recording updates the calibration of each
+other one (``tam calibrate --prior``), and all nine parameters are compared with those of the other two thirds: how
+often the 95 % intervals hold, how often a sensor is said to have moved, though biases may change by
+``--bias-nT-per-day``, and how often the update is refused. ``--white`` takes residuals for white noise.
 """
 
 from collections import defaultdict
@@ -75,7 +75,7 @@ def main(paths: tuple[Path, ...], bias_nT: float, white: bool) -> None:
     """Count, and print a table."""
     if white:
         import_module("tam_calibration.fit.slow_residuals").variance_factors = lambda *_: VarianceFactors()
-        import_module("tam_calibration.fit.calibrate").variance_factors = lambda *_: VarianceFactors()
+        import_module("tam_calibration.fit.joint_calibration").variance_factors = lambda *_: VarianceFactors()
     *of_recordings, of_array = paths
     array = replace(read_array(of_array), change_rates=ChangeRates(bias_per_day=from_nanotesla(bias_nT)))
     recordings = {path.stem: read_recording(path) for path in of_recordings}
@@ -89,8 +89,10 @@ def main(paths: tuple[Path, ...], bias_nT: float, white: bool) -> None:
                 counts["a sensor has moved"] += bool(answer[0].update and answer[0].update.moved)
                 found.append(pulls(*answer, ALL))
     table = Table("what", "parameters", "within 95 %", "95 % interval of that", "errors over standard errors, rms")
-    steady = [pulls(calibrations[one], calibrations[other], STEADY) for one, other in combinations(recordings, 2)]
-    table.add_row(*row("calibrations of each other", steady))
+    robust = {name: calibrate(recording, array, "robust") for name, recording in recordings.items()}
+    for kind, of_kind in (("calibrations", calibrations), ("robust calibrations", robust)):
+        steady = [pulls(one, other, STEADY) for one, other in combinations(of_kind.values(), 2)]
+        table.add_row(*row(f"{kind} of each other", steady))
     table.add_row(*row("updates of the other thirds", found))
     console = Console(width=140)
     console.print(table)

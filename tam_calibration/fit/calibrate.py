@@ -41,8 +41,8 @@ METHODS: dict[str, Fit] = {
 }
 DEFAULT_METHOD = "maximum_likelihood"
 
-_WITH_AMBIENT_GRADIENT = ("maximum_likelihood", "robust")
-"""The methods that can fit the gradient of the ambient field with the errors."""
+_OURS = ("maximum_likelihood", "robust")
+"""They can fit the gradient of the ambient field with the errors, and their standard errors hold what lasts."""
 
 _FOLDS, _BLOCKS_PER_FOLD = 5, 10
 """A fifth of the samples is held out at once, in blocks of time so short that no fold lacks an attitude."""
@@ -129,8 +129,8 @@ def calibrate(
     else:
         calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)
-    if not is_joint and method == DEFAULT_METHOD:
-        calibration = widened(calibration, uniform)
+    if not is_joint and method in _OURS:
+        calibration = widened(calibration, uniform, is_robust=method == "robust")
     warnings = (*(fault.sentence for fault in faults), *calibration.warnings, *find_warnings(uniform, calibration))
     calibration = within_limits(replace(calibration, warnings=warnings), accept)
     return replace(calibration, held_out=_held_out(recording, array, fit))
@@ -141,8 +141,8 @@ def _fit_of(method: str, ambient_gradient: bool) -> Fit:
         raise InputError(f"there is no method {method!r}: choose one of {', '.join(METHODS)}")
     if not ambient_gradient:
         return METHODS[method]
-    if method not in _WITH_AMBIENT_GRADIENT:
-        able = " or ".join(_WITH_AMBIENT_GRADIENT)
+    if method not in _OURS:
+        able = " or ".join(_OURS)
         raise InputError(f"{method} takes the field for uniform: {able} can fit an ambient gradient")
     return partial(maximum_likelihood, robust=method == "robust", ambient_gradient=True)
 

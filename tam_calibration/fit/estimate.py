@@ -179,7 +179,7 @@ class Estimate:
     intensity_T : float
         The constant intensity on the estimate's scale, used where there is no scalar reference.
     ambient_gradient : AmbientGradient, optional
-        Fitted beside the errors; its standard errors come from the array's noise.
+        Fitted beside the errors; its standard errors come from where the covariance does.
     frame : str
         What the array frame of the errors is.
     """
@@ -217,9 +217,10 @@ def make_calibration(method: str, source: SampleSource, array: Array, estimate: 
     if array.vector_noise_T is None and chi_square:
         factor = float(np.sqrt(chi_square.get("differential", chi_square.get("common_mode", 1.0))))
         noisy = replace(noisy, vector_noise_T=factor * noisy.vector_noise_T)
-        covariance = factor**2 * covariance if estimate.covariance_from_noise else covariance
-        if gradient is not None:
-            gradient = replace(gradient, standard_errors_T_per_m=factor * gradient.standard_errors_T_per_m)
+        if estimate.covariance_from_noise:
+            covariance = factor**2 * covariance
+            if gradient is not None:
+                gradient = replace(gradient, standard_errors_T_per_m=factor * gradient.standard_errors_T_per_m)
         chi_square = measure_chi_square(seen, noisy, errors, estimate.intensity_T)
     return Calibration(
         method=method,

@@ -22,65 +22,12 @@ from tam_calibration.fit.recorded_attitude import (
 )
 from tam_calibration.fit.reference import LARGEST_SHARE, interpolate, is_worth_interpolating
 from tam_calibration.fit.scale import Normalized, free_scale, normalize
+from tam_calibration.fit.student_noise import StudentNoise
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-
-_DEGREES_OF_FREEDOM = 6.0
-"""With four sensors the standard errors are 1.04 times the bound's without outliers; with 4 they would be 1.05."""
-
-_MOST_STEPS = 200
-"""Of the scale of the noise, each of which leaves a constant part of the way."""
-
-_SMALLEST_SQUARE = 1e-4
-"""Of the scale of the noise: below a hundredth of what is stated lies only rounding."""
-
-
-def _scale_square(energy: FloatArray, channels: FloatArray) -> float:
-    """Return the square of the scale of the noise, in units of the stated one, by maximum likelihood.
-
-    Parameters
-    ----------
-    energy : (N,) array
-        Sum of the squares of each sample's whitened channels.
-    channels : (N,) array
-        Number of channels of each sample.
-    """
-    square = max(float(np.median(energy / channels)), _SMALLEST_SQUARE)
-    for _ in range(_MOST_STEPS):
-        previous, square = square, float(np.sum(weights(energy, channels, square) * energy) / channels.sum())
-        if square <= _SMALLEST_SQUARE or abs(square - previous) <= 1e-10 * square:
-            break
-    return max(square, _SMALLEST_SQUARE)
-
-
-def weights(energy: FloatArray, channels: FloatArray, square: float) -> FloatArray:
-    """Return the (N,) weights of samples: about one for noise, small for outliers.
-
-    Parameters
-    ----------
-    energy : (N,) array
-        Sum of the squares of each sample's whitened channels.
-    channels : (N,) array
-        Number of channels of each sample.
-    square : float
-        Square of the scale of the noise, in units of the stated one.
-    """
-    return (_DEGREES_OF_FREEDOM + channels) / (_DEGREES_OF_FREEDOM + energy / square)
-
-
-def _variance_factor(energy: FloatArray, channels: FloatArray, square: float) -> float:
-    """Return the variance of the weighted estimate over that of the inverse information with the stated noise.
-
-    The sandwich of an M-estimate: mean square of the weighted channels over the square of their mean derivative.
-    """
-    weight = weights(energy, channels, square)
-    slope = -weight / (_DEGREES_OF_FREEDOM * square + energy)
-    spread = np.sum(weight**2 * energy) / channels.sum()
-    derivative = np.sum(weight * channels + 2 * slope * energy) / channels.sum()
-    return float(spread / derivative**2)
 
 
 def maximum_likelihood(
@@ -127,7 +74,8 @@ def maximum_likelihood(
     else:
         point, information = _fit(recording, noisy, data)
     name = "robust" if robust else "maximum_likelihood"
-    return make_calibration(name, recording, array, _estimate(data, point, information))
+    estimate = replace(_estimate(data, point, information), covariance_from_noise=not robust)
+    return make_calibration(name, recording, array, estimate)
 
 
 def estimate(recording: SampleSource, array: Array) -> SensorErrors:
@@ -244,14 +192,16 @@ def _fit_in_memory(
         likelihood, point = _aligned_start(recording, array, likelihood, point)
     point, information = gauss_newton(partial(_linearize, likelihood, robust), point, robust)
     if robust:
-        energy, channels = likelihood.energy(*point), likelihood.channel_count
-        factor = _variance_factor(energy, channels, _scale_square(energy, channels))
-        information = _linearize(likelihood, False, point).information / factor
+        noise = StudentNoise.of(likelihood.energy(*point), likelihood.channel_count)
+        information = _linearize(likelihood, False, point).information / noise.variance_factor
     return point, information
 
 
 def _linearize(likelihood: Likelihood, robust: bool, point: Point) -> Linearization:
-    weights = _student_weights(likelihood, point) if robust else None
+    weights = None
+    if robust:
+        noise = StudentNoise.of(likelihood.energy(*point), likelihood.channel_count)
+        weights = noise.weights / noise.square
     return likelihood.linearize(point.matrix, point.bias, weights, point.gradient)
 
 
@@ -285,9 +235,3 @@ def _aligned_start(
             require_gradient_determined(covariance, likelihood.vector_noise, array)
             point, _ = gauss_newton(partial(_linearize, likelihood, False), point)
     return likelihood, point
-
-
-def _student_weights(likelihood: Likelihood, point: Point) -> FloatArray:
-    energy, channels = likelihood.energy(*point), likelihood.channel_count
-    square = _scale_square(energy, channels)
-    return weights(energy, channels, square) / square

@@ -19,8 +19,9 @@ from tam_calibration.core.slow_cosines import BLOCKS, slow_cosines
 from tam_calibration.core.variance_factors import WHITE, VarianceFactors
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.information import rows_by_unknowns
-from tam_calibration.fit.likelihood import UniformLikelihood
+from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
 from tam_calibration.fit.scale import Normalized
+from tam_calibration.fit.student_noise import StudentNoise
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.units import FloatArray
 
@@ -45,7 +46,9 @@ _DIFFERENTIAL, _COMMON_MODE = 0, 1
 """Places of the channels in what is summed by blocks."""
 
 
-def variance_factors(calibration: Calibration, recording: SampleSource) -> VarianceFactors:
+def variance_factors(
+    calibration: Calibration, recording: SampleSource, student: StudentNoise | None = None
+) -> VarianceFactors:
     """Return the variance of what each channel tells a fit over that of white noise.
 
     Parameters
@@ -54,6 +57,8 @@ def variance_factors(calibration: Calibration, recording: SampleSource) -> Varia
         With the noise that the information counts with.
     recording : SampleSource
         That it was fitted to, an ambient gradient taken off.
+    student : StudentNoise, optional
+        By which its samples were weighted.
 
     Returns
     -------
@@ -63,30 +68,36 @@ def variance_factors(calibration: Calibration, recording: SampleSource) -> Varia
     """
     if recording.sample_count < BLOCKS:
         return WHITE
-    information, score = _by_block(calibration, recording)
+    information, score = _by_block(calibration, recording, student)
     white = whitening(information.sum(axis=(0, 1)), _SEEN)
     return VarianceFactors(*map(_factor, white.T @ information @ white, score @ white))
 
 
-def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
+def widened(calibration: Calibration, recording: SampleSource, is_robust: bool = False) -> Calibration:
     """Return a calibration of maximum likelihood with standard errors that hold what its residuals show.
 
     Parameters
     ----------
     calibration : Calibration
-        With the inverse of the information for its covariance.
+        With a multiple of the inverse of the information for its covariance.
     recording : SampleSource
         As for ``variance_factors``.
+    is_robust : bool
+        Whether its samples were weighted as those of noise with outliers, of which its covariance holds the size.
     """
     assert calibration.covariance is not None
-    factors, covariance = variance_factors(calibration, recording), calibration.covariance.copy()
+    student = _student_noise(calibration, recording) if is_robust else None
+    factors, covariance = variance_factors(calibration, recording, student), calibration.covariance.copy()
     if factors == WHITE:
         return calibration
-    differential = _by_block(calibration, recording)[0][_DIFFERENTIAL].sum(axis=0)
+    differential, told = _by_block(calibration, recording, None)[0][_DIFFERENTIAL].sum(axis=0), factors
+    if student is not None:
+        differential /= student.variance_factor
+        told = factors.times(student.variance_factor).at_least(WHITE)
     seen = np.delete(np.arange(len(covariance)), _FRAME)
     inside, size = np.ix_(seen, seen), len(seen)
     covariance[inside] = _sandwich(covariance[inside], differential[:size, :size], factors)
-    return replace(with_variance_factors(calibration, factors), covariance=covariance)
+    return replace(with_variance_factors(calibration, told), covariance=covariance)
 
 
 def with_variance_factors(calibration: Calibration, factors: VarianceFactors) -> Calibration:
@@ -151,31 +162,58 @@ def _factor(information: FloatArray, score: FloatArray) -> float:
     return energy / expected if deviation > _BEYOND else 1.0
 
 
-def _by_block(calibration: Calibration, recording: SampleSource) -> tuple[FloatArray, FloatArray]:
+def _by_block(
+    calibration: Calibration, recording: SampleSource, student: StudentNoise | None
+) -> tuple[FloatArray, FloatArray]:
     """Return what each channel tells of the errors, and of a free intensity, in blocks of time.
 
     Returns
     -------
     information : (2, M, Q, Q) array
-        Of the differential channels, and of the common mode.
+        Of the differential channels, and of the common mode: the variance of the score where the noise is white.
     score : (2, M, Q) array
         Of these.
     """
-    errors, array, intensity_T = calibration.errors, calibration.array, calibration.intensity_T
+    errors, intensity_T = calibration.errors, calibration.intensity_T
     has_scalar = recording.scalar_count is not None
     rows = np.delete(rows_by_unknowns(errors, intensity_T, None if has_scalar else intensity_T), _FRAME, axis=1)
-    vector_noise, centered = array.vector_noise_T / intensity_T, np.zeros_like(errors.bias_T)
-    scalar_noise = array.scalar_noise_T / intensity_T if has_scalar else 0.0
     information = np.zeros((2, BLOCKS, rows.shape[1], rows.shape[1]))
     score = np.zeros((2, BLOCKS, rows.shape[1]))
+    point, first = (errors.matrix, np.zeros_like(errors.bias_T)), 0
     for block, part in _parts(recording):
-        data = Normalized(part, errors.bias_T, intensity_T, has_scalar)
-        here = UniformLikelihood(data, vector_noise, scalar_noise).linearize(errors.matrix, centered)
-        information[_DIFFERENTIAL, block] += rows.T @ (here.information - here.common_information) @ rows
-        score[_DIFFERENTIAL, block] += rows.T @ (here.gradient - here.common_gradient)
-        information[_COMMON_MODE, block] += rows.T @ here.common_information @ rows
-        score[_COMMON_MODE, block] += rows.T @ here.common_gradient
+        if student is None:
+            here = scored = UniformLikelihood(*_normalized(calibration, part, has_scalar)).linearize(*point)
+            variance = 1.0
+        else:
+            likelihood = _likelihood(calibration, part, has_scalar)
+            here, variance = likelihood.linearize(*point), student.spread_of(2)
+            scored = likelihood.linearize(*point, student.weights[first : first + part.sample_count])
+            first += part.sample_count
+        information[_DIFFERENTIAL, block] += rows.T @ (here.information - here.common_information) @ rows * variance
+        score[_DIFFERENTIAL, block] += rows.T @ (scored.gradient - scored.common_gradient)
+        information[_COMMON_MODE, block] += rows.T @ here.common_information @ rows * variance
+        score[_COMMON_MODE, block] += rows.T @ scored.common_gradient
     return information, score
+
+
+def _normalized(
+    calibration: Calibration, recording: SampleSource, has_scalar: bool
+) -> tuple[Normalized, FloatArray, float]:
+    """Return samples about the biases in units of the intensity, and the noise of sensors and intensity in it."""
+    array, intensity_T = calibration.array, calibration.intensity_T
+    data = Normalized(recording, calibration.errors.bias_T, intensity_T, has_scalar)
+    return data, array.vector_noise_T / intensity_T, array.scalar_noise_T / intensity_T if has_scalar else 0.0
+
+
+def _likelihood(calibration: Calibration, recording: SampleSource, has_scalar: bool) -> Likelihood:
+    data, vector_noise, scalar_noise = _normalized(calibration, recording, has_scalar)
+    return Likelihood(data.points, data.intensity, vector_noise, scalar_noise)
+
+
+def _student_noise(calibration: Calibration, recording: SampleSource) -> StudentNoise:
+    likelihood = _likelihood(calibration, recording, recording.scalar_count is not None)
+    energy = likelihood.energy(calibration.errors.matrix, np.zeros_like(calibration.errors.bias_T))
+    return StudentNoise.of(energy, likelihood.channel_count)
 
 
 def _parts(recording: SampleSource) -> Iterator[tuple[int, Recording]]:

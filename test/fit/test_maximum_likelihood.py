@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from tam_calibration.fit.closed_form import closed_form
 from tam_calibration.fit.gauss_newton import Point
 from tam_calibration.fit.information import bound
-from tam_calibration.fit.maximum_likelihood import _errors, _variance_factor, maximum_likelihood, weights
+from tam_calibration.fit.maximum_likelihood import _errors, maximum_likelihood
 from tam_calibration.fit.scale import normalize
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -185,21 +185,6 @@ def test_robust_errors_stay_within_their_standard_errors(wu_scenario, size_T):
         told.append(calibration.standard_errors[1:] ** 2 / variance[1:])
     assert np.sqrt(np.mean(told)) < 1.10
     assert np.mean(squares) == pytest.approx(np.mean(told), abs=4 * np.sqrt(2 / 30 / 20))
-
-
-@pytest.mark.parametrize("channel_count", [1, 4, 10])
-def test_the_variance_of_a_robust_estimate_is_the_sandwich_of_its_weighted_channels(channel_count):
-    """Mean square of w(|x|²) x over the square of its mean derivative, which central differences give."""
-    samples, step, square = np.random.default_rng(3).normal(size=(2000, channel_count)), 1e-5, 0.7
-    counts = np.full(len(samples), float(channel_count))
-
-    def weighted(channels):
-        return weights(np.sum(channels**2, axis=1), counts, square)[:, None] * channels
-
-    shifts = step * np.eye(channel_count)
-    slopes = [(weighted(samples + shift) - weighted(samples - shift)) @ shift / (2 * step**2) for shift in shifts]
-    expected = np.mean(weighted(samples) ** 2) / np.mean(slopes) ** 2
-    assert _variance_factor(np.sum(samples**2, axis=1), counts, square) == pytest.approx(expected, rel=1e-6)
 
 
 def test_robust_fit_is_exact_without_noise(noise_free, wu_scenario):

@@ -90,6 +90,53 @@ def test_noise_that_lasts_is_in_the_standard_errors(wu_scenario):
     assert 0.85 < np.sqrt(np.mean(np.square(slow))) < 1.15
 
 
+@pytest.mark.parametrize("part_spoilt", [0, 0.03])
+def test_a_robust_fit_holds_what_lasts_and_not_outliers(wu_scenario, part_spoilt):
+    """2 nT that last for 20 samples: 12 runs err by four of its standard errors, and one of the widened ones.
+
+    Spoilt samples, 100 nT off, do not pass for what lasts: alone they widen nothing.
+    """
+    narrow, wide = [], []
+    for seed in range(12):
+        recording = turned(wu_scenario, seed, 2e-9)
+        plain = maximum_likelihood(spoilt(recording, part_spoilt), wu_scenario.array.with_stated_noise(), robust=True)
+        narrow.append(pulls(plain, wu_scenario.errors))
+        wide.append(pulls(widened(plain, spoilt(recording, part_spoilt), is_robust=True), wu_scenario.errors))
+    assert np.sqrt(np.mean(np.square(narrow))) > 3.5
+    assert 0.85 < np.sqrt(np.mean(np.square(wide))) < 1.15
+    quiet = spoilt(turned(wu_scenario, 1), part_spoilt)
+    plain = maximum_likelihood(quiet, wu_scenario.array.with_stated_noise(), robust=True)
+    assert widened(plain, quiet, is_robust=True).covariance.tolist() == plain.covariance.tolist()
+
+
+def test_noise_that_a_robust_fit_finds_counts_once(wu_scenario):
+    """Where it is not stated, standard errors are those of the found noise: it is in the weights, not beside them."""
+    recording, array = (
+        turned(wu_scenario, 2, 2e-9),
+        replace(wu_scenario.array, vector_noise_T=None, scalar_noise_T=None),
+    )
+    found = maximum_likelihood(recording, array, robust=True)
+    stated = maximum_likelihood(recording, found.array, robust=True)
+    assert found.array.vector_noise_T[0] > 1.9e-9
+    assert_allclose(found.standard_errors[1:], stated.standard_errors[1:], rtol=0.05)
+
+
+def spoilt(recording, part):
+    """Return a recording of which a part of the samples is off by 100 nT in every axis."""
+    rng = np.random.default_rng(9)
+    hit = rng.random(recording.sample_count) < part
+    off = rng.normal(0, 100e-9, recording.readings_T.shape)
+    return replace(recording, readings_T=recording.readings_T + hit[:, None, None] * off)
+
+
+def test_robust_standard_errors_tell_the_variance_over_the_stated_noise(wu_scenario):
+    """As those of maximum likelihood do: by how much a prior's readings are weighed does not depend on the method."""
+    recording = turned(wu_scenario, 3, 2e-9)
+    robust, plain = (calibrate(recording, wu_scenario.array, method) for method in ("robust", "maximum_likelihood"))
+    for channel in ("slow_differential", "slow_common_mode"):
+        assert_allclose(robust.reduced_chi_square[channel], plain.reduced_chi_square[channel], rtol=0.3)
+
+
 @pytest.mark.parametrize(("channel", "parameters"), [("differential", 36), ("common_mode", 9)])
 @pytest.mark.parametrize(("ratio", "is_told"), [(0.96, False), (1.04, True)])
 def test_more_than_chance_makes_once_in_a_thousand_is_told(wu_scenario, channel, parameters, ratio, is_told):
