@@ -112,6 +112,9 @@ def _beside_prior(
         resolved = resolve(recording, array, Known(given, main_field_T, factors))
         fit = partial(maximum_a_posteriori, known=resolved.known)
         measured = variance_factors(fit(resolved.recording, array), resolved.recording)
+        if resolved.earlier is not None:
+            before = maximum_a_posteriori(resolved.earlier, array, Known(given, main_field_T, factors))
+            measured = measured.at_least(variance_factors(before, resolved.earlier))
         if not measured.exceed(factors, _SETTLED):
             break
         factors = measured.at_least(factors)

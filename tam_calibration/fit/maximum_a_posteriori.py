@@ -21,7 +21,7 @@ from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.recorded_attitude import FRAME_STATEMENT
 from tam_calibration.fit.slow_residuals import with_variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray
-from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
@@ -42,12 +42,15 @@ class Resolved:
         Of the data and the prior as given; None without a prior.
     moved : tuple of Moved
         What was found to have moved.
+    earlier : Recording, optional
+        The samples before a change that the recording shows.
     """
 
     recording: SampleSource
     known: Known
     difference: Difference | None
     moved: tuple[Moved, ...]
+    earlier: Recording | None = None
 
 
 def resolve(recording: SampleSource, array: Array, known: Known) -> Resolved:
@@ -74,20 +77,19 @@ def resolve(recording: SampleSource, array: Array, known: Known) -> Resolved:
     posterior = posterior_of(recording, noisy, known)
     difference = Difference.of(prior, posterior)
     found = changes_that_explain(difference, prior)
-    since_s = None
+    since_s = earlier = None
     if found:
         since_s = time_of_change(recording.whole(), noisy, known, posterior, found[0][0])
     if since_s is not None:
         whole = recording.whole()
-        later = whole.take(whole.time_s >= since_s)
+        later, earlier = whole.take(whole.time_s >= since_s), whole.take(whole.time_s < since_s)
         if later.sample_count >= FEWEST_SAMPLES:
             difference = Difference.of(prior, posterior_of(later, noisy, known))
             found, recording = changes_that_explain(difference, prior) or found, later
     for change in (change for plausible in found for change in plausible):
         prior = prior.widened(change.directions, change.variance)
-    return Resolved(
-        recording, replace(known, prior=prior), difference, tuple(_moved(plausible, since_s) for plausible in found)
-    )
+    moved = tuple(_moved(plausible, since_s) for plausible in found)
+    return Resolved(recording, replace(known, prior=prior), difference, moved, earlier)
 
 
 def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) -> Calibration:
