@@ -52,8 +52,8 @@ def time_of_change(
     basis, size = problems[0].basis_at(place), len(change.directions)
     directions = np.zeros((len(basis), 3))
     directions[:size] = change.directions
-    whole, pull = later[0][0].copy(), later[1][0].copy()
-    problems[0].add_known(place, whole, pull)
+    whole = later[0][0].copy()
+    problems[0].add_known(place, whole, np.zeros(len(whole)))
     covariance = inverted(whole, basis)
     evidence = []
     for information, gradient in zip(*later, strict=True):

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from narrow_turns import FINE, WIDE, array_of, drawn, turned
 from numpy.testing import assert_allclose
 
-from tam_calibration.fit import calibrate
+from tam_calibration.fit import calibrate, joint_calibration
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.array import Array
 from tam_calibration.model.change_rates import DAY_S, ChangeRates
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Manoeuvre
@@ -83,3 +84,47 @@ def test_what_is_no_prior_is_refused(wu_scenario, pier, narrow):
         calibrate(narrow, Array.cross(0.3, 1e-9, 1e-10), prior=pier)
     with pytest.raises(InputError, match="not with lossless"):
         calibrate(narrow, wu_scenario.array, "lossless", prior=pier)
+
+
+def test_readings_are_weighed_until_their_residuals_show_no_more(wu_scenario, pier, narrow, monkeypatch):
+    """Than a tenth of the variance beyond that by which they were weighed; five times at most."""
+
+    def rounds(growth):
+        weights = []
+
+        def measured(calibration, _):
+            weights.append(calibration.variance_factors)
+            return weights[-1].times(growth)
+
+        monkeypatch.setattr(joint_calibration, "variance_factors", measured)
+        calibrate(narrow, wu_scenario.array, prior=pier)
+        return len(weights)
+
+    assert (rounds(1.09), rounds(1.11)) == (1, 5)
+
+
+def test_tolerances_that_are_contradicted_tell_nothing():
+    """A bias of a hundred tolerances: a narrow turn is refused, a full one counts alone and says so."""
+    rng = np.random.default_rng(4)
+    errors = replace(drawn(FINE, 1, rng), bias_T=np.array([[5e-6, 0, 0]]))
+    with pytest.raises(Refused, match=r"the tolerances of the array file, χ² .* of 9 errors, and tell too little"):
+        calibrate(turned(errors, 5, rng), array_of(FINE, 1))
+    recording, array = turned(errors, 80, rng), array_of(FINE, 1)
+    found, plain = calibrate(recording, array), calibrate(recording, replace(array, tolerances=None))
+    assert any("contradict the tolerances" in warning and "count alone" in warning for warning in found.warnings)
+    assert_allclose(found.errors.to_vector(), plain.errors.to_vector(), rtol=1e-9, atol=1e-15)
+    assert np.nanmin(found.update.data_share) == np.nanmax(found.update.data_share) == 1
+
+
+def test_a_turn_that_contradicts_a_narrow_one_counts_alone():
+    """A bias that the first was certain of moved by 1 µT since then; a second that tells too little is refused."""
+    rng = np.random.default_rng(14)
+    errors, array = drawn(WIDE, 1, rng), array_of(WIDE, 1)
+    first = calibrate(turned(errors, 5, rng), array)
+    moved = replace(errors, bias_T=errors.bias_T + np.array([1e-6, 0, 0]))
+    with pytest.raises(Refused, match=r"contradict the prior, .* alone: state the noise .*, faster change_rates"):
+        calibrate(turned(moved, 5, rng, start_s=100.0), array, prior=first)
+    full = turned(moved, 80, rng, start_s=100.0)
+    found, plain = calibrate(full, array, prior=first), calibrate(full, replace(array, tolerances=None))
+    assert any("contradict the prior" in warning and "count alone" in warning for warning in found.warnings)
+    assert_allclose(found.errors.to_vector(), plain.errors.to_vector(), rtol=1e-9, atol=1e-15)

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from narrow_turns import FINE, NOISE_T, WIDE, array_of, drawn, turned
 from numpy.testing import assert_allclose
-from scipy.spatial.transform import Rotation
 
 from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.fit import calibrate, wide_prior
@@ -14,46 +14,9 @@ from tam_calibration.fit.posterior import Known
 from tam_calibration.fit.prior import in_first_frame, prior_of
 from tam_calibration.fit.scale import free_scale
 from tam_calibration.fit.wide_prior import beside_wide_prior, is_wide, prior_of_tolerances
-from tam_calibration.model.array import Array
 from tam_calibration.model.change_rates import ChangeRates
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.recording import Recording
-from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.tolerances import Tolerances
-from tam_calibration.simulation.attitude import Manoeuvre
-
-WIDE = Tolerances(0.05, np.radians(2), 3e-6, np.radians(2))
-"""What a vehicle's iron adds to a chip: over such errors lengths bend by a hundred times the noise."""
-
-FINE = Tolerances(0.005, np.radians(0.5), 50e-9, np.radians(1))
-"""A fluxgate's data sheet, and a mounting by eye."""
-
-WORLD_T = np.array([3e-6, 18e-6, -46e-6])
-NOISE_T = 1e-9
-
-
-def array_of(tolerances, sensors, noise_T=NOISE_T):
-    """Return an array with tolerances, of one sensor or the cross; a noise of None is not stated."""
-    positions = np.zeros((1, 3)) if sensors == 1 else Array.cross(0.5).positions_m
-    noise = (None, None) if noise_T is None else (np.full(sensors, noise_T), noise_T / 10)
-    return Array(positions, *noise, tolerances=tolerances, change_rates=ChangeRates(*np.zeros(8)))
-
-
-def drawn(tolerances, sensors, rng):
-    """Return errors that the tolerances may have."""
-    errors = rng.normal(size=(sensors, 12)) * np.sqrt(tolerances.variances())
-    errors[:, :3] += 1
-    return SensorErrors.from_vector(errors)
-
-
-def turned(errors, tilt_deg, rng, start_s=0.0, count=300):
-    """Return full circles with swings of pitch and roll, read with white noise."""
-    limit, time_s = np.radians(tilt_deg), 0.2 * np.arange(count)
-    to_world = Rotation.from_quat(Manoeuvre(limit, limit, 60.0).attitudes(time_s + rng.uniform(0, 30), rng))
-    field = to_world.inv().apply(WORLD_T)
-    readings = errors.distort(field)
-    scalar = np.linalg.norm(field, axis=1) + rng.normal(0, NOISE_T / 10, count)
-    return Recording(start_s + time_s, readings + rng.normal(0, NOISE_T, readings.shape), scalar)
 
 
 def pulls(calibration, errors):
@@ -179,33 +142,6 @@ def test_biases_of_ten_times_the_field_are_found():
     off = found.errors.to_vector() - plain.errors.to_vector()
     assert np.abs(off[0, :9] / plain.standard_errors[0, :9]).max() < 0.01
     assert found.update.prior == "tolerances" and not found.warnings
-
-
-def test_tolerances_that_are_contradicted_tell_nothing():
-    """A bias of a hundred tolerances: a narrow turn is refused, a full one counts alone and says so."""
-    rng = np.random.default_rng(4)
-    errors = replace(drawn(FINE, 1, rng), bias_T=np.array([[5e-6, 0, 0]]))
-    with pytest.raises(Refused, match=r"the tolerances of the array file, χ² .* of 9 errors, and tell too little"):
-        calibrate(turned(errors, 5, rng), array_of(FINE, 1))
-    recording, array = turned(errors, 80, rng), array_of(FINE, 1)
-    found, plain = calibrate(recording, array), calibrate(recording, replace(array, tolerances=None))
-    assert any("contradict the tolerances" in warning and "count alone" in warning for warning in found.warnings)
-    assert_allclose(found.errors.to_vector(), plain.errors.to_vector(), rtol=1e-9, atol=1e-15)
-    assert np.nanmin(found.update.data_share) == np.nanmax(found.update.data_share) == 1
-
-
-def test_a_turn_that_contradicts_a_narrow_one_counts_alone():
-    """A bias that the first was certain of moved by 1 µT since then; a second that tells too little is refused."""
-    rng = np.random.default_rng(14)
-    errors, array = drawn(WIDE, 1, rng), array_of(WIDE, 1)
-    first = calibrate(turned(errors, 5, rng), array)
-    moved = replace(errors, bias_T=errors.bias_T + np.array([1e-6, 0, 0]))
-    with pytest.raises(Refused, match=r"contradict the prior, .* alone: state the noise .*, faster change_rates"):
-        calibrate(turned(moved, 5, rng, start_s=100.0), array, prior=first)
-    full = turned(moved, 80, rng, start_s=100.0)
-    found, plain = calibrate(full, array, prior=first), calibrate(full, replace(array, tolerances=None))
-    assert any("contradict the prior" in warning and "count alone" in warning for warning in found.warnings)
-    assert_allclose(found.errors.to_vector(), plain.errors.to_vector(), rtol=1e-9, atol=1e-15)
 
 
 def test_the_scale_stays_a_convention_without_a_scalar():
