@@ -18,7 +18,7 @@ from tam_calibration.model.units import FloatArray, to_nanotesla
 FEWEST_SAMPLES = 9
 """An ellipsoid has nine parameters, and each sample gives one intensity."""
 
-_LARGEST_ANGLE_ERROR = 0.01
+LARGEST_ANGLE_ERROR = 0.01
 """Standard error of an angle, radians, beyond which it is open: as large as the misalignments that are to be found."""
 
 _LARGEST_RELATIVE_ERROR = 0.005
@@ -118,7 +118,7 @@ def refuse_open(standard_errors: FloatArray, intensity_T: float) -> None:
 
 def open_parameters(standard_errors: FloatArray, intensity_T: float) -> str:
     """Return the names of parameters whose standard errors, as of ``refuse_open``, are too large to be of use."""
-    relative, angle = _LARGEST_RELATIVE_ERROR, _LARGEST_ANGLE_ERROR
+    relative, angle = _LARGEST_RELATIVE_ERROR, LARGEST_ANGLE_ERROR
     limits = np.array([relative] * 3 + [angle] * 3 + [relative * intensity_T] * 3 + [angle] * 3)
     return _name_open(~(standard_errors.reshape(-1, 12) <= limits))
 

@@ -15,7 +15,7 @@ from tam_calibration.correction.update import Moved, Update
 from tam_calibration.fit.change_time import time_of_change
 from tam_calibration.fit.contradiction import Change, Difference, changes_that_explain, probability_of
 from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
-from tam_calibration.fit.identifiability import FEWEST_SAMPLES
+from tam_calibration.fit.identifiability import FEWEST_SAMPLES, LARGEST_ANGLE_ERROR
 from tam_calibration.fit.posterior import Known, Posterior, posterior_of
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.recorded_attitude import FRAME_STATEMENT
@@ -102,7 +102,8 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
     array : Array
         Geometry and noise; a noise that is not stated is estimated, and scaled to the residual before the fit that
         weighs data and prior. Where it states the standard deviation of the attitude, the recorded attitude is data,
-        and where it states that of its mounting too, the array frame is that of the attitude.
+        and where it states that of its mounting too, the array frame is that of the attitude, if that is then known to
+        ``LARGEST_ANGLE_ERROR``.
     known : Known
         What is known beside it; it is taken as it is.
 
@@ -126,8 +127,10 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
     frame = FIRST_SENSOR if known.prior is None else known.prior.calibration.frame
     errors, covariance = posterior.errors, posterior.covariance
     if posterior.view is not None and noisy.mounting_error is not None and not known.knows_frame:
-        frame = FRAME_STATEMENT
-        errors, covariance = _into_frame_of_attitude(posterior, noisy.mounting_error)
+        turned, with_turn = _into_frame_of_attitude(posterior, noisy.mounting_error)
+        # A frame that is less certain than misalignments may be is none: that of sensor 1 is certain.
+        if np.sqrt(np.diag(with_turn)).reshape(-1, 12)[:, 9:].max() <= LARGEST_ANGLE_ERROR:
+            errors, covariance, frame = turned, with_turn, FRAME_STATEMENT
     estimate = Estimate(errors, covariance, True, posterior.intensity_T, frame=frame)
     calibration = with_variance_factors(make_calibration(NAME, recording, noisy, estimate), known.variance_factors)
     has_scale = calibration.has_scalar_reference or known.knows_scale

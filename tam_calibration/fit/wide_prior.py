@@ -136,7 +136,7 @@ def _settled(known: Known, recording: SampleSource, array: KnownNoiseArray) -> t
     """Return what is known, with the weight of the readings that their residuals show, and the calibration by it."""
     assert known.prior is not None
     start = known.start or known.prior.calibration
-    energy = max(1.0, *measure_chi_square(recording, array, start.errors, start.intensity_T).values())
+    energy = max([1.0, *measure_chi_square(recording, array, start.errors, start.intensity_T).values()])
     factors = VarianceFactors(recording.sample_count * energy, recording.sample_count * energy)
     for _ in range(_MOST_ROUNDS):
         known = replace(known, variance_factors=factors)

@@ -71,6 +71,17 @@ def test_the_frame_is_stated(noise_free, wu_scenario):
     assert np.abs(seeing.errors.misalignment[0] - case.errors.misalignment[0]).max() < 1e-4
 
 
+def test_samples_without_attitude_tell_the_rest():
+    """An attitude that is unknown in a third of the samples turns the frame by the others."""
+    case = chi2017.set_up()
+    attitude = case.recording.attitude.copy()
+    attitude[::3] = np.nan
+    some = integrated(replace(case.recording, attitude=attitude), case.array)
+    whole = integrated(case.recording, case.array)
+    assert_allclose(some.errors.misalignment, whole.errors.misalignment, atol=3 * whole.standard_errors[:, 9:].max())
+    assert_allclose(some.errors.bias_T, whole.errors.bias_T)
+
+
 @pytest.mark.parametrize("ratio", [100.0, 4.0])
 def test_no_other_quadric_within_the_constraint_is_nearer(ratio):
     """Squared algebraic distances over ratio J - I², with I the trace of A and J the sum of its principal minors."""

@@ -124,6 +124,16 @@ def test_errors_beside_attitude_lie_within_what_is_told(wu_scenario, mounting_er
     assert ("recorded" in found.frame) == bool(mounting_error)
 
 
+@pytest.mark.parametrize(("mounting_deg", "is_frame"), [(0.56, True), (0.59, False), (10.0, False)])
+def test_a_mounting_that_is_known_too_little_makes_no_frame(wu_scenario, mounting_deg, is_frame):
+    """A full turn is calibrated in the frame of sensor 1 then, as where nothing is known of the mounting."""
+    noise = from_degrees(0.05)
+    array = replace(wu_scenario.array, attitude_noise=noise, mounting_error=from_degrees(mounting_deg))
+    found = calibrate(swinging(wu_scenario, 80, 7, attitude=AttitudeChannel(noise)), array)
+    assert ("recorded" in found.frame) == is_frame
+    assert (found.standard_errors[0, 9:].max() > 0) == is_frame
+
+
 def test_attitude_closes_what_a_narrow_turn_leaves_open(wu_scenario):
     """At five degrees of tilt the worst standard errors shrink to less than half of those without it."""
     noise = from_degrees(0.01)

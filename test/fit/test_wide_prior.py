@@ -144,6 +144,15 @@ def test_biases_of_ten_times_the_field_are_found():
     assert found.update.prior == "tolerances" and not found.warnings
 
 
+def test_two_samples_beside_tolerances_are_little_and_no_mistake():
+    """Accepted, they leave nearly all to the tolerances: their residuals have no degree of freedom."""
+    rng = np.random.default_rng(15)
+    errors = drawn(WIDE, 4, rng)
+    found = calibrate(turned(errors, 5, rng).take([0, 200]), array_of(WIDE, 4), accept=["few_samples"])
+    assert np.nanmedian(found.update.data_share) < 0.5
+    assert "is left to the tolerances" in " ".join(found.warnings)
+
+
 def test_the_scale_stays_a_convention_without_a_scalar():
     """As it is without tolerances: the mean determinant is one, and the rest is told with its standard errors."""
     rng = np.random.default_rng(5)
