@@ -36,6 +36,9 @@ from tam_calibration.model.units import FloatArray
 _MOST_SKEW = np.pi / 2
 """Non-orthogonality at which two axes of a sensor are one, radians."""
 
+_LARGEST_SCALE = 1e3
+"""Scale factor from which a sensor reads another unit: far beyond, gradients vanish, and steps settle anywhere."""
+
 _SHORTER = 0.6
 """Length of the steps where whole ones do not settle: what is taken off the gradient has a slope that the information
 does not hold, which is as large where a narrow turn tells little beside wide tolerances."""
@@ -308,7 +311,8 @@ class Problem:
         errors, count = place.errors, place.errors.sensor_count
         vector = errors.to_vector() + step[: 12 * count].reshape(count, 12)
         intensity_T = place.intensity_T + (0.0 if self.has_scalar else self.unit_T * float(step[12 * count]))
-        if not (vector[:, :3] > 0).all() or np.abs(vector[:, 3:6]).max() > _MOST_SKEW or intensity_T <= 0:
+        has_scale = ((vector[:, :3] > 0) & (vector[:, :3] < _LARGEST_SCALE)).all()
+        if not has_scale or np.abs(vector[:, 3:6]).max() > _MOST_SKEW or intensity_T <= 0:
             raise Refused(
                 "the readings, and what is known beside them, determine no calibration: the fit leads to sensors that "
                 "cannot be; turn the array further, or take its last calibration for a prior"

@@ -179,9 +179,12 @@ def test_noise_that_is_not_stated_is_scaled_before_data_and_prior_are_weighed(wu
     assert_allclose(estimated.standard_errors[free], stated.standard_errors[free], rtol=0.1)
 
 
-@pytest.mark.parametrize(("parameter", "step", "is_refused"), [(1, -1.2, True), (4, 1.5, False), (4, 1.6, True)])
+@pytest.mark.parametrize(
+    ("parameter", "step", "is_refused"),
+    [(1, -1.2, True), (1, 990.0, False), (1, 1000.0, True), (4, 1.5, False), (4, 1.6, True)],
+)
 def test_steps_to_sensors_that_cannot_be_are_refused(wu_scenario, wu_run, parameter, step, is_refused):
-    """Of a scale factor below zero, and of axes more than a right angle askew; the sentence says what to do."""
+    """Of a scale factor below zero or of a thousand, and of axes more than a right angle askew: what to do is said."""
     problem = Problem.of(wu_run.recording, wu_scenario.array.with_stated_noise(), Known())
     steps = np.zeros(48)
     steps[12 + parameter] = step - problem.start.errors.to_vector()[1, parameter] * (parameter == 4)
