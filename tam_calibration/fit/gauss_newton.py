@@ -17,6 +17,11 @@ Kept = TypeVar("Kept")
 
 _MOST_STEPS = 100
 
+_FARTHEST = 1e6
+"""Size of a step of matrices and biases, which are of order one, from which no way leads back."""
+
+_NOT_ONE = "the readings do not fit one calibration, look for a change of field or sensor during the recording"
+
 
 class Point(NamedTuple):
     """Matrices D Λ (K, 3, 3), biases (K, 3), and components of an ambient gradient: five, or none."""
@@ -52,7 +57,7 @@ def gauss_newton(
     InputError
         When the readings determine no ellipsoid.
     Refused
-        When the iteration does not settle.
+        When the iteration does not settle, or goes astray.
     """
     rows = 12 * len(point.matrix)
     free = np.append(free_rows(len(point.matrix)), np.ones(len(point.gradient), dtype=bool))
@@ -62,6 +67,8 @@ def gauss_newton(
         return here.information[np.ix_(free, free)], here.gradient[free], here.information
 
     def moved(before: Point, change: FloatArray) -> Point:
+        if not np.abs(change).max() < _FARTHEST:
+            raise Refused(f"the fit goes astray: {_NOT_ONE}")
         step = np.zeros(free.size)
         step[free] = change
         update = step[:rows].reshape(-1, 3, 4)
@@ -110,10 +117,7 @@ def descend(
     first: tuple[Place, Kept | None, float] = (start, None, np.inf)
     (place, kept, _), is_settled = iterate(step_from, first, _MOST_STEPS)
     if not is_settled or kept is None:
-        raise Refused(
-            f"the fit did not settle in {_MOST_STEPS} steps: the readings do not fit one calibration, "
-            "look for a change of field or sensor during the recording"
-        )
+        raise Refused(f"the fit did not settle in {_MOST_STEPS} steps: {_NOT_ONE}")
     return place, kept
 
 

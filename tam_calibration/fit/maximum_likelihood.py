@@ -140,7 +140,7 @@ def _errors(data: Normalized, point: Point) -> tuple[SensorErrors, float]:
     InputError
         When the point is that of no sensors: the iteration went astray.
     """
-    if not (np.linalg.det(point.matrix) > 0).all():
+    if not (np.linalg.slogdet(point.matrix).sign > 0).all():
         raise InputError(ellipsoid.NO_ELLIPSOID)
     factor = 1.0 if data.has_scalar else float(free_scale(point.matrix))
     errors = SensorErrors.from_matrix(factor * point.matrix, data.origin_T + data.radius_T * point.bias)

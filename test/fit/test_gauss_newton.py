@@ -1,11 +1,14 @@
 """Steps lead to the least χ² over what is free, and end where rounding or, with new weights, a factor says so."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.gauss_newton import Point, free_rows, gauss_newton
 from tam_calibration.fit.likelihood import Linearization
+from tam_calibration.model.exceptions import Refused
 
 FREE = np.append(free_rows(2), np.full(5, True))
 
@@ -62,3 +65,19 @@ def test_steps_end_where_rounding_begins(energy_kept, robust, count):
     """The first promises a fall of one, and each further one that times the square of what a step leaves."""
     target, information = target_and_information()
     assert steps_to(target, information, np.sqrt(energy_kept), robust, first=1.0)[1] == count
+
+
+@pytest.mark.parametrize(("size", "is_astray"), [(0.99e6, False), (1.01e6, True)])
+def test_a_step_of_a_million_goes_astray(size, is_astray):
+    """Matrices and biases are of order one: it is said before numbers overflow."""
+    target, information = np.zeros(29), np.eye(29)
+    target[0] = size
+    with pytest.raises(Refused, match=r"goes astray: .* do not fit one") if is_astray else nullcontext():
+        steps_to(target, information, 0.0, robust=False)
+
+
+def test_steps_that_overshoot_do_not_settle():
+    """Each by as much as it should have gone: for ever."""
+    target, information = target_and_information()
+    with pytest.raises(Refused, match="did not settle in 100 steps"):
+        steps_to(target, information, -1.0, robust=False)
