@@ -151,6 +151,18 @@ def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known |
     )
 
 
+def can_be(vector: FloatArray) -> bool:
+    """Return whether sensors can have such errors.
+
+    Parameters
+    ----------
+    vector : (K, 12) array
+        In the order of ``SensorErrors.to_vector``.
+    """
+    scale_factor, skew = vector[:, :3], np.abs(vector[:, 3:6])
+    return bool(((scale_factor > 0) & (scale_factor < _LARGEST_SCALE)).all() and (skew <= _MOST_SKEW).all())
+
+
 class Place(NamedTuple):
     """Errors, the intensity where no scalar reads it, tesla, and the view of the world where attitude is data."""
 
@@ -311,8 +323,7 @@ class Problem:
         errors, count = place.errors, place.errors.sensor_count
         vector = errors.to_vector() + step[: 12 * count].reshape(count, 12)
         intensity_T = place.intensity_T + (0.0 if self.has_scalar else self.unit_T * float(step[12 * count]))
-        has_scale = ((vector[:, :3] > 0) & (vector[:, :3] < _LARGEST_SCALE)).all()
-        if not has_scale or np.abs(vector[:, 3:6]).max() > _MOST_SKEW or intensity_T <= 0:
+        if not can_be(vector) or intensity_T <= 0:
             raise Refused(
                 "the readings, and what is known beside them, determine no calibration: the fit leads to sensors that "
                 "cannot be; turn the array further, or take its last calibration for a prior"

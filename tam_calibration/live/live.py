@@ -9,6 +9,7 @@ a field that a source makes is no change of a sensor: while it lasts nothing is 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.linalg import norm
 
 from tam_calibration.core.normal_equations import ridged
 from tam_calibration.correction.calibration import Calibration
@@ -131,6 +132,7 @@ class Live:
         self._suspicion: Suspicion | None = None
         self._rows: list[FloatArray] = []
         self._problem = ""
+        self._left_out = 0
         self._compared: Belief | None = None
         self.state = state or LiveState(Recursion.at(self._stored), self._stored)
 
@@ -183,6 +185,13 @@ class Live:
     @property
     def sentence(self) -> str:
         """What it does, for people."""
+        if not self._left_out:
+            return self._state_in_words
+        field = self._calibration.array.field
+        return f"{self._state_in_words}; {self._left_out} samples with no field of {field.range_uT} µT are left out"
+
+    @property
+    def _state_in_words(self) -> str:
         if self._problem:
             return self._problem
         learned = f"updated with {self.state.learned} samples"
@@ -195,6 +204,9 @@ class Live:
 
     def _take(self, rows: FloatArray) -> None:
         """Weigh a block, learn it, and decide."""
+        rows = self._in_a_field(rows)
+        if not len(rows):
+            return
         begin_s, end_s = float(rows[0, 0]), float(rows[-1, 0])
         known = rows[np.isfinite(rows[:, -1]), -1]
         temperature_C = float(known.mean()) if known.size else np.nan
@@ -214,6 +226,19 @@ class Live:
             self._decide(self._suspicion, end_s, temperature_C)
         elif self._suspicion is None and self.state.paused_by and self._window.is_full:
             self._go_on(end_s, temperature_C)
+
+    def _in_a_field(self, rows: FloatArray) -> FloatArray:
+        """Return the samples in which most sensors read a field that the array may be in, and NaN for no such scalar.
+
+        A driver that sends zeros or another unit tells nothing, and would end the update.
+        """
+        bounds, rows = self._calibration.array.field, rows.copy()
+        fields_T = self.state.recursion.now.errors.restore(rows[:, 1:-2].reshape(len(rows), -1, 3))
+        rows[~bounds.hold_each(rows[:, -2]), -2] = np.nan
+        is_told = bounds.hold_each(np.median(norm(fields_T, axis=2), axis=1))
+        self._left_out += int(np.count_nonzero(~is_told))
+        told: FloatArray = rows[is_told]
+        return told
 
     def _learn(self, moments: SampleMoments, end_s: float, temperature_C: float) -> None:
         try:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.core.least_squares import iterate, scaled
+from tam_calibration.fit.posterior import can_be
 from tam_calibration.fit.prior import Prior
 from tam_calibration.live.sample_moments import MomentLikelihood, SampleMoments
 from tam_calibration.model.exceptions import Refused
@@ -206,7 +207,7 @@ def solve(
     Raises
     ------
     Refused
-        When the iteration does not settle.
+        When the iteration does not settle, or leads to sensors that cannot be.
     """
     free, mean = begin.free, begin.errors.to_vector().ravel()
     orientation = begin.errors.orientation
@@ -220,6 +221,8 @@ def solve(
         step = covariance @ gradient
         moved = vector.copy()
         moved[free] += step
+        if not can_be(moved.reshape(-1, 12)):
+            raise Refused("the update leads to sensors that cannot be: the readings do not fit the calibration")
         return (moved, covariance), float(step @ gradient) < _SETTLED
 
     begin_with: tuple[FloatArray, FloatArray] = (start.to_vector().ravel(), certainty)

@@ -87,6 +87,10 @@ class FieldBounds:
         """Whether an intensity lies within."""
         return self.low_T <= intensity_T <= self.high_T
 
+    def hold_each(self, intensity_T: FloatArray) -> np.ndarray:
+        """Return the (N,) mask of the intensities that lie within."""
+        return (self.low_T <= intensity_T) & (intensity_T <= self.high_T)
+
     def require_intensity(self, intensity_T: float) -> None:
         """Check the intensity that a scalar magnetometer reads.
 

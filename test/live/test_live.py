@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from live_mission import UNCHANGING, ashore, dive, moved
 from numpy.linalg import inv
+from numpy.testing import assert_array_equal
 from scipy.signal import lfilter
 from scipy.special import chdtrc
 
@@ -267,3 +268,43 @@ def test_a_calibration_that_leaves_errors_open_is_refused(prior):
     Live(replace(prior, calibration=less_certain(100)), "tell")
     with pytest.raises(InputError, match=r"does not determine .*scale factor x.*, and cannot be kept up to date"):
         Live(replace(prior, calibration=less_certain(10_000)), "tell")
+
+
+@pytest.mark.parametrize(
+    "broken", [lambda readings: 0 * readings, lambda readings: 1e9 * readings, lambda readings: -1e3 * readings]
+)
+def test_what_is_no_field_is_left_out(prior, true_errors, cross, broken):
+    """Drivers send zeros, or another unit, for ten seconds: the update is that of the other samples, and says so."""
+    rows = dive(true_errors, cross, np.random.default_rng(31), np.arange(0, 40, 0.05))
+    spoilt = rows.copy()
+    is_spoilt = (rows[:, 0] >= rows[200, 0]) & (rows[:, 0] < rows[400, 0])
+    spoilt[is_spoilt, 1:13] = broken(spoilt[is_spoilt, 1:13])
+    live, alone = Live(prior, "learn"), Live(prior, "learn")
+    live.add(spoilt)
+    alone.add(rows[~is_spoilt])
+    assert live.state.learned == alone.state.learned and not live.state.changes
+    assert_array_equal(live.state.recursion.now.errors.to_vector(), alone.state.recursion.now.errors.to_vector())
+    assert live.sentence.endswith("; 200 samples with no field of 15 to 100 µT are left out")
+
+
+def test_a_scalar_that_reads_no_field_is_none(prior, true_errors, cross):
+    """Zeros of a scalar that lost its lock are as no reading."""
+    rows = dive(true_errors, cross, np.random.default_rng(32), np.arange(0, 20, 0.05))
+    zeros, none = Live(prior, "tell"), Live(prior, "tell")
+    rows[100:200, -2] = 0
+    zeros.add(rows)
+    rows[100:200, -2] = np.nan
+    none.add(rows)
+    assert_array_equal(zeros.state.recursion.now.errors.to_vector(), none.state.recursion.now.errors.to_vector())
+    assert not zeros.state.changes and zeros.state.learned > 300
+
+
+def test_an_update_that_leads_to_no_sensors_learns_nothing(prior, true_errors, cross):
+    """Reversed sensors in a field that is one: it is said, and the calibration stays."""
+    live = Live(prior, "tell")
+    rows = dive(true_errors, cross, np.random.default_rng(33), np.arange(0, 20, 0.05))
+    live.add(rows[:100])
+    before = live.state.recursion.now.errors.to_vector()
+    rows[100:, 1:13] *= -1
+    live.add(rows[100:])
+    assert np.abs(live.calibration.errors.to_vector() - before)[:, :3].max() < 0.01
