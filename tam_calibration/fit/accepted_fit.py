@@ -7,7 +7,7 @@ from tam_calibration.fit.consistency import require_one_calibration, require_one
 from tam_calibration.fit.identifiability import require_accurate
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SampleSource
 
 Fit = Callable[[SampleSource, Array], Calibration]
@@ -34,7 +34,7 @@ def accepted(recording: SampleSource, array: Array, fit: Fit) -> Calibration:
     """
     try:
         calibration = fit(recording, array)
-    except InputError:
+    except (InputError, Refused):
         require_one_sphere(recording)
         raise
     require_one_field(recording, calibration)

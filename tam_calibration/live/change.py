@@ -7,20 +7,28 @@ change Λ = sᵀ B (Bᵀ W B)⁻¹ Bᵀ s is a χ² of as many degrees of freedo
 is (Bᵀ W B)⁻¹ Bᵀ s (Willsky and Jones 1976).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri
 
 from tam_calibration.core.least_squares import scaled
 from tam_calibration.correction.update import KINDS
+from tam_calibration.fit.likelihood import Linearization
+from tam_calibration.fit.posterior import can_be
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 
 CLEAR_RATIO = 2 * float(np.log(100.0))
 """By how much a ratio exceeds another that is ruled out: the data are then a hundred times less probable by that."""
+
+FAR_RATIO = 1e5
+"""Ratio from which lengths may bend over a change by more than the noise: some ten times the noise, in some blocks."""
+
+_MOST_STEPS, _SETTLED = 20, 1e-6
+"""Steps to a change that is so large, and the part of it that the last one may leave. Six were the most needed."""
 
 _UNSEEN = 1e-9
 """Information along a direction, over that of its unknowns known alone, below which it is not seen: above rounding."""
@@ -226,6 +234,61 @@ class Weighing:
         return tuple(
             self._evidence(index, of_changes, score, float(scores[index]), excess) for index in not_out.tolist()
         )
+
+    def weigh_far(
+        self,
+        linearize: Callable[[SensorErrors], Linearization],
+        before: SensorErrors,
+        covariance: FloatArray,
+        count: int,
+        excess: float,
+    ) -> tuple[Evidence, ...]:
+        """Return the same of a change so large that lengths are no straight lines over it: each is fitted by itself.
+
+        Parameters
+        ----------
+        linearize : callable
+            From errors to what the samples say there.
+        before : SensorErrors
+            Before the samples.
+        covariance, count, excess
+            As of ``weigh``.
+        """
+        without, found = linearize(before), list[Evidence]()
+        for index in range(len(self._among)):
+            fitted = self._fitted(index, linearize, before, covariance, excess)
+            if fitted is not None:
+                evidence, here = fitted
+                fall = without.differential + without.common_mode - here.differential - here.common_mode
+                score = fall / excess - float(self._unknowns[index]) * np.log(max(count, 2))
+                found.append(replace(evidence, ratio=fall / excess, score=score))
+        found.sort(key=lambda evidence: -evidence.score)
+        return tuple(evidence for evidence in found if found[0].score - evidence.score <= CLEAR_RATIO)
+
+    def _fitted(
+        self,
+        index: int,
+        linearize: Callable[[SensorErrors], Linearization],
+        before: SensorErrors,
+        covariance: FloatArray,
+        excess: float,
+    ) -> tuple[Evidence, Linearization] | None:
+        """Return what a hypothesis comes to, and what the samples say there; None where no sensors are like that."""
+        start = before.to_vector().ravel()
+        change = np.zeros_like(start)
+        here = linearize(before)
+        for _ in range(_MOST_STEPS):
+            evidence = self._evidence(
+                index, *_marginal(here.information, here.gradient + here.information @ change, covariance), 0.0, excess
+            )
+            left, change = evidence.change - change, evidence.change
+            vector = (start + change).reshape(-1, 12)
+            if not can_be(vector):
+                return None
+            here = linearize(SensorErrors.from_vector(vector, before.orientation))
+            if np.abs(left).max() <= _SETTLED * np.abs(change).max():
+                break
+        return evidence, here
 
     def _evidence(self, index: int, of_changes: FloatArray, score: FloatArray, net: float, excess: float) -> Evidence:
         hypothesis = self._among[int(index)]

@@ -7,6 +7,7 @@ the blocks after that one alone, against what was known before the earliest mome
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -14,9 +15,9 @@ import numpy as np
 
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
-from tam_calibration.live.change import Evidence, Weighing, hypotheses
+from tam_calibration.live.change import FAR_RATIO, Evidence, Weighing, hypotheses
 from tam_calibration.live.recursion import Belief, Walk
-from tam_calibration.live.sample_moments import SampleMoments
+from tam_calibration.live.sample_moments import MomentLikelihood, SampleMoments
 from tam_calibration.model.change_rates import DAY_S
 from tam_calibration.model.units import FloatArray
 
@@ -116,10 +117,12 @@ class ChangeWindow:
         Of the sensors.
     walk : Walk
         How they change without being touched.
+    likelihood : MomentLikelihood
+        That the moments of the blocks are of.
     """
 
-    def __init__(self, prior: Prior, walk: Walk) -> None:
-        self._walk, self._size = walk, prior.covariance.shape[0]
+    def __init__(self, prior: Prior, walk: Walk, likelihood: MomentLikelihood) -> None:
+        self._walk, self._likelihood, self._size = walk, likelihood, prior.covariance.shape[0]
         among = hypotheses(prior.errors, prior.calibration.array)
         self._weighing = Weighing(among, chance_of_test(len(among)))
         self._steps: deque[Step] = deque(maxlen=WINDOW)
@@ -158,9 +161,19 @@ class ChangeWindow:
             return self._alarm(weigh)
         self._after.append(step)
         found = weigh(self._sums(self._first, self._after)[0])
+        if found and found[0].ratio > FAR_RATIO:
+            found = self._weigh_far(self._first, self._after, end_s, temperature_C)
         is_late = not 0 <= end_s - self._first.begin_s < DECIDE_S
         is_decided = len(self._after) >= FEWEST_AFTER and (len(found) < 2 or is_late)
         return Suspicion(self._first, tuple(self._after), found, is_decided)
+
+    def _weigh_far(self, first: Step, after: list[Step], end_s: float, temperature_C: float) -> tuple[Evidence, ...]:
+        before = first.before
+        covariance = before.covariance + self._walk.covariance(before, end_s, temperature_C)
+        moments = sum((step.moments for step in after), SampleMoments.none(before.errors.sensor_count))
+        return self._weighing.weigh_far(
+            partial(self._likelihood.linearize, moments), before.errors, covariance, moments.count, first.excess
+        )
 
     def _alarm(self, weigh: Callable[[_Sums], tuple[Evidence, ...]]) -> Suspicion | None:
         """Return a suspicion where the last blocks raise an alarm."""

@@ -128,7 +128,7 @@ class Live:
         self._likelihood = MomentLikelihood(prior.errors, stored.array, stored.intensity_T, stored.variance_factors)
         self._walk = Walk(prior)
         self._stored = Belief(prior.errors, prior.covariance, np.nan, np.nan)
-        self._window = ChangeWindow(prior, self._walk)
+        self._window = ChangeWindow(prior, self._walk, self._likelihood)
         self._suspicion: Suspicion | None = None
         self._rows: list[FloatArray] = []
         self._problem = ""

@@ -11,7 +11,7 @@ from numpy.testing import assert_array_equal
 from scipy.signal import lfilter
 from scipy.special import chdtrc
 
-from tam_calibration.live.change import CLEAR_RATIO, hypotheses
+from tam_calibration.live.change import CLEAR_RATIO, FAR_RATIO, hypotheses
 from tam_calibration.live.change_window import (
     BLOCK_S,
     DECIDE_S,
@@ -63,6 +63,30 @@ def test_a_change_is_told_by_sensor_and_parameters(prior, true_errors, cross, pa
     assert told.sensor == 3 and told.parameters[0] == parameters
     assert CHANGE_S < told_s < CHANGE_S + 30 and abs(told.since_s - CHANGE_S) < 2 * BLOCK_S
     assert told.sentence.startswith(f"{parameters} of sensor 3 by ")
+
+
+@pytest.mark.parametrize(
+    ("kind", "change"),
+    [
+        ("bias", {"bias_T": np.array([0.6e-6, -0.6e-6, 0.6e-6])}),
+        ("bias", {"bias_T": np.array([12e-6, 12e-6, -12e-6])}),
+        ("bias", {"bias_T": np.array([-30e-6, 20e-6, 30e-6])}),
+        ("scale factor", {"scale_factor": np.array([0.05, -0.02, 0.0])}),
+        ("non-orthogonality", {"non_orthogonality": np.array([0.03, 0.0, 0.02])}),
+        ("misalignment", {"misalignment": np.array([0.05, 0.08, -0.03])}),
+        ("several errors", {"bias_T": np.array([2e-6, 1e-6, 0.0]), "scale_factor": np.array([0.01, 0.0, 0.0])}),
+    ],
+)
+def test_a_change_as_large_as_the_field_is_told_and_learned(prior, true_errors, cross, kind, change):
+    """A magnet on a tool, an amplifier that broke: lengths bend over it, and it passes for no other change."""
+    after = moved(true_errors, 3, **change)
+    live, told_s = run(prior, true_errors, after, cross, on_change="learn")
+    [told] = live.state.changes
+    assert (told.sensor, told.parameters) == (3, (kind,)) and told_s < CHANGE_S + 30
+    now = live.state.recursion.now
+    free = np.diag(now.covariance) > 0
+    off = (now.errors.to_vector() - after.to_vector()).ravel()[free]
+    assert np.abs(off / np.sqrt(np.diag(now.covariance))[free]).max() < 4
 
 
 @pytest.mark.parametrize("is_known", [True, False])
@@ -257,6 +281,7 @@ def test_constants():
     assert SCREENED == (1, 2, 4, 8, 14)
     assert (PUBLISHED_FROM, WIDENED, MOST_CHANGES, LARGEST_WALK) == (0.5, 3.0, 100, 0.1)
     assert pytest.approx(2 * np.log(100)) == CLEAR_RATIO
+    assert FAR_RATIO == 1e5
 
 
 def test_a_calibration_that_leaves_errors_open_is_refused(prior):
