@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
+from scipy.stats import multivariate_t
 
 from tam_calibration.fit.student_noise import StudentNoise
 
@@ -20,3 +22,23 @@ def test_the_variance_of_a_robust_estimate_is_the_sandwich_of_its_weighted_chann
     expected = np.mean(weighted(samples) ** 2) / np.mean(slopes) ** 2
     noise = StudentNoise(np.sum(samples**2, axis=1), counts, square)
     assert noise.variance_factor == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("scale", [0.3, 5.0])
+def test_the_scale_is_the_most_likely_one(scale):
+    """The likelihood of SciPy's multivariate t distribution with six degrees of freedom is largest there."""
+    channels = scale * multivariate_t(shape=np.eye(4), df=6, seed=5).rvs(3000)
+    noise = StudentNoise.of(np.sum(channels**2, axis=1), np.full(3000, 4.0))
+
+    def unlikely(square):
+        return -multivariate_t(shape=square * np.eye(4), df=6).logpdf(channels).sum()
+
+    best = minimize_scalar(unlikely, bracket=(0.5 * scale**2, 2 * scale**2), tol=1e-10).x
+    assert noise.square == pytest.approx(best, rel=1e-5)
+    assert noise.square == pytest.approx(scale**2, rel=0.1)
+
+
+def test_samples_of_no_noise_count_most():
+    """1 + c/6 of c channels; half of that at a distance of √6 of the scale."""
+    noise = StudentNoise(np.array([0.0, 6.0]), np.full(2, 3.0), 1.0)
+    assert noise.weights.tolist() == [1.5, 0.75]
