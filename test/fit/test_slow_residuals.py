@@ -65,6 +65,15 @@ def test_white_noise_of_the_stated_size_widens_nothing(wu_scenario):
         assert widened(plain, recording).covariance.tolist() == plain.covariance.tolist()
 
 
+def test_white_noise_of_a_noisy_scalar_widens_nothing(wu_scenario):
+    """20 nT, as stated: it is no slow residual of the sensors' 1 nT."""
+    recording = turned(wu_scenario, 3)
+    noise_T = 20e-9 * np.random.default_rng(3).normal(size=recording.sample_count)
+    recording = replace(recording, scalar_T=recording.scalar_T + noise_T)
+    array = replace(wu_scenario.array.with_stated_noise(), scalar_noise_T=20e-9)
+    assert variance_factors(maximum_likelihood(recording, array), recording) == WHITE
+
+
 def test_few_samples_of_one_sensor_are_as_seldom_taken_for_slow(wu_scenario):
     """At most one of 150 runs of 16 samples, where one in a thousand is expected: sums of few parameters are no χ²."""
     scenario = replace(wu_scenario, motion=Tumble(np.radians(60)), sample_count=16, rate_hz=1.0)
@@ -171,7 +180,7 @@ def test_noise_that_is_larger_than_stated_is_in_the_standard_errors(wu_scenario,
 
 def test_blocks_of_the_file_do_not_matter(wu_scenario):
     """A recording of more than one block of samples gives what its own sums give, whatever the bounds."""
-    recording = turned(wu_scenario, 2, 2e-9, BLOCK + 1000)
+    recording = turned(wu_scenario, 2, 2e-9, BLOCK + 3000)
     calibration = fitted(recording, wu_scenario)
     numbers, parts = zip(*slow_residuals._parts(recording), strict=True)
     assert sorted(set(numbers)) == list(range(16))
