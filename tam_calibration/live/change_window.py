@@ -162,7 +162,7 @@ class ChangeWindow:
         self._after.append(step)
         found = weigh(self._sums(self._first, self._after)[0])
         if found and found[0].ratio > FAR_RATIO:
-            found = self._weigh_far(self._first, self._after, end_s, temperature_C)
+            found = self._weigh_far(self._first, self._after, end_s, temperature_C) or found
         is_late = not 0 <= end_s - self._first.begin_s < DECIDE_S
         is_decided = len(self._after) >= FEWEST_AFTER and (len(found) < 2 or is_late)
         return Suspicion(self._first, tuple(self._after), found, is_decided)
