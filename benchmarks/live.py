@@ -10,7 +10,7 @@ and roll; 1 nT of noise in each axis, 0.1 nT in the scalar, 100 Hz. Measured are
 - alarms and memory of a clean mission, in which the sensors wander by the rates of the prior;
 - how long it takes until a change of 1 nT in the bias of one sensor, in any direction, is suspected and told; how often
   the right sensor and its bias are named first, alone, and at all; the same of a scale factor and of an angle that
-  change a reading by as much, and of the biases of all sensors.
+  change a reading by as much, of the biases of all sensors, and of a bias as large as the field.
 """
 
 import resource
@@ -181,12 +181,17 @@ def clean(seed: int, hours: float) -> list[tuple[str, float]]:
 Vary = Callable[[SensorErrors, int, np.random.Generator], SensorErrors]
 
 
-def of_bias(errors: SensorErrors, sensor: int, generator: np.random.Generator) -> SensorErrors:
-    """Return errors of which the bias of a sensor has moved by 1 nT."""
+def of_bias(errors: SensorErrors, sensor: int, generator: np.random.Generator, size_T: float = 1e-9) -> SensorErrors:
+    """Return errors of which the bias of a sensor has moved, by 1 nT."""
     direction = generator.normal(size=3)
     bias_T = errors.bias_T.copy()
-    bias_T[sensor] += 1e-9 * direction / np.linalg.norm(direction)
+    bias_T[sensor] += size_T * direction / np.linalg.norm(direction)
     return replace(errors, bias_T=bias_T)
+
+
+def of_large_bias(errors: SensorErrors, sensor: int, generator: np.random.Generator) -> SensorErrors:
+    """Return errors of which the bias of a sensor has moved by 1 to 100 µT, all orders of magnitude alike."""
+    return of_bias(errors, sensor, generator, 10 ** generator.uniform(-6, -4))
 
 
 def of_scale(errors: SensorErrors, sensor: int, generator: np.random.Generator) -> SensorErrors:
@@ -214,6 +219,7 @@ def of_all_biases(errors: SensorErrors, sensor: int, generator: np.random.Genera
 
 CHANGES: dict[str, tuple[Vary, str]] = {
     "bias of 1 nT": (of_bias, "bias"),
+    "large bias, 1 to 100 µT": (of_large_bias, "bias"),
     "scale factor of 50 ppm": (of_scale, "scale factor"),
     "misalignment of 50 µrad": (of_angle, "misalignment"),
     "biases of all sensors": (of_all_biases, "biases"),
