@@ -25,10 +25,10 @@ CLEAR_RATIO = 2 * float(np.log(100.0))
 """By how much a ratio exceeds another that is ruled out: the data are then a hundred times less probable by that."""
 
 FAR_RATIO = 1e5
-"""Ratio from which lengths may bend over a change by more than the noise: some ten times the noise, in some blocks."""
+"""Ratio from which each is fitted by itself: a bias of some fifty times the noise, over which lengths begin to bend."""
 
 _MOST_STEPS, _SETTLED = 20, 1e-6
-"""Steps to a change that is so large, and the part of it that the last one may leave. Six were the most needed."""
+"""Steps to a change, and the part that the last may leave: six lead to the right one, wrong ones may not settle."""
 
 _UNSEEN = 1e-9
 """Information along a direction, over that of its unknowns known alone, below which it is not seen: above rounding."""

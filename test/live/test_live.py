@@ -322,14 +322,3 @@ def test_a_scalar_that_reads_no_field_is_none(prior, true_errors, cross):
     none.add(rows)
     assert_array_equal(zeros.state.recursion.now.errors.to_vector(), none.state.recursion.now.errors.to_vector())
     assert not zeros.state.changes and zeros.state.learned > 300
-
-
-def test_an_update_that_leads_to_no_sensors_learns_nothing(prior, true_errors, cross):
-    """Reversed sensors in a field that is one: it is said, and the calibration stays."""
-    live = Live(prior, "tell")
-    rows = dive(true_errors, cross, np.random.default_rng(33), np.arange(0, 20, 0.05))
-    live.add(rows[:100])
-    before = live.state.recursion.now.errors.to_vector()
-    rows[100:, 1:13] *= -1
-    live.add(rows[100:])
-    assert np.abs(live.calibration.errors.to_vector() - before)[:, :3].max() < 0.01

@@ -15,6 +15,7 @@ from tam_calibration.fit.scale import Normalized
 from tam_calibration.live.recursion import LARGEST_WALK, Belief, Recursion, Walk
 from tam_calibration.live.sample_moments import MomentLikelihood, SampleMoments
 from tam_calibration.model.change_rates import DAY_S, ChangeRates
+from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors
 
 
@@ -180,3 +181,14 @@ def test_a_temperature_that_is_not_known_is_the_last_one_that_was(true_errors, c
         recursion = recursion.after(moments, block[-1, 0], temperature_C, likelihood, Walk(prior))
         told.append(recursion.now.temperature_C)
     assert told == [11.0, 12.0, 12.0]
+
+
+def test_steps_to_sensors_that_cannot_be_are_refused(far_prior, cross):
+    """A sensor whose driver reverses its axes, where its scale factors may be any: it is said, and is no traceback."""
+    prior, errors = far_prior
+    variance = np.zeros((4, 12))
+    variance[1, :3] = 100.0
+    rows = dive(errors, cross, np.random.default_rng(8), np.arange(400) / 20)
+    rows[:, 4:7] *= -1
+    with pytest.raises(Refused, match="sensors that cannot be: the readings do not fit the calibration"):
+        learned(replace(prior, covariance=prior.covariance + np.diag(variance.ravel())), rows, 200)
