@@ -5,6 +5,7 @@ import runpy
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from multiprocessing import active_children, forkserver, get_context, resource_tracker
 
 from tam_calibration.model import signals
@@ -58,7 +59,8 @@ class _Forked:
 
     def send_signal(self, number):
         if self._process.is_alive():
-            os.kill(self.pid, number)
+            with suppress(ProcessLookupError):  # it ended a moment ago, and the server has not said so yet
+                os.kill(self.pid, number)
 
     def kill(self):
         self.send_signal(signal.SIGKILL)

@@ -1,6 +1,5 @@
 """A sensor whose driver dies: samples, field and gradient go on with the others, and say so, until it returns."""
 
-import os
 import signal
 import time
 
@@ -61,8 +60,7 @@ class Array:
         """Kill the driver of a sensor."""
         driver = self.drivers.pop(sensor)
         self.bench.children.remove(driver)
-        os.kill(driver.pids[f"driver_{sensor}"], signal.SIGKILL)
-        driver.end()
+        driver.end_one(f"driver_{sensor}", signal.SIGKILL)
 
     def wait_for(self, count):
         """Wait for so many outputs more, and return these."""
