@@ -33,10 +33,11 @@ from tam_calibration.files.scenario import read_scenario
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.information import inverted
-from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, resolve
+from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.posterior import Known, Place, Problem, posterior_of
 from tam_calibration.fit.prior import Prior, in_first_frame, prior_of
+from tam_calibration.fit.resolved_prior import resolve
 from tam_calibration.model.array import Array
 from tam_calibration.model.change_rates import DAY_S
 from tam_calibration.model.exceptions import InputError, Refused

@@ -8,6 +8,14 @@ from tam_calibration.model.units import FloatArray
 KINDS = ("scale factor", "non-orthogonality", "bias", "misalignment")
 """Of the errors of a sensor: three of the twelve each, in their order."""
 
+SEVERAL, ALL_BIASES, COMMON_SCALE = "several errors", "biases", "scalar reading, or the scale factors"
+"""What changes together: all errors of a sensor, the biases of all, and what is common to the scale of all."""
+
+
+def in_words(kind: str, sensor: int) -> str:
+    """Return what a change is of, for a sentence; sensor 0 is all of them."""
+    return f"{kind} of {f'sensor {sensor}' if sensor else 'all sensors'}"
+
 
 @dataclass(frozen=True, eq=False)
 class Moved:
@@ -24,9 +32,11 @@ class Moved:
     probability : float
         Of this change among those of one kind of one sensor, each as likely before.
     rivals : tuple of (str, int)
-        Kind and sensor of others that are not improbable.
+        Kind and sensor of others that are not improbable; a kind may be one of what changes together, sensor 0 is all.
     since_s : float, optional
         When, on the clock of the recording, where it shows that; None where it was so from its start.
+    together : (str, int), optional
+        Kind and sensor of what changed together, where this is a part of it.
     """
 
     kind: str
@@ -36,6 +46,7 @@ class Moved:
     probability: float
     rivals: tuple[tuple[str, int], ...] = ()
     since_s: float | None = None
+    together: tuple[str, int] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,8 +24,8 @@ _UNIT_OF = {"scale factor": "", "non-orthogonality": "_deg", "bias": "_nT", "mis
 
 
 @dataclass(frozen=True, kw_only=True)
-class _RivalFile:
-    kind: _Kind
+class _ChangeFile:
+    kind: _Kind | Literal["several errors", "biases", "scalar reading, or the scale factors"]
     sensor: int
 
 
@@ -40,14 +40,16 @@ class _MovedFile:
     standard_error_nT: Vector | None = None
     standard_error_deg: Vector | None = None
     probability: _Part
-    rivals: list[_RivalFile] = dataclasses.field(default_factory=list)
+    rivals: list[_ChangeFile] = dataclasses.field(default_factory=list)
     since_s: Seconds | None = None
+    together: _ChangeFile | None = None
 
     def to_moved(self) -> Moved:
         """Return the change in SI."""
         rivals = tuple((rival.kind, rival.sensor) for rival in self.rivals)
         change, error = self._in_si("change"), self._in_si("standard_error")
-        return Moved(self.kind, self.sensor, change, error, self.probability, rivals, self.since_s)
+        together = None if self.together is None else (self.together.kind, self.together.sensor)
+        return Moved(self.kind, self.sensor, change, error, self.probability, rivals, self.since_s, together)
 
     def _in_si(self, name: str) -> FloatArray:
         key = name + _UNIT_OF[self.kind]
@@ -120,9 +122,14 @@ def _moved_to_mapping(moved: Moved) -> dict[str, Any]:
         f"change{unit}": _to_write(moved.kind, moved.change),
         f"standard_error{unit}": _to_write(moved.kind, moved.standard_errors),
         "probability": moved.probability,
-        "rivals": [{"kind": kind, "sensor": sensor} for kind, sensor in moved.rivals],
+        "rivals": [_change_to_mapping(*rival) for rival in moved.rivals],
         "since_s": moved.since_s,
+        "together": None if moved.together is None else _change_to_mapping(*moved.together),
     }
+
+
+def _change_to_mapping(kind: str, sensor: int) -> dict[str, Any]:
+    return {"kind": kind, "sensor": sensor}
 
 
 def _to_si(kind: str, values: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from numpy.linalg import norm
 from tam_calibration.core.normal_equations import gram
 from tam_calibration.fit.channel_maps import ChannelMaps
 from tam_calibration.fit.likelihood import UNIFORM
-from tam_calibration.fit.recorded_attitude import find_turn
+from tam_calibration.fit.recorded_attitude import likely_turn
 from tam_calibration.model.units import FloatArray
 
 _PIECE = 8192
@@ -77,7 +77,7 @@ class AttitudeLikelihood:
         channels = ChannelMaps.at(matrix, bias, UNIFORM, self.vector_noise, None)
         field = (channels.at_scalar[:, :-1] @ self.rows + channels.at_scalar[:, -1:]).T
         field /= norm(field, axis=1, keepdims=True)
-        mount = find_turn(field, self.to_world, 0.0)
+        mount = likely_turn(field, self.to_world)
         direction = np.einsum("nij,nj->i", self.to_world, field @ mount.T)
         return WorldView(mount, direction / norm(direction))
 

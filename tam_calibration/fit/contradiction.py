@@ -1,9 +1,9 @@
-"""Whether data contradict a prior, and the smallest change of one sensor that would explain it.
+"""Whether data contradict a prior, and the smallest change of the sensors that would explain it.
 
 With d the difference of data and prior in the errors, V its covariance, P that of the prior and Σ that of both, what
-counts follows from the fit of both, m, alone: V⁻¹ d = P⁻¹ (m - θ₀), and V⁻¹ = P⁻¹ - P⁻¹ Σ P⁻¹. A change E δ of three
-errors of a sensor, δ normal with the covariance D of what may happen to it, explains the difference better than none by
-the factor
+counts follows from the fit of both, m, alone: V⁻¹ d = P⁻¹ (m - θ₀), and V⁻¹ = P⁻¹ - P⁻¹ Σ P⁻¹. A change E δ of some
+errors, δ normal with the covariance D of what may happen to them, explains the difference better than none by the
+factor
 
     exp(½ qᵀ (M + D⁻¹)⁻¹ q) / √det(1 + D M),    q = Eᵀ V⁻¹ d,  M = Eᵀ V⁻¹ E,
 
@@ -12,13 +12,15 @@ the ratio of the evidences: a change that would explain little, or could be anyt
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 
 import numpy as np
-from numpy.linalg import inv, slogdet
+from numpy.linalg import slogdet
 
-from tam_calibration.correction.update import KINDS
+from tam_calibration.correction.update import ALL_BIASES, SEVERAL, in_words
 from tam_calibration.fit.posterior import Posterior
-from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.prior import Prior, without_scale
+from tam_calibration.fit.sensor_changes import Hypothesis, changes_of_sensors
 from tam_calibration.model.units import FloatArray, from_nanotesla
 
 SIGNIFICANT = 1e-4
@@ -31,12 +33,20 @@ chance a given one is convincing at most once in ten thousand updates."""
 _LEAST_TOLD = 0.01
 """Information of the data over that of the prior above which a direction counts: in others they cannot contradict."""
 
-_SIZES_T = from_nanotesla(np.array([10.0, 100.0, 1e3, 1e4]))
+_SIZES_T = from_nanotesla(np.geomspace(10.0, 1e4, 7))
 """Standard deviations of what may happen to a sensor, from a screwdriver at a metre to an amplifier that broke: as a
 bias, and as a scale factor or angle times the field."""
 
-_MOST_CHANGES = 3
-"""Of one kind of one sensor, found one after the other: where more moved, the whole array has."""
+_LOG_ODDS = -float(np.log(100.0))
+"""Of all errors of a sensor, and of all biases, beside one kind of one sensor; of all errors of all twice as much."""
+
+_EVERYTHING = in_words(SEVERAL, 0)
+
+_NO_CHANGE = 1e-9
+"""Part of a change that is left of it in the convention of the prior where that holds it: rounding."""
+
+MOST_CHANGES = 3
+"""Found one after the other: where more moved, the whole array has, which is one of them."""
 
 _PLAUSIBLE = 0.05
 """Probability from which a change is told beside the most probable one, and the prior widened for it too."""
@@ -44,31 +54,28 @@ _PLAUSIBLE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Three errors of one sensor that may have moved.
+    """Errors that may have moved.
 
     Parameters
     ----------
-    kind : str
-        One of ``KINDS``.
-    sensor : int
-        From 0.
-    directions : (12 K, 3) array
-        E: changes of all errors, in the convention of the prior, by its three.
-    variance : (3,) array
+    hypothesis : Hypothesis
+        What may have changed, by M unknowns.
+    directions : (12 K, M) array
+        E: changes of all errors, in the convention of the prior, by its unknowns.
+    variance : (M,) array
         Of what may happen to them: the diagonal of D.
     probability : float
         Among all changes.
-    estimate, standard_errors : (3,) array
+    estimate, standard_errors : (M,) array
         What the difference tells of it.
     """
 
-    kind: str
-    sensor: int
+    hypothesis: Hypothesis
     directions: FloatArray
     variance: FloatArray
     probability: float = 0.0
-    estimate: FloatArray = field(default_factory=lambda: np.zeros(3))
-    standard_errors: FloatArray = field(default_factory=lambda: np.full(3, np.inf))
+    estimate: FloatArray = field(default_factory=lambda: np.zeros(0))
+    standard_errors: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,15 +104,14 @@ class Difference:
         """Return the difference of a prior and what the data told beside it."""
         comparable, derivative = prior.in_convention(posterior.errors)
         covariance = derivative @ posterior.covariance @ derivative.T
-        distance = (comparable.to_vector() - prior.errors.to_vector()).ravel()
+        distance = prior.whitening.T @ (comparable.to_vector() - prior.errors.to_vector()).ravel()
         # Where the prior has unit variance, that of both is 1 / (1 + λ), λ the information of the data.
         left, turns = np.linalg.eigh(prior.whitening.T @ covariance @ prior.whitening)
-        gain = 1 / np.clip(left, np.finfo(float).eps, 1.0) - 1
-        along = turns.T @ (prior.whitening.T @ distance)
+        left = np.clip(left, np.finfo(float).eps, 1.0)
+        gain, along, back = 1 / left - 1, turns.T @ distance, prior.whitening @ turns
         told = gain > _LEAST_TOLD
         chi_square = float(np.sum(along[told] ** 2 * (1 + 1 / gain[told])))
-        information = prior.precision - prior.precision @ covariance @ prior.precision
-        return cls(prior.precision @ distance, information, chi_square, int(told.sum()))
+        return cls(back @ along, back * (1 - left) @ back.T, chi_square, int(told.sum()))
 
     @property
     def probability(self) -> float:
@@ -114,22 +120,20 @@ class Difference:
 
     def evidence(self, change: Change) -> float:
         """Return the logarithm of the factor by which a change explains it better than none."""
-        score, information = self._along(change)
-        gain = float(score @ np.linalg.solve(information + np.diag(1 / change.variance), score))
-        size = slogdet(np.eye(len(score)) + change.variance[:, None] * information)[1]
-        return (gain - float(size)) / 2
+        score, information, _ = self._along(change)
+        gain = float(score @ np.linalg.solve(information, score))
+        return (gain - float(slogdet(information)[1])) / 2
 
     def estimated(self, change: Change) -> Change:
         """Return a change with what the difference tells of it."""
-        score, information = self._along(change)
-        covariance = inv(information + np.diag(1 / change.variance))
-        return replace(change, estimate=covariance @ score, standard_errors=np.sqrt(np.diag(covariance)))
+        score, information, _ = self._along(change)
+        size, spread = np.sqrt(change.variance), _inverse(information)
+        return replace(change, estimate=size * (spread @ score), standard_errors=size * np.sqrt(np.diag(spread)))
 
     def without(self, change: Change) -> "Difference":
         """Return the difference that is left where a change explains its part."""
-        score, information = self._along(change)
-        kept = inv(information + np.diag(1 / change.variance))
-        reached = self.information @ change.directions
+        score, information, reached = self._along(change)
+        kept = _inverse(information)
         return Difference(
             self.score - reached @ kept @ score,
             self.information - reached @ kept @ reached.T,
@@ -137,9 +141,18 @@ class Difference:
             self.freedom,
         )
 
-    def _along(self, change: Change) -> tuple[FloatArray, FloatArray]:
-        directions = change.directions
-        return directions.T @ self.score, directions.T @ self.information @ directions
+    def _along(self, change: Change) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return q, 1 + M and V⁻¹ E of a change's unknowns, each over the size that it may have."""
+        directions = change.directions * np.sqrt(change.variance)
+        reached = self.information @ directions
+        return directions.T @ self.score, np.eye(len(change.variance)) + directions.T @ reached, reached
+
+
+def _inverse(information: FloatArray) -> FloatArray:
+    """Return the inverse of a matrix of which no eigenvalue is below one, its diagonal positive whatever rounds."""
+    values, vectors = np.linalg.eigh(information)
+    inverse: FloatArray = vectors / np.maximum(values, 1.0) @ vectors.T
+    return inverse
 
 
 def probability_of(chi_square: float, freedom: int) -> float:
@@ -149,47 +162,100 @@ def probability_of(chi_square: float, freedom: int) -> float:
     return float(chdtrc(freedom, chi_square)) if freedom else 1.0
 
 
-def changes_that_explain(difference: Difference, prior: Prior) -> list[list[Change]]:
-    """Return the changes that remove a contradiction, each with its plausible rivals after it, the strongest first."""
+def changes_that_explain(difference: Difference, candidates: Sequence[Sequence[Change]]) -> list[list[Change]]:
+    """Return the changes that remove a contradiction, each with its plausible rivals after it, the strongest first.
+
+    Parameters
+    ----------
+    difference : Difference
+        Of data and prior.
+    candidates : sequence of sequence of Change
+        What may have changed, each in all sizes, as of ``candidates_of``.
+    """
     found: list[list[Change]] = []
-    candidates = _candidates(prior)
-    while len(found) < _MOST_CHANGES:
-        ordered = _by_probability(difference, candidates)
-        if difference.evidence(ordered[0]) < (0.0 if difference.probability < SIGNIFICANT else _CONVINCING):
+    while len(found) < MOST_CHANGES:
+        weighed = [
+            [(difference.evidence(change) + log_odds(change), change) for change in sizes] for sizes in candidates
+        ]
+        best = [max(sizes, key=itemgetter(0)) for sizes in weighed]
+        evidence, strongest = max(best, key=itemgetter(0))
+        if evidence < (0.0 if difference.probability < SIGNIFICANT else _CONVINCING):
             break
-        plausible = [change for change in ordered if change is ordered[0] or change.probability >= _PLAUSIBLE]
-        found.append([difference.estimated(change) for change in plausible])
-        difference = difference.without(ordered[0])
+        found.append([difference.estimated(change) for change in plausible(best)])
+        if is_everything(strongest):
+            break
+        difference = difference.without(strongest)
     return found
 
 
-def _by_probability(difference: Difference, candidates: Sequence[Change]) -> list[Change]:
-    """Return the best size of each kind of each sensor, the most probable first."""
-    best: dict[tuple[str, int], tuple[float, Change]] = {}
-    for change in candidates:
-        evidence = difference.evidence(change)
-        key = change.kind, change.sensor
-        if key not in best or evidence > best[key][0]:
-            best[key] = evidence, change
-    ordered = sorted(best.values(), key=lambda pair: -pair[0])
-    weight = np.exp(np.array([evidence for evidence, _ in ordered]) - ordered[0][0])
+def _weighed(difference: Difference, sizes: Sequence[Change]) -> list[tuple[float, Change]]:
+    return [(difference.evidence(change) + log_odds(change), change) for change in sizes]
+
+
+def log_odds(change: Change) -> float:
+    """Return the logarithm of the probability of a change before any data, over that of one kind of one sensor.
+
+    Unknowns that no sample shows cost no evidence: of what explains as much, the least is told.
+    """
+    if is_everything(change):
+        return 2 * _LOG_ODDS
+    return _LOG_ODDS if change.hypothesis.parameters in (SEVERAL, ALL_BIASES) else 0.0
+
+
+def plausible(weighed: Sequence[tuple[float, Change]]) -> list[Change]:
+    """Return the changes that are not improbable by the logarithms of their probabilities, the most probable first."""
+    ordered = sorted(weighed, key=itemgetter(0), reverse=True)
+    part = np.exp(np.array([evidence for evidence, _ in ordered]) - ordered[0][0])
+    part /= part.sum()
     return [
-        replace(change, probability=float(part))
-        for (_, change), part in zip(ordered, weight / weight.sum(), strict=True)
+        replace(change, probability=probability)
+        for (_, change), probability in zip(ordered, part.tolist(), strict=True)
+        if probability >= _PLAUSIBLE or change is ordered[0][1]
     ]
 
 
-def _candidates(prior: Prior) -> list[Change]:
-    _, derivative = prior.in_convention(prior.errors)
-    intensity_T = prior.calibration.intensity_T
+def is_everything(change: Change) -> bool:
+    """Whether all has changed, so that nothing is left to be found."""
+    return change.hypothesis.name == _EVERYTHING
+
+
+def estimated_beside(change: Change, prior: Prior, posterior: Posterior) -> Change:
+    """Return a change with what a fit tells of it beside the prior that is less certain by it.
+
+    With θ = x + E δ, x that of the prior, δ is given θ of mean D Eᵀ U⁻¹ (θ - θ₀), U = P + E D Eᵀ, and of variance
+    (D⁻¹ + Eᵀ P⁻¹ E)⁻¹.
+    """
+    comparable, derivative = prior.in_convention(posterior.errors)
+    distance = (comparable.to_vector() - prior.errors.to_vector()).ravel()
+    size = np.sqrt(change.variance)
+    white = prior.whitening.T @ change.directions * size
+    spread = _inverse(np.eye(len(size)) + white.T @ white)
+    taken = spread @ white.T @ prior.whitening.T
+    covariance = spread + taken @ derivative @ posterior.covariance @ derivative.T @ taken.T
+    return replace(change, estimate=size * (taken @ distance), standard_errors=size * np.sqrt(np.diag(covariance)))
+
+
+def candidates_of(prior: Prior, sees_scale: bool) -> list[list[Change]]:
+    """Return what may have changed since a prior, each in all sizes, the smallest first.
+
+    Parameters
+    ----------
+    prior : Prior
+        Of K sensors.
+    sees_scale : bool
+        Whether the intensity of the field is known, so that a scale common to all can be told.
+    """
+    errors, sensors = prior.errors, prior.errors.sensor_count
+    _, derivative = prior.in_convention(errors)
+    everything = Hypothesis(_EVERYTHING, SEVERAL, 0, np.eye(12 * sensors), (), "")
     candidates = []
-    for sensor in range(prior.errors.sensor_count):
-        for place, kind in enumerate(KINDS):
-            first = 12 * sensor + 3 * place
-            directions = derivative[:, first : first + 3]
-            if not directions.any():
-                continue
-            for size_T in _SIZES_T:
-                size = size_T if kind == "bias" else size_T / intensity_T
-                candidates.append(Change(kind, sensor, directions, np.full(3, size**2)))
+    for hypothesis in (*changes_of_sensors(errors), everything)[: None if sensors > 1 else -1]:
+        directions = derivative @ hypothesis.directions
+        if not sees_scale and (sensors == 1 or hypothesis.sensor == 0):
+            directions = without_scale(errors) @ directions
+        if np.abs(directions).max() < _NO_CHANGE * np.abs(hypothesis.directions).max():
+            continue
+        is_bias = hypothesis.directions.reshape(-1, 12, hypothesis.directions.shape[1])[:, 6:9].any(axis=(0, 1))
+        unit = np.where(is_bias, 1.0, 1 / prior.calibration.intensity_T)
+        candidates.append([Change(hypothesis, directions, (size_T * unit) ** 2) for size_T in _SIZES_T])
     return candidates

@@ -7,6 +7,7 @@ from numpy.linalg import inv
 
 from tam_calibration.core.elimination import Elimination
 from tam_calibration.core.noise import complete_noise
+from tam_calibration.core.variance_factors import VarianceFactors
 from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradientEstimate, Calibration
 from tam_calibration.fit.coverage import CELLS, cell_of
 from tam_calibration.fit.recorded_attitude import as_if_uniform
@@ -119,20 +120,24 @@ class EnergySums:
 
     def add(self, block: Block) -> None:
         """Add the samples of a block."""
+        differential, common_mode = self.of_samples(block)
+        known = np.isfinite(common_mode)
+        self._differential += float(np.sum(differential))
+        self._common_mode += float(np.sum(common_mode, where=known))
+        self._all += len(known)
+        self._known += int(known.sum())
+
+    def of_samples(self, block: Block) -> tuple[FloatArray, FloatArray]:
+        """Return the (N,) energies of each sample's differential channels, and of its common mode; NaN without one."""
         channels = self._map @ block.readings_T.reshape(len(block.readings_T), -1).T
         channels += self._offset
-        field, differences = channels[:3], channels[3:].ravel()
-        self._differential += float(differences @ differences)
+        field, differences = channels[:3], channels[3:]
         square = np.einsum("in,in->n", field, field)
         # The variance of the length of the field, and the residual, both times its length.
         variance = self._scalar_variance * square + self._elimination.variance_along(field)
         length = np.sqrt(square)
         residual = length * (length - (self._intensity_T if block.scalar_T is None else block.scalar_T))
-        energy = residual * residual / variance
-        known = np.isfinite(energy)
-        self._common_mode += float(np.sum(energy, where=known))
-        self._all += len(known)
-        self._known += int(known.sum())
+        return np.einsum("in,in->n", differences, differences), residual * residual / variance
 
     def reduced_chi_square(self) -> dict[str, float]:
         """Return the energies per degree of freedom, where there are any."""
@@ -141,6 +146,31 @@ class EnergySums:
         freedom = {"differential": 3 * others * self._all - 12 * others, "common_mode": self._known - 9}
         energy = {"differential": self._differential, "common_mode": self._common_mode}
         return {name: energy[name] / freedom[name] for name in freedom if freedom[name] > 0}
+
+
+def sample_energies(
+    source: SampleSource, array: KnownNoiseArray, factors: VarianceFactors, errors: SensorErrors, intensity_T: float
+) -> FloatArray:
+    """Return the (N,) squares of the residuals of each sample over their variances.
+
+    Parameters
+    ----------
+    source : SampleSource
+        Raw readings.
+    array : KnownNoiseArray
+        Geometry, and every noise.
+    factors : VarianceFactors
+        By how much the channels vary more than by that noise.
+    errors : SensorErrors
+        The estimate.
+    intensity_T : float
+        Stands in where there is no scalar channel.
+    """
+    energy = EnergySums(errors, array, intensity_T)
+    parts = [energy.of_samples(block) for block in source.blocks()]
+    differential, common_mode = (np.concatenate(channel) for channel in zip(*parts, strict=True))
+    weighed: FloatArray = differential / factors.differential + np.nan_to_num(common_mode) / factors.common_mode
+    return weighed
 
 
 class _Visited:

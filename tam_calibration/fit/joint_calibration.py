@@ -1,20 +1,25 @@
 """The calibration of a recording with what is known beside it: which prior counts, and whether readings count alone."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy.linalg import norm
 
 from tam_calibration.core.variance_factors import WHITE
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.update import Moved, in_words
 from tam_calibration.fit.accepted_fit import Fit, accepted, require_one_field
 from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.estimate import mean_temperature
 from tam_calibration.fit.identifiability import require_determined
-from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, resolve, update_of
+from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, update_of
 from tam_calibration.fit.posterior import Known
 from tam_calibration.fit.prior import Prior, has_date, prior_of
+from tam_calibration.fit.resolved_prior import resolve
 from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.fit.wide_prior import beside_wide_prior, is_wide, prior_of_tolerances
 from tam_calibration.model.array import Array
@@ -27,6 +32,9 @@ _MOST_ROUNDS = 5
 
 _SETTLED = 0.1
 """Part by which the variance may exceed that which the readings were weighed by: 5 % of the standard errors."""
+
+_MUCH_MORE = 3.0
+"""Noise over that of the prior, where none is stated: estimates from twenty samples differ by less."""
 
 
 class JointCalibration(NamedTuple):
@@ -111,20 +119,51 @@ def _beside_prior(
     for _ in range(_MOST_ROUNDS):
         resolved = resolve(recording, array, Known(given, main_field_T, factors))
         fit = partial(maximum_a_posteriori, known=resolved.known)
-        measured = variance_factors(fit(resolved.recording, array), resolved.recording)
+        measured = WHITE
+        if resolved.refusal is None:
+            with _telling(resolved.moved):
+                measured = variance_factors(fit(resolved.recording, array), resolved.recording)
         if resolved.earlier is not None:
-            before = maximum_a_posteriori(resolved.earlier, array, Known(given, main_field_T, factors))
+            assert resolved.known_earlier is not None
+            before = maximum_a_posteriori(resolved.earlier, array, resolved.known_earlier)
             measured = measured.at_least(variance_factors(before, resolved.earlier))
         if not measured.exceed(factors, _SETTLED):
             break
         factors = measured.at_least(factors)
-    calibration = accepted(resolved.recording, array, fit)
+    if resolved.refusal is not None:
+        since_s = resolved.recording.time_span_s[0]
+        raise Refused(f"something moved at {since_s:.1f} s, and {resolved.refusal}") from resolved.refusal
+    with _telling(resolved.moved):
+        calibration = accepted(resolved.recording, array, fit)
     if given is not None:
-        assert resolved.known.prior is not None and resolved.difference is not None
+        assert resolved.prior is not None and resolved.difference is not None
         chi_square, freedom = resolved.difference.chi_square, resolved.difference.freedom
-        update = update_of(calibration, given, resolved.known.prior, chi_square, freedom, resolved.moved)
-        calibration = replace(calibration, update=update)
+        update = update_of(calibration, given, resolved.prior, chi_square, freedom, resolved.moved)
+        calibration = replace(calibration, update=update, warnings=_more_noise(calibration, given))
     return JointCalibration(calibration, resolved.recording, fit)
+
+
+def _more_noise(calibration: Calibration, given: Prior) -> tuple[str, ...]:
+    """Return a warning where a noise that is not stated is much larger than that of the prior: it may hold a change."""
+    noise, before = (norm(each.array.vector_noise_T) for each in (calibration, given.calibration))
+    if not calibration.noise_is_estimated or given.rates is None or noise <= _MUCH_MORE * before:
+        return ()
+    return (
+        f"the readings scatter {noise / before:.3g} times as much as those of the prior did: their noise has grown, "
+        "which the array file should state then, or something moved for a while",
+    )
+
+
+@contextmanager
+def _telling(moved: tuple[Moved, ...]) -> Iterator[None]:
+    """Say of a refusal what moved: what the prior tells of it counts no more."""
+    try:
+        yield
+    except (InputError, Refused) as problem:
+        if not moved:
+            raise
+        what = dict.fromkeys(f"the {in_words(*each.together or (each.kind, each.sensor))}" for each in moved)
+        raise type(problem)(f"{' and '.join(what)} moved since the prior, and {problem}") from problem
 
 
 def _beside_wide_prior(

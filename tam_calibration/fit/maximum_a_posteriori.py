@@ -1,9 +1,6 @@
-"""The calibration of a recording and of what is known beside it: a prior, attitude, a main field.
+"""The calibration of a recording and of what is known beside it: a prior, attitude, a main field."""
 
-What the recording contradicts the prior in is learned anew.
-"""
-
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.linalg import inv
@@ -12,84 +9,25 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import FRAME_STATEMENT as FIRST_SENSOR
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import Moved, Update
-from tam_calibration.fit.change_time import time_of_change
-from tam_calibration.fit.contradiction import Change, Difference, changes_that_explain, probability_of
+from tam_calibration.fit.contradiction import probability_of
 from tam_calibration.fit.estimate import Estimate, make_calibration, measure_chi_square
-from tam_calibration.fit.identifiability import FEWEST_SAMPLES, LARGEST_ANGLE_ERROR
+from tam_calibration.fit.identifiability import LARGEST_ANGLE_ERROR
 from tam_calibration.fit.posterior import Known, Posterior, posterior_of
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.recorded_attitude import FRAME_STATEMENT
 from tam_calibration.fit.slow_residuals import with_variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray
-from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 NAME = "maximum_a_posteriori"
 
+_MOST_SCALINGS = 10
+"""Of a noise that is not stated, down to what the errors leave."""
 
-@dataclass(frozen=True, eq=False)
-class Resolved:
-    """A prior and the recording that it is used with, in no contradiction.
-
-    Parameters
-    ----------
-    recording : SampleSource
-        The samples of the array as it is now: those after a change that the recording shows.
-    known : Known
-        Its prior widened where something moved.
-    difference : Difference, optional
-        Of the data and the prior as given; None without a prior.
-    moved : tuple of Moved
-        What was found to have moved.
-    earlier : Recording, optional
-        The samples before a change that the recording shows.
-    """
-
-    recording: SampleSource
-    known: Known
-    difference: Difference | None
-    moved: tuple[Moved, ...]
-    earlier: Recording | None = None
-
-
-def resolve(recording: SampleSource, array: Array, known: Known) -> Resolved:
-    """Find what a recording contradicts a prior in, and widen the prior there.
-
-    Parameters
-    ----------
-    recording : SampleSource
-        Raw readings of K sensors in a uniform field.
-    array : Array
-        Geometry and noise; a noise that is not stated is estimated.
-    known : Known
-        What is known beside it; without a prior there is nothing to contradict.
-
-    Raises
-    ------
-    Refused
-        When the iteration does not settle.
-    """
-    prior = known.prior
-    if prior is None:
-        return Resolved(recording, known, None, ())
-    noisy, _ = complete_noise(array, recording)
-    posterior = posterior_of(recording, noisy, known)
-    difference = Difference.of(prior, posterior)
-    found = changes_that_explain(difference, prior)
-    since_s = earlier = None
-    if found:
-        since_s = time_of_change(recording.whole(), noisy, known, posterior, found[0][0])
-    if since_s is not None:
-        whole = recording.whole()
-        later, earlier = whole.take(whole.time_s >= since_s), whole.take(whole.time_s < since_s)
-        if later.sample_count >= FEWEST_SAMPLES:
-            difference = Difference.of(prior, posterior_of(later, noisy, known))
-            found, recording = changes_that_explain(difference, prior) or found, later
-    for change in (change for plausible in found for change in plausible):
-        prior = prior.widened(change.directions, change.variance)
-    moved = tuple(_moved(plausible, since_s) for plausible in found)
-    return Resolved(recording, replace(known, prior=prior), difference, moved, earlier)
+_SETTLED = 0.9
+"""Noise that the errors leave, over the one that they were fitted with, from which it counts as the same."""
 
 
 def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) -> Calibration:
@@ -119,8 +57,7 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
     Refused
         When the iteration does not settle.
     """
-    noisy, is_estimated = complete_noise(array, recording)
-    posterior = posterior_of(recording, noisy, known)
+    noisy, posterior, is_estimated = with_noise(recording, array, known)
     if array.vector_noise_T is None:
         noisy = noise_left_in(recording, noisy, posterior.errors, posterior.intensity_T)
         posterior = posterior_of(recording, noisy, known)
@@ -158,6 +95,36 @@ def _into_frame_of_attitude(posterior: Posterior, mounting_error: float) -> tupl
     joint = posterior.with_mount.copy()
     joint[-3:, -3:] += mounting_error**2 * np.eye(3)
     return errors, derivative @ joint @ derivative.T
+
+
+def with_noise(recording: SampleSource, array: Array, known: Known) -> tuple[KnownNoiseArray, Posterior, bool]:
+    """Return the array with every noise known, the errors that go with it, and whether a noise was estimated.
+
+    Attitudes that jump pass for noise where none is stated. Beside it a prior would count alone, whatever the readings
+    contradict it in: it is scaled down to what the errors leave.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Raw readings of K sensors in a uniform field.
+    array : Array
+        Its noise stated or not.
+    known : Known
+        What is known beside the recording.
+
+    Raises
+    ------
+    InputError, Refused
+        As of ``posterior_of``.
+    """
+    noisy, is_estimated = complete_noise(array, recording)
+    posterior = posterior_of(recording, noisy, known)
+    for _ in range(_MOST_SCALINGS if array.vector_noise_T is None else 0):
+        left = noise_left_in(recording, noisy, posterior.errors, posterior.intensity_T)
+        if left.vector_noise_T[0] > _SETTLED * noisy.vector_noise_T[0]:
+            break
+        noisy, posterior = left, posterior_of(recording, left, known)
+    return noisy, posterior, is_estimated
 
 
 def noise_left_in(
@@ -230,16 +197,3 @@ def _data_share(calibration: Calibration, prior: Prior) -> FloatArray:
     ratio = np.divide(after, before, out=np.full_like(before, np.nan), where=before > 0)
     share: FloatArray = np.clip(1 - ratio, 0, 1).reshape(-1, 12)
     return share
-
-
-def _moved(plausible: list[Change], since_s: float | None) -> Moved:
-    change, *rivals = plausible
-    return Moved(
-        change.kind,
-        change.sensor + 1,
-        change.estimate,
-        change.standard_errors,
-        change.probability,
-        tuple((rival.kind, rival.sensor + 1) for rival in rivals),
-        since_s,
-    )

@@ -324,9 +324,15 @@ class Problem:
         vector = errors.to_vector() + step[: 12 * count].reshape(count, 12)
         intensity_T = place.intensity_T + (0.0 if self.has_scalar else self.unit_T * float(step[12 * count]))
         if not can_be(vector) or intensity_T <= 0:
+            prior = self.known.prior
+            mend = (
+                "take its last calibration for a prior"
+                if prior is None or prior.rates is None
+                else "leave out spoilt samples"
+            )
             raise Refused(
                 "the readings, and what is known beside them, determine no calibration: the fit leads to sensors that "
-                "cannot be; turn the array further, or take its last calibration for a prior"
+                f"cannot be; turn the array further, or {mend}"
             )
         errors = SensorErrors.from_vector(vector, errors.orientation)
         view = None if place.view is None else place.view.moved(step[-5:])

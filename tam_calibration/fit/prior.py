@@ -136,7 +136,7 @@ class Prior:
         if not self.knows_scale:
             scaled = SensorErrors.from_vector(errors.to_vector(), errors.orientation)
             scaled = replace(scaled, scale_factor=float(free_scale(errors.matrix)) * errors.scale_factor)
-            derivative = _without_scale(scaled) @ derivative
+            derivative = without_scale(scaled) @ derivative
             errors = scaled
         return errors, derivative
 
@@ -212,8 +212,14 @@ def in_first_frame(errors: SensorErrors) -> tuple[SensorErrors, FloatArray]:
     return turned, derivative
 
 
-def _without_scale(errors: SensorErrors) -> FloatArray:
-    """Return the (12 K, 12 K) projection of changes of the errors on those that keep the mean determinant."""
+def without_scale(errors: SensorErrors) -> FloatArray:
+    """Return the (12 K, 12 K) projection of changes of the errors on those that keep the mean determinant.
+
+    Parameters
+    ----------
+    errors : SensorErrors
+        Of K sensors, which are changed.
+    """
     gradient, scale = free_scale_gradient(errors), errors.to_vector()
     scale[:, 3:] = 0
     projection: FloatArray = np.eye(gradient.size) - np.outer(scale, gradient) / (gradient @ scale.ravel())

@@ -20,6 +20,7 @@ FRAME_STATEMENT = (
 )
 
 _SMALLEST_SHARE = 1e-3
+"""How far the second best turn must be from the field standing still, as part of the field's square."""
 
 
 def into_array_frame(errors: SensorErrors, recording: Recording) -> SensorErrors:
@@ -53,11 +54,8 @@ def into_array_frame(errors: SensorErrors, recording: Recording) -> SensorErrors
     return SensorErrors.from_matrix(errors.matrix @ turn.T, errors.bias_T)
 
 
-def find_turn(field: FloatArray, to_world: FloatArray, smallest_share: float = _SMALLEST_SHARE) -> FloatArray:
+def find_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
     """Return the rotation X with which the fields to_world X field are nearest to one vector w.
-
-    The sum of |X b - Qᵀ w|² is quadratic in X and w together; w is eliminated, and the best X of unit norm is an
-    eigenvector, the nearest rotation to which is taken.
 
     Parameters
     ----------
@@ -65,8 +63,6 @@ def find_turn(field: FloatArray, to_world: FloatArray, smallest_share: float = _
         Uniform field b in a frame that is fixed to the array, in a unit in which it is of order one.
     to_world : (N, 3, 3) array
         Recorded attitude Q of each sample: rotation matrix from the array frame to the world.
-    smallest_share : float
-        How far the second best turn must be from the field standing still, as part of the field's square.
 
     Returns
     -------
@@ -78,13 +74,39 @@ def find_turn(field: FloatArray, to_world: FloatArray, smallest_share: float = _
     InputError
         When the array was not turned about two axes.
     """
+    turns = _still_turns(field, to_world)
+    if turns.shape[1] != 1:
+        raise InputError("the attitude does not determine the frame: turn the array about two axes at least")
+    return _nearest_rotation(turns.reshape(3, 3))
+
+
+def likely_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
+    """Return such a rotation also where the array was hardly turned: of all that agree, one near to no turn.
+
+    Parameters
+    ----------
+    field, to_world : array
+        As of ``find_turn``.
+    """
+    turns = _still_turns(field, to_world)
+    return _nearest_rotation((turns if turns.shape[1] == 1 else turns @ (turns.T @ np.eye(3).ravel())).reshape(3, 3))
+
+
+def _still_turns(field: FloatArray, to_world: FloatArray) -> FloatArray:
+    """Return the (9, M) turns X with which the field stands still in the world, M ≥ 1, the best first.
+
+    The sum of |X b - Qᵀ w|² is quadratic in X and w together; w is eliminated, and the best X of unit norm is an
+    eigenvector.
+    """
     mixed = np.einsum("naj,ni->jia", to_world, field).reshape(9, 3)
     residuals = np.kron(np.eye(3), field.T @ field) - mixed @ mixed.T / len(field)
     values, vectors = np.linalg.eigh(residuals)
-    if values[1] < smallest_share * len(field):
-        raise InputError("the attitude does not determine the frame: turn the array about two axes at least")
-    found = vectors[:, 0].reshape(3, 3)
-    left, _, right = np.linalg.svd(found * np.sign(np.linalg.det(found)))
+    still: FloatArray = vectors[:, : max(1, int(np.searchsorted(values, _SMALLEST_SHARE * len(field))))]
+    return still
+
+
+def _nearest_rotation(matrix: FloatArray) -> FloatArray:
+    left, _, right = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
     turn: FloatArray = left @ right
     return turn
 

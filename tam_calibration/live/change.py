@@ -14,18 +14,15 @@ import numpy as np
 from scipy.special import chdtri
 
 from tam_calibration.core.least_squares import scaled
-from tam_calibration.correction.update import KINDS
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.posterior import can_be
+from tam_calibration.fit.sensor_changes import Hypothesis, changes_of_sensors
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 
 CLEAR_RATIO = 2 * float(np.log(100.0))
 """By how much a ratio exceeds another that is ruled out: the data are then a hundred times less probable by that."""
-
-FAR_RATIO = 1e5
-"""Ratio from which each is fitted by itself: a bias of some fifty times the noise, over which lengths begin to bend."""
 
 _MOST_STEPS, _SETTLED = 20, 1e-6
 """Steps to a change, and the part that the last may leave: six lead to the right one, wrong ones may not settle."""
@@ -37,53 +34,11 @@ _TOLD_FROM = 3.0
 """Standard errors from which a component of a change is told."""
 
 
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """What may have changed.
-
-    Parameters
-    ----------
-    name : str
-        For people: "bias of sensor 2".
-    parameters : str
-        Kind of the errors: one of `KINDS`, "several errors", or what else it is.
-    sensor : int
-        Number of the sensor from 1; 0 where it is not one alone.
-    directions : (12 K, M) array
-        Changes of the errors by its M unknowns.
-    components : tuple of str
-        Names of the unknowns.
-    unit : str
-        Of the unknowns, SI.
-    """
-
-    name: str
-    parameters: str
-    sensor: int
-    directions: FloatArray
-    components: tuple[str, ...]
-    unit: str
-
-    @property
-    def is_of_sensors(self) -> bool:
-        """Whether it is a change of sensors, and not of the field that they are in."""
-        return self.parameters != GRADIENT
-
-
-COMMON_SCALE, ALL_BIASES, GRADIENT, SEVERAL = (
-    "scalar reading, or the scale factors",
-    "biases",
-    "gradient of the field",
-    "several errors",
-)
+GRADIENT = "gradient of the field"
 
 
 def hypotheses(errors: SensorErrors, array: Array) -> tuple[Hypothesis, ...]:
-    """Return what may have changed in an array.
-
-    One kind of errors of one sensor, as when it is knocked; all errors of a sensor; the biases of all, as when a
-    battery is swapped; the scalar magnetometer against all. A source near the array is none of these, and is known by
-    the gradient of its field.
+    """Return what may have changed: errors of an array's sensors, or that it is near a source.
 
     Parameters
     ----------
@@ -92,36 +47,12 @@ def hypotheses(errors: SensorErrors, array: Array) -> tuple[Hypothesis, ...]:
     array : Array
         Where they are.
     """
-    count = errors.sensor_count
-    every = np.eye(12 * count).reshape(12 * count, count, 12)
-    found = []
-    for sensor in range(count):
-        of_sensor = f"of sensor {sensor + 1}"
-        for place, kind in enumerate(KINDS):
-            if kind == "misalignment" and count == 1:
-                continue
-            unit = {"scale factor": "1", "bias": "T"}.get(kind, "rad")
-            directions = every[:, sensor, 3 * place : 3 * place + 3]
-            found.append(Hypothesis(f"{kind} {of_sensor}", kind, sensor + 1, directions, _NAMES[kind], unit))
-        found.append(Hypothesis(f"{SEVERAL} {of_sensor}", SEVERAL, sensor + 1, every[:, sensor], (), ""))
-    if count == 1:
-        return tuple(found)
-    biases = every[:, :, 6:9].reshape(12 * count, -1)
-    found.append(Hypothesis(f"{ALL_BIASES} of all sensors", ALL_BIASES, 0, biases, (), "T"))
-    scale = (every[:, :, :3] * errors.scale_factor).sum(axis=(1, 2))[:, None]
-    found.append(Hypothesis(f"{COMMON_SCALE} of all sensors", COMMON_SCALE, 0, scale, ("",), "1"))
-    if array.has_gradient:
-        fields = np.einsum("kij,cjl,kl->kic", errors.matrix, UNIT_TENSORS, array.positions_m).reshape(3 * count, 5)
-        found.append(Hypothesis(f"{GRADIENT}, as near a source", GRADIENT, 0, biases @ fields, (), "T/m"))
-    return tuple(found)
-
-
-_NAMES = {
-    "scale factor": ("x", "y", "z"),
-    "non-orthogonality": ("θ", "φ", "ψ"),
-    "bias": ("x", "y", "z"),
-    "misalignment": ("α", "β", "γ"),
-}
+    changes, count = changes_of_sensors(errors), errors.sensor_count
+    if not array.has_gradient:
+        return changes
+    biases = np.eye(12 * count).reshape(12 * count, count, 12)[:, :, 6:9].reshape(12 * count, -1)
+    fields = np.einsum("kij,cjl,kl->kic", errors.matrix, UNIT_TENSORS, array.positions_m).reshape(3 * count, 5)
+    return (*changes, Hypothesis(f"{GRADIENT}, as near a source", GRADIENT, 0, biases @ fields, (), "T/m"))
 
 
 @dataclass(frozen=True, eq=False)

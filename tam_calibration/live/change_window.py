@@ -15,7 +15,8 @@ import numpy as np
 
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
-from tam_calibration.live.change import FAR_RATIO, Evidence, Weighing, hypotheses
+from tam_calibration.fit.sensor_changes import FAR_RATIO
+from tam_calibration.live.change import Evidence, Weighing, hypotheses
 from tam_calibration.live.recursion import Belief, Walk
 from tam_calibration.live.sample_moments import MomentLikelihood, SampleMoments
 from tam_calibration.model.change_rates import DAY_S

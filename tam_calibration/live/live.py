@@ -16,6 +16,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.identifiability import open_parameters
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
+from tam_calibration.live.change import GRADIENT
 from tam_calibration.live.change_window import BLOCK_S, ChangeWindow, Step, Suspicion
 from tam_calibration.live.recursion import Belief, Recursion, Walk, solve
 from tam_calibration.live.sample_moments import MomentLikelihood, SampleMoments
@@ -258,7 +259,7 @@ class Live:
             if not paused_by:
                 self.state = replace(self.state, recursion=self._anew(suspicion, end_s, temperature_C))
             return
-        of_field = not suspicion.found[0].hypothesis.is_of_sensors
+        of_field = suspicion.found[0].hypothesis.parameters == GRADIENT
         if paused_by == "sensors" or (paused_by and of_field):
             return
         recursion, paused_by, done = Recursion.at(suspicion.first.before), "sensors", "it is not learned"

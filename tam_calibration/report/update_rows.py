@@ -1,8 +1,10 @@
 """What a calibration took from the one before it, in words and rows, for the page and for the terminal."""
 
+from itertools import groupby
+
 import numpy as np
 
-from tam_calibration.correction.update import Moved, Update
+from tam_calibration.correction.update import Moved, Update, in_words
 from tam_calibration.model.change_rates import DAY_S
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES
 from tam_calibration.model.units import to_degrees, to_nanotesla
@@ -15,6 +17,9 @@ _UNITS = {
     "misalignment": (to_degrees(1.0), "°"),
 }
 """Factor from SI and unit of a change of each kind."""
+
+_MOST_VALUES = 8
+"""Parts of a change whose sizes are told: of all errors of all sensors the table of errors tells more."""
 
 _AXES = {"non-orthogonality": "θ φ ψ", "misalignment": "α β γ"}
 """Names of the three errors of a kind, where they are not those of the axes."""
@@ -29,7 +34,7 @@ def update_sentences(update: Update) -> list[str]:
     return [
         f"Prior: {update.prior}, {age_in_words(update.elapsed_s)}; {_warming(update)}.",
         f"{verdict}: {chance}.",
-        *(_told(moved) for moved in update.moved),
+        *(_told(list(parts)) for _, parts in groupby(update.moved, key=_change_of)),
     ]
 
 
@@ -55,19 +60,31 @@ def _warming(update: Update) -> str:
     return f"warmer by {number(update.warming_K)} K since"
 
 
-def _told(moved: Moved) -> str:
+def _change_of(moved: Moved) -> tuple[str, int, float | None]:
+    """Return what a part of a change is of: kind, sensor, and since when."""
+    return *(moved.together or (moved.kind, moved.sensor)), moved.since_s
+
+
+def _told(parts: list[Moved]) -> str:
+    """Return the sentence of what moved in one piece."""
+    moved, kind, sensor = parts[0], *(parts[0].together or (parts[0].kind, parts[0].sensor))
+    words = f"The {in_words(kind, sensor)} moved"
+    if moved.together is None:
+        words += f" by {_values(moved)}"
+    elif len(parts) <= _MOST_VALUES:
+        words += " together: " + "; ".join(f"{in_words(part.kind, part.sensor)} by {_values(part)}" for part in parts)
+    if moved.since_s is not None:
+        words += f", at {moved.since_s:.1f} s of the recording; the calibration is that of the sensors since then"
+    if moved.rivals:
+        others = join([f"the {in_words(*rival)}" for rival in moved.rivals])
+        words += f"; with probability {number(1 - moved.probability, 2)} it was {others}"
+    return f"{words}. It was learned anew."
+
+
+def _values(moved: Moved) -> str:
     factor, unit = _UNITS[moved.kind]
     values = (
         with_error(float(value), float(error), 2)
         for value, error in zip(factor * moved.change, factor * moved.standard_errors, strict=True)
     )
-    words = (
-        f"The {moved.kind} of sensor {moved.sensor} moved by {', '.join(values)} {unit} "
-        f"({_AXES.get(moved.kind, 'x y z')})"
-    )
-    if moved.since_s is not None:
-        words += f" at {moved.since_s:.1f} s of the recording; the calibration is that of the samples after it"
-    if moved.rivals:
-        others = join([f"the {kind} of sensor {sensor}" for kind, sensor in moved.rivals])
-        words += f"; with probability {number(1 - moved.probability, 2)} it was {others}"
-    return f"{words}. It was learned anew."
+    return f"{', '.join(values)} {unit} ({_AXES.get(moved.kind, 'x y z')})"

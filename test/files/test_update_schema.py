@@ -26,6 +26,8 @@ def calibration(recording, cross):
         Moved(kind, 2, 1e-3 * generator.normal(size=3), 1e-4 * generator.uniform(size=3), 0.8, (("bias", 3),), since_s)
         for kind, since_s in (("scale factor", None), ("bias", 12.5), ("misalignment", 1.7e9))
     ]
+    biases = "biases", 0
+    moved.append(Moved("bias", 1, np.full(3, 1e-8), np.full(3, 1e-9), 0.9, (("several errors", 4),), None, biases))
     update = Update(
         "pier.csv", ChangeRates(bias_per_day=1.1e-9), 86_400.5, -3.7, share * 1e-3, share, 31.7, 29, 0.33, tuple(moved)
     )

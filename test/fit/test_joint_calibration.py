@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from moved_sensors import moved
 from narrow_turns import FINE, WIDE, array_of, drawn, turned
 from numpy.testing import assert_allclose
 
@@ -15,6 +16,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Manoeuvre
+from tam_calibration.simulation.instruments import AttitudeChannel
 
 PIER_S = 1.7e9
 
@@ -71,6 +73,30 @@ def test_a_calibration_may_be_updated_again(wu_scenario, pier, narrow):
     assert (second.standard_errors[1:] < second.update.prior_standard_errors[1:]).all()
 
 
+@pytest.mark.parametrize("mounting_error", [None, 0.0, 1e-3])
+def test_attitude_at_rest_closes_nothing_and_is_not_refused(wu_scenario, pier, mounting_error):
+    """However the mounting is known: no error is less certain than without attitude, and none is far from it."""
+    resting = replace(wu_scenario, motion=Manoeuvre(0.0, 0.0, 1e9), sample_count=60, attitude=AttitudeChannel(), seed=5)
+    recording = dated(simulate(resting).recording, PIER_S + DAY_S / 2, 21.0)
+    array = replace(wu_scenario.array, attitude_noise=from_degrees(0.05), mounting_error=mounting_error)
+    found = calibrate(recording, array, prior=pier)
+    without = calibrate(replace(recording, attitude=None), wu_scenario.array, prior=pier)
+    assert (found.standard_errors <= without.standard_errors * (1 + 1e-6)).all()
+    change = np.abs(found.errors.to_vector() - without.errors.to_vector())
+    assert (change <= 0.5 * without.standard_errors + 1e-12).all()
+
+
+def test_a_refusal_tells_what_moved(wu_scenario, pier):
+    """Of sensors at rest the prior told all, until a bias moved that one attitude does not determine."""
+    resting = replace(wu_scenario, motion=Manoeuvre(0.0, 0.0, 1e9), sample_count=60, seed=5)
+    errors = moved(wu_scenario.errors, "scale factor", 1, 100)
+    recording = dated(simulate(replace(resting, errors=errors)).recording, PIER_S + DAY_S / 2, 21.0)
+    with pytest.raises(
+        InputError, match=r"^the \S+( factor)? of sensor \d.* moved since the prior, and the readings do not"
+    ):
+        calibrate(recording, wu_scenario.array, prior=pier)
+
+
 def test_the_same_samples_do_not_count_twice(wu_scenario, pier, narrow):
     """A prior of the time of the recording is refused."""
     own = calibrate(narrow, wu_scenario.array, prior=pier)
@@ -121,10 +147,21 @@ def test_a_turn_that_contradicts_a_narrow_one_counts_alone():
     rng = np.random.default_rng(14)
     errors, array = drawn(WIDE, 1, rng), array_of(WIDE, 1)
     first = calibrate(turned(errors, 5, rng), array)
-    moved = replace(errors, bias_T=errors.bias_T + np.array([1e-6, 0, 0]))
+    knocked = replace(errors, bias_T=errors.bias_T + np.array([1e-6, 0, 0]))
     with pytest.raises(Refused, match=r"contradict the prior, .* alone: state the noise .*, faster change_rates"):
-        calibrate(turned(moved, 5, rng, start_s=100.0), array, prior=first)
-    full = turned(moved, 80, rng, start_s=100.0)
+        calibrate(turned(knocked, 5, rng, start_s=100.0), array, prior=first)
+    full = turned(knocked, 80, rng, start_s=100.0)
     found, plain = calibrate(full, array, prior=first), calibrate(full, replace(array, tolerances=None))
     assert any("contradict the prior" in warning and "count alone" in warning for warning in found.warnings)
     assert_allclose(found.errors.to_vector(), plain.errors.to_vector(), rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize(("times", "is_told"), [(2.9, False), (3.1, True)])
+def test_a_noise_beyond_the_prior_is_told(wu_scenario, pier, narrow, times, is_told):
+    """From three times that of the prior, where none is stated: it may hold a change that was not found."""
+    array = Array(wu_scenario.array.positions_m)
+    quiet = calibrate(narrow, array, prior=pier)
+    less = replace(pier.array, vector_noise_T=quiet.array.vector_noise_T / times)
+    found = calibrate(narrow, array, prior=replace(pier, array=less))
+    assert any("times as much as those of the prior" in warning for warning in found.warnings) == is_told
+    assert not any("of the prior" in each for each in calibrate(narrow, wu_scenario.array, prior=pier).warnings)

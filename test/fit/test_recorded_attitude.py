@@ -10,7 +10,13 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.integrated import integrated
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.recorded_attitude import aligned, into_array_frame, marginal_information
+from tam_calibration.fit.recorded_attitude import (
+    aligned,
+    find_turn,
+    into_array_frame,
+    likely_turn,
+    marginal_information,
+)
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import from_degrees
@@ -272,3 +278,19 @@ def test_a_gradient_that_the_data_leave_open_is_infinite():
     rows, covariance = marginal_information(information, np.ones(48, dtype=bool))
     assert_allclose(np.diag(rows), np.append(3 - 1 / 2, np.full(47, 3.0)))
     assert_allclose(np.diag(covariance), np.append(1 / (2 - 1 / 3), np.full(4, 1 / 2)))
+
+
+def test_of_an_array_that_hardly_turned_the_mount_is_near_to_none():
+    """At rest, about one axis, and of one sample; turned about two it is what the readings say, here 120°."""
+    rng = np.random.default_rng(6)
+    mount = Rotation.from_rotvec(np.radians(120) / np.sqrt(3) * np.ones(3)).as_matrix()
+    field = np.array([0.1, 0.4, -0.9])
+    for turns in (np.zeros((50, 1)), np.linspace(0, 2, 50)[:, None], np.zeros((1, 1))):
+        attitude = Rotation.from_euler("z", turns)
+        likely = likely_turn(attitude.inv().apply(field), attitude.as_matrix())
+        assert_allclose(likely, np.eye(3), atol=1e-6)
+        with pytest.raises(InputError, match="about two axes"):
+            find_turn(attitude.inv().apply(field), attitude.as_matrix())
+    attitude = Rotation.random(50, rng)
+    seen = attitude.inv().apply(field)
+    assert_allclose(likely_turn(seen @ mount, attitude.as_matrix()), mount, atol=1e-9)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.live.change import CLEAR_RATIO, Evidence, Hypothesis, Weighing, hypotheses
+from tam_calibration.fit.sensor_changes import Hypothesis
+from tam_calibration.live.change import CLEAR_RATIO, Evidence, Weighing, hypotheses
 from tam_calibration.model.array import Array
 
 

@@ -11,7 +11,8 @@ from numpy.testing import assert_array_equal
 from scipy.signal import lfilter
 from scipy.special import chdtrc
 
-from tam_calibration.live.change import CLEAR_RATIO, FAR_RATIO, hypotheses
+from tam_calibration.fit.sensor_changes import FAR_RATIO
+from tam_calibration.live.change import CLEAR_RATIO, hypotheses
 from tam_calibration.live.change_window import (
     BLOCK_S,
     DECIDE_S,

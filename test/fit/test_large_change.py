@@ -1,0 +1,69 @@
+"""A change over which lengths bend is told as what it is, from some of the samples."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from moved_sensors import day_old, turn
+
+from tam_calibration.fit import large_change as module
+from tam_calibration.fit.contradiction import candidates_of
+from tam_calibration.fit.large_change import large_change
+from tam_calibration.fit.posterior import Known
+from tam_calibration.fit.prior import in_first_frame
+from tam_calibration.fit.sensor_changes import changes_of_sensors
+from tam_calibration.model.sensor_errors import SensorErrors
+
+INTENSITY_T = 50e-6
+
+
+@pytest.fixture(scope="module")
+def known(wu_scenario):
+    """Return what is known: a day-old calibration of the whole sphere."""
+    return Known(day_old(wu_scenario))
+
+
+def changed(errors, hypothesis, size_T, seed):
+    """Return errors that a hypothesis has changed by a random draw of a size."""
+    unknowns = hypothesis.directions.shape[1]
+    is_bias = hypothesis.directions.reshape(-1, 12, unknowns)[:, 6:9].any(axis=(0, 1))
+    draw = np.random.default_rng(seed).normal(size=unknowns) * np.where(is_bias, size_T, size_T / INTENSITY_T)
+    vector = errors.to_vector() + (hypothesis.directions @ draw).reshape(-1, 12)
+    return in_first_frame(SensorErrors.from_vector(vector))[0]
+
+
+@pytest.mark.parametrize("size_T", [1e-7, 3e-6])
+def test_a_change_is_told_as_what_it_is(wu_scenario, known, size_T):
+    """Of one kind, of a whole sensor, of all biases, of the scale: all that may be, at a tilt of twenty degrees."""
+    array, candidates = wu_scenario.array.with_stated_noise(), candidates_of(known.prior, True)
+    told, made = [], changes_of_sensors(wu_scenario.errors)
+    for seed, hypothesis in enumerate(made):
+        errors = changed(wu_scenario.errors, hypothesis, size_T, seed)
+        recording = turn(wu_scenario, errors, seed, 600, limit_deg=20.0)
+        told.append(large_change(recording, array, known, candidates)[0].hypothesis.name)
+    assert told == [hypothesis.name for hypothesis in made]
+
+
+def test_no_more_than_five_hundred_samples_are_fitted(wu_scenario, known, monkeypatch):
+    """However long the recording is; they are spread over it."""
+    fitted = []
+
+    class Problem(module.Problem):
+        @classmethod
+        def of(cls, recording, array, known):
+            fitted.append(recording)
+            return module.Problem.__mro__[1].of(recording, array, known)
+
+    recording = turn(wu_scenario, wu_scenario.errors, 3, 1700)
+    monkeypatch.setattr(module, "Problem", Problem)
+    large_change(recording, wu_scenario.array.with_stated_noise(), known, candidates_of(known.prior, True)[:1])
+    assert [each.sample_count for each in fitted] == [425]
+    assert fitted[0].time_s[-1] == recording.time_s[1696]
+
+
+def test_what_no_sensors_can_be_is_none(wu_scenario, known):
+    """Readings of zeros: no change leads there."""
+    recording = turn(wu_scenario, wu_scenario.errors, 3)
+    spoilt = replace(recording, readings_T=np.zeros_like(recording.readings_T))
+    candidates = candidates_of(known.prior, True)[:3]
+    assert large_change(spoilt, wu_scenario.array.with_stated_noise(), known, candidates) == []
