@@ -137,7 +137,7 @@ class Difference:
         return Difference(
             self.score - reached @ kept @ score,
             self.information - reached @ kept @ reached.T,
-            self.chi_square - float(score @ kept @ score),
+            max(self.chi_square - float(score @ kept @ score), 0.0),
             self.freedom,
         )
 
