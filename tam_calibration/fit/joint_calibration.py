@@ -11,7 +11,7 @@ from numpy.linalg import norm
 
 from tam_calibration.core.variance_factors import WHITE
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.update import Moved, in_words
+from tam_calibration.correction.update import SEVERAL, Moved, in_words
 from tam_calibration.fit.accepted_fit import Fit, accepted, require_one_field
 from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.estimate import mean_temperature
@@ -139,19 +139,25 @@ def _beside_prior(
         assert resolved.prior is not None and resolved.difference is not None
         chi_square, freedom = resolved.difference.chi_square, resolved.difference.freedom
         update = update_of(calibration, given, resolved.prior, chi_square, freedom, resolved.moved)
-        calibration = replace(calibration, update=update, warnings=_more_noise(calibration, given))
+        calibration = replace(calibration, update=update, warnings=_doubts(calibration, given, resolved.moved))
     return JointCalibration(calibration, resolved.recording, fit)
 
 
-def _more_noise(calibration: Calibration, given: Prior) -> tuple[str, ...]:
-    """Return a warning where a noise that is not stated is much larger than that of the prior: it may hold a change."""
+def _doubts(calibration: Calibration, given: Prior, moved: tuple[Moved, ...]) -> tuple[str, ...]:
+    """Return warnings of what may not be what it was told as."""
+    doubts = []
+    if any(each.together == (SEVERAL, 0) for each in moved):
+        doubts.append(
+            "all errors of all sensors seem to have changed since the prior: so look other sensors, sensors in another "
+            "order, and a field that is not uniform, as near a source; turn the array elsewhere, and compare"
+        )
     noise, before = (norm(each.array.vector_noise_T) for each in (calibration, given.calibration))
-    if not calibration.noise_is_estimated or given.rates is None or noise <= _MUCH_MORE * before:
-        return ()
-    return (
-        f"the readings scatter {noise / before:.3g} times as much as those of the prior did: their noise has grown, "
-        "which the array file should state then, or something moved for a while",
-    )
+    if calibration.noise_is_estimated and given.rates is not None and noise > _MUCH_MORE * before:
+        doubts.append(
+            f"the readings scatter {noise / before:.3g} times as much as those of the prior did: their noise has "
+            "grown, which the array file should state then, or something moved for a while"
+        )
+    return tuple(doubts)
 
 
 @contextmanager

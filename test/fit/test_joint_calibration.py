@@ -165,3 +165,13 @@ def test_a_noise_beyond_the_prior_is_told(wu_scenario, pier, narrow, times, is_t
     found = calibrate(narrow, array, prior=replace(pier, array=less))
     assert any("times as much as those of the prior" in warning for warning in found.warnings) == is_told
     assert not any("of the prior" in each for each in calibrate(narrow, wu_scenario.array, prior=pier).warnings)
+
+
+def test_where_all_has_changed_it_may_be_the_field(wu_scenario, pier):
+    """A quarter of a circle in 100 nT/m looks like other sensors; a warning says that it need not be that."""
+    limit, gradient = from_degrees(5.0), 1e-7 * np.diag([1.0, 0.5, -1.5])
+    site = replace(wu_scenario, motion=Manoeuvre(limit, limit, 240.0), site_gradient_T_per_m=gradient)
+    made = simulate(replace(site, sample_count=600, rate_hz=10.0, seed=3)).recording
+    found = calibrate(dated(made, PIER_S + DAY_S / 2, 21.0), wu_scenario.array, prior=pier)
+    assert {each.together for each in found.update.moved} == {("several errors", 0)}
+    assert any("a field that is not uniform, as near a source" in warning for warning in found.warnings)
