@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.effects.removal import EffectStream, linear_effect, removable
+from tam_calibration.effects.removal import EffectStream, linear_effect, of_array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 
@@ -25,7 +25,7 @@ class Unaffected:
     """
 
     def __init__(self, calibration: Calibration) -> None:
-        effects = [fitted for fitted in removable(calibration.effects) if not linear_effect(fitted).is_of_site]
+        effects = of_array(calibration.effects)
         if late := [fitted.effect for fitted in effects if not linear_effect(fitted).is_causal]:
             raise InputError(
                 f"the calibration has the effect {late[0]}, which needs later samples to be taken off: "

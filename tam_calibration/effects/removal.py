@@ -187,6 +187,11 @@ def removable(effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
     return tuple(fitted for fitted in effects if isinstance(effect_named(fitted.effect), LinearEffect))
 
 
+def of_array(effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
+    """Return the removable effects that go with the array, and not with the site where it was calibrated."""
+    return tuple(fitted for fitted in removable(effects) if not linear_effect(fitted).is_of_site)
+
+
 def of_sensors(effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
     """Return the removable effects that belong to the array, as far as they act on its sensors."""
     kept = (on_sensors(fitted) for fitted in effects)

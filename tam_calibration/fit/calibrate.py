@@ -125,7 +125,7 @@ def calibrate(
         require_determined(recording, array, is_uniform=not ambient_gradient)
     require_enough(recording.sample_count, accept)
     if is_joint:
-        calibration, recording, fit = calibrate_jointly(recording, array, prior, main_field_T)
+        calibration, recording, array, fit = calibrate_jointly(recording, array, prior, main_field_T)
     else:
         calibration = accepted(recording, array, fit)
     uniform = as_if_uniform(recording, calibration.errors, array, calibration.ambient_gradient)

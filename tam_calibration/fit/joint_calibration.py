@@ -12,6 +12,7 @@ from numpy.linalg import norm
 from tam_calibration.core.variance_factors import WHITE
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.update import SEVERAL, Moved, in_words
+from tam_calibration.effects.removal import of_array
 from tam_calibration.fit.accepted_fit import Fit, accepted, require_one_field
 from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.estimate import mean_temperature
@@ -38,10 +39,11 @@ _MUCH_MORE = 3.0
 
 
 class JointCalibration(NamedTuple):
-    """A calibration, the samples that it holds for, and the fit that made it."""
+    """A calibration, the samples that it holds for without effects, the array as it is known, and the fit."""
 
     calibration: Calibration
     recording: SampleSource
+    array: Array
     fit: Fit
 
 
@@ -61,6 +63,12 @@ def calibrate_jointly(
     main_field_T : (3,) array, optional
         The world's field, east, north, up, tesla.
 
+    Returns
+    -------
+    JointCalibration
+        With the effects of the prior that go with the array, which are taken off the recording before, and with what a
+        known source had shown of the array.
+
     Raises
     ------
     InputError
@@ -69,12 +77,29 @@ def calibrate_jointly(
         When the recording is not one calibration, or contradicts a prior that leaves errors open and tells too little
         alone.
     """
-    given = None if prior is None else prior_for(recording, array, prior)
-    if given is None and array.tolerances is not None:
-        given = prior_of_tolerances(recording, array)
-    if given is not None and is_wide(given):
-        return _beside_wide_prior(recording, array, given, main_field_T)
-    return _beside_prior(recording, array, given, main_field_T)
+    if prior is None:
+        given = None if array.tolerances is None else prior_of_tolerances(recording, array)
+        return _beside(recording, array, given, main_field_T)
+    given = prior_for(recording, array, prior)
+    kept = _of_array(given.calibration)
+    if kept.effects:
+        recording = kept.without_effects(recording.whole())
+    if kept.known_source is not None:
+        array = replace(array, positions_m=kept.array.positions_m, axis_offsets_m=kept.array.axis_offsets_m)
+    joint = _beside(recording, array, given, main_field_T)
+    calibration = replace(
+        joint.calibration, effects=kept.effects, effect_sizes=kept.effect_sizes, known_source=kept.known_source
+    )
+    return joint._replace(calibration=calibration)
+
+
+def _of_array(calibration: Calibration) -> Calibration:
+    """Return a calibration with those of its effects that go with the array."""
+    kept = of_array(calibration.effects)
+    sizes = tuple(
+        size for fitted, size in zip(calibration.effects, calibration.effect_sizes, strict=True) if fitted in kept
+    )
+    return replace(calibration, effects=kept, effect_sizes=sizes)
 
 
 def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration) -> Prior:
@@ -110,6 +135,14 @@ def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration)
     return prior_of(calibration, (first_s + last_s) / 2, temperature_C, array.change_rates)
 
 
+def _beside(
+    recording: SampleSource, array: Array, given: Prior | None, main_field_T: FloatArray | None
+) -> JointCalibration:
+    if given is not None and is_wide(given):
+        return _beside_wide_prior(recording, array, given, main_field_T)
+    return _beside_prior(recording, array, given, main_field_T)
+
+
 def _beside_prior(
     recording: SampleSource, array: Array, given: Prior | None, main_field_T: FloatArray | None
 ) -> JointCalibration:
@@ -140,7 +173,7 @@ def _beside_prior(
         chi_square, freedom = resolved.difference.chi_square, resolved.difference.freedom
         update = update_of(calibration, given, resolved.prior, chi_square, freedom, resolved.moved)
         calibration = replace(calibration, update=update, warnings=_doubts(calibration, given, resolved.moved))
-    return JointCalibration(calibration, resolved.recording, fit)
+    return JointCalibration(calibration, resolved.recording, array, fit)
 
 
 def _doubts(calibration: Calibration, given: Prior, moved: tuple[Moved, ...]) -> tuple[str, ...]:
@@ -181,7 +214,7 @@ def _beside_wide_prior(
     assert update is not None
     if update.probability >= SIGNIFICANT:
         require_one_field(recording, calibration)
-        return JointCalibration(calibration, recording, fit)
+        return JointCalibration(calibration, recording, array, fit)
     contradiction = (
         f"the readings contradict {update.prior_in_words}, χ² {update.chi_square:.3g} of {update.freedom} errors"
     )

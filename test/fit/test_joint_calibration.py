@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 from moved_sensors import moved
 from narrow_turns import FINE, WIDE, array_of, drawn, turned
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
+from tam_calibration.correction.calibration import EffectSize, KnownSource
+from tam_calibration.effects.removal import added_to
 from tam_calibration.fit import calibrate, joint_calibration
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.array import Array
 from tam_calibration.model.change_rates import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.attitude import Manoeuvre
@@ -175,3 +178,46 @@ def test_where_all_has_changed_it_may_be_the_field(wu_scenario, pier):
     found = calibrate(dated(made, PIER_S + DAY_S / 2, 21.0), wu_scenario.array, prior=pier)
     assert {each.together for each in found.update.moved} == {("several errors", 0)}
     assert any("a field that is not uniform, as near a source" in warning for warning in found.warnings)
+
+
+CURRENT = FittedEffect(
+    "current_interference",
+    {"reference_A": 0.0},
+    (
+        Contribution(1, 0, "field", {"field": 40e-9}),
+        Contribution(3, 2, "field", {"field": -70e-9}),
+        Contribution(SCALAR, None, "field", {"field x": 5e-9, "field y": 0.0, "field z": -8e-9}),
+    ),
+)
+SIZE = EffectSize(np.full(9, 3e-9), np.full(9, 1e-10))
+
+
+def test_effects_of_the_prior_are_taken_off_and_kept(wu_scenario, pier, narrow):
+    """Those that go with the array: the update is that of a recording without them, also of the scalar's."""
+    with_current = replace(narrow, current_A=2 + np.sign(np.sin(np.arange(narrow.sample_count) / 9.0)))
+    added = added_to(with_current, [CURRENT], pier.errors, pier.array)
+    readings_T = narrow.readings_T + added[:, :-1].reshape(narrow.readings_T.shape)
+    affected = replace(with_current, readings_T=readings_T, scalar_T=narrow.scalar_T + added[:, -1])
+    site = FittedEffect("ambient_gradient", {}, ())
+    prior = replace(pier, effects=(site, CURRENT), effect_sizes=(SIZE, SIZE))
+    found, without = (
+        calibrate(each, wu_scenario.array, prior=known) for each, known in ((affected, prior), (narrow, pier))
+    )
+    assert not found.update.moved and found.effects == (CURRENT,) and found.effect_sizes == (SIZE,)
+    # What an effect adds follows from the field, which is known but for the noise.
+    difference = np.abs(found.errors.to_vector() - without.errors.to_vector())
+    assert (difference <= 0.05 * without.standard_errors + 1e-15).all()
+    assert found.held_out.tensor_rmse_T_per_m == pytest.approx(without.held_out.tensor_rmse_T_per_m, rel=1e-3)
+    with pytest.raises(InputError, match="current_interference is to be taken off, which needs the current"):
+        calibrate(replace(affected, current_A=None), wu_scenario.array, prior=prior)
+
+
+def test_what_a_known_source_showed_stays(wu_scenario, pier, narrow):
+    """Baselines and places of the axes of the prior, by which the tensor is told: the array file states others."""
+    shown = replace(pier.array, positions_m=0.97 * pier.array.positions_m, axis_offsets_m=np.full((4, 3, 3), 1e-3))
+    source = KnownSource(0.97, 1e-4, np.zeros(3), np.full(3, 1e-4), np.full((4, 3, 3), 1e-4), 1.0)
+    found = calibrate(narrow, wu_scenario.array, prior=replace(pier, array=shown, known_source=source))
+    assert found.known_source == source
+    assert_array_equal(found.array.positions_m, shown.positions_m)
+    assert_array_equal(found.array.axis_offsets_m, shown.axis_offsets_m)
+    assert_allclose(found.held_out.tensor_rmse_T_per_m, found.floor.tensor_rmse_T_per_m, rtol=0.1)
