@@ -3,8 +3,8 @@
 Run ``python benchmarks/changes_within.py [--runs 100]``. Wu's array, 1 nT and 0.1 nT of noise. The prior is what a full
 turn tells, two hours before; the true errors are drawn from it. Then some of them move by 10 nT to 10 µT, or as much of
 the field, after 5 to 95 % of 600 samples: one of the four kinds of one sensor, all four kinds of one sensor, the biases
-of two or of all, or the scale of all against the scalar's. The array turns by ±5 to 30° of pitch and roll, or rests in
-attitudes all round; the noise is stated or not. Figures:
+of two or of all, or the scale of all against the scalar's; or a bias, or all, move and are later what they were. The
+array turns by ±5 to 30° of pitch and roll, or rests in attitudes all round; the noise is stated or not. Figures:
 
 - told: all that moved is among what is told, or the first that is told has it for a rival, and its time is right to a
   hundredth of the recording;
@@ -54,8 +54,13 @@ CASES: dict[str, tuple[tuple[str, ...], int]] = {
     "biases of two sensors": (("bias",), 2),
     "biases of all sensors": (("bias",), 4),
     COMMON_SCALE: (("scale factor",), 4),
+    "a bias, and back": (("bias",), 1),
+    "biases of all sensors, and back": (("bias",), 4),
 }
 """Kinds of errors that move, and of how many sensors."""
+
+BACK = ("a bias, and back", "biases of all sensors, and back")
+"""As a tool that is picked up and dropped."""
 
 ASKED = (0.93, 0.97)
 """Errors within their 95 % intervals, as of all updates."""
@@ -88,15 +93,16 @@ def changed(
 
 
 def recorded(
-    scenario: Scenario, before: SensorErrors, after: SensorErrors, first: int, generator: np.random.Generator
+    scenario: Scenario, before: SensorErrors, after: SensorErrors, changed: slice, generator: np.random.Generator
 ) -> Recording:
-    """Return a recording of a turn, or of attitudes all round, of which the errors are others from a sample on."""
+    """Return a recording of a turn, or of attitudes all round, of which the errors are others in some samples."""
     common = replace(scenario, sample_count=COUNT, rate_hz=RATE_HZ, seed=int(generator.integers(2**31)))
     if generator.random() < TURNS:
         limit = from_degrees(generator.uniform(*TILTS_DEG))
         common = replace(common, motion=Manoeuvre(limit, limit, 120.0))
     early, late = (simulate(replace(common, errors=each)).recording for each in (before, after))
-    readings = np.where((np.arange(COUNT) < first)[:, None, None], early.readings_T, late.readings_T)
+    readings = early.readings_T.copy()
+    readings[changed] = late.readings_T[changed]
     return replace(early, time_s=PIER_S + DIVE_S + early.time_s, readings_T=readings)
 
 
@@ -105,8 +111,10 @@ def outcome(case: str, seed: int, calibration: Calibration) -> Outcome:
     scenario, generator = scenario_of(4), np.random.default_rng([seed, 13])
     before = drawn(prior_of(calibration, PIER_S + DIVE_S, None), generator)
     after, parts = changed(case, before, calibration.intensity_T, generator)
-    first = int(COUNT * generator.uniform(*WHEN))
-    recording = recorded(scenario, before, after, first, generator)
+    count = 2 if case in BACK else 1
+    moves = sorted((COUNT * generator.uniform(*WHEN, size=count)).astype(int).tolist())
+    recording = recorded(scenario, before, after, slice(moves[0], moves[1] if count == 2 else None), generator)
+    after = before if count == 2 else after
     array = scenario.array if generator.random() < STATED else Array(scenario.array.positions_m)
     try:
         found = calibrate(recording, array, prior=calibration)
@@ -117,8 +125,8 @@ def outcome(case: str, seed: int, calibration: Calibration) -> Outcome:
     pulls = (found.errors.to_vector() - after.to_vector())[free] / found.standard_errors[free]
     told = {(each.kind, each.sensor) for each in found.update.moved}
     rivals = set(found.update.moved[0].rivals) if found.update.moved else set()
-    since_s = [each.since_s for each in found.update.moved if each.since_s is not None]
-    is_timely = bool(since_s) and abs(since_s[0] - recording.time_s[first]) <= COUNT / RATE_HZ / 100
+    since_s = sorted({each.since_s for each in found.update.moved if each.since_s is not None})
+    is_timely = len(since_s) == len(moves) and all(np.abs(since_s - recording.time_s[moves]) <= COUNT / RATE_HZ / 100)
     return Outcome(is_timely and (parts <= told or parts <= rivals), told == parts, pulls)
 
 

@@ -23,15 +23,18 @@ from tam_calibration.fit.contradiction import (
 )
 from tam_calibration.fit.large_change import large_change
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
-from tam_calibration.fit.posterior import Known, posterior_of
+from tam_calibration.fit.posterior import Known, Posterior, posterior_of
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.sensor_changes import FAR_RATIO
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording, SampleSource
 
-_MOST_TIMES = 5
-"""Of one change within a recording, each with the errors before and after the last: two or three are enough."""
+MOST_TIMES = 3
+"""That something moves within a recording: a tool is picked up, used and dropped."""
+
+_MOST_TRIES = 5
+"""To place a change within a recording, each with the errors before and after the last: two or three are enough."""
 
 _PART_UNSURE = 50
 """A fiftieth of the recording to both sides of the first estimate of a change: what it may be wrong by, or last for."""
@@ -47,34 +50,35 @@ class Resolved:
     Parameters
     ----------
     recording : SampleSource
-        The samples of the array as it is now: those after a change that the recording shows.
+        The samples of the array as it is now: those after the last change that the recording shows.
     known : Known
         What is known beside them: the prior, with what the samples before a change tell, widened where something moved.
-    prior : Prior, optional
-        The one that was given, widened where something moved.
     difference : Difference, optional
         Of the data and the prior as given; None without a prior.
+    found : sequence of sequence of Change
+        What was found to have moved, each change with its plausible rivals.
     moved : tuple of Moved
-        What was found to have moved.
-    earlier : Recording, optional
-        The samples before a change that the recording shows.
-    known_earlier : Known, optional
-        What is known beside these.
+        The same, for people.
+    earlier : tuple of (Recording, Known)
+        The samples between changes that the recording shows, and what is known beside them.
     refusal : Refused, optional
         Why the samples after a change make no calibration; what moved is then not known.
     """
 
     recording: SampleSource
     known: Known
-    prior: Prior | None = None
     difference: Difference | None = None
+    found: _Found = ()
     moved: tuple[Moved, ...] = ()
-    earlier: Recording | None = None
-    known_earlier: Known | None = None
+    earlier: tuple[tuple[Recording, Known], ...] = ()
     refusal: Refused | None = None
 
+    def prior_of(self, given: Prior) -> Prior:
+        """Return the prior as given, less certain by all that moved."""
+        return _widened(given, self.found)
 
-def resolve(recording: SampleSource, array: Array, known: Known) -> Resolved:
+
+def resolve(recording: SampleSource, array: Array, known: Known, most_times: int = 1) -> Resolved:
     """Find what a recording contradicts a prior in, and widen the prior there.
 
     Parameters
@@ -85,26 +89,60 @@ def resolve(recording: SampleSource, array: Array, known: Known) -> Resolved:
         Geometry and noise; a noise that is not stated is estimated.
     known : Known
         What is known beside it; without a prior there is nothing to contradict.
+    most_times : int
+        How often something may have moved within the recording.
 
     Raises
     ------
     Refused
         When the iteration does not settle.
     """
-    prior = known.prior
-    if prior is None:
+    if known.prior is None:
         return Resolved(recording, known)
     noisy, posterior, _ = with_noise(recording, array, known)
     difference, found = _contradiction(recording, noisy, known)
-    if found:
-        whole = recording.whole()
-        since_s = time_of_change(whole, noisy, known, posterior, found[0][0])
-        if since_s is not None:
-            parts = _parts(*_split(whole, noisy, known, since_s), noisy, known)
-            if parts is not None:
-                return replace(parts, difference=difference)
-    widened = _widened(prior, found)
-    return Resolved(recording, replace(known, prior=widened), widened, difference, _moved(found, None))
+    if not found:
+        return Resolved(recording, known, difference)
+    beside = replace(known, prior=_widened(known.prior, found))
+    resolved = Resolved(recording, beside, None, found, _moved(found, None))
+    parts: list[Recording] = []
+    while resolved.refusal is None and len(parts) <= most_times:
+        # What the first change was told as, another after it may have bent: all parts are gone through again.
+        split = _split(resolved.recording.whole(), noisy, known if not parts else resolved.known, posterior, resolved)
+        if split is None:
+            break
+        parts = [*parts[:-1], *split]
+        further = _in_sequence(parts, noisy, known)
+        if further is None:
+            break
+        resolved = further
+        if resolved.refusal is None:
+            posterior = posterior_of(resolved.recording, noisy, resolved.known)
+    return replace(resolved, difference=difference)
+
+
+def _in_sequence(parts: Sequence[Recording], array: KnownNoiseArray, known: Known) -> Resolved | None:
+    """Return the last of some parts of a recording beside those before it; None where nothing moved before that."""
+    earlier: list[tuple[Recording, Known]] = []
+    all_found: list[Sequence[Change]] = []
+    moved: tuple[Moved, ...] = ()
+    for part in parts:
+        try:
+            _, found = _contradiction(part, array, known)
+            if part is parts[-1] and not found:
+                return None
+            assert known.prior is not None
+            known = replace(known, prior=_widened(known.prior, found))
+            if part is not parts[-1]:
+                earlier.append((part, known))
+                known = _known_after(part, array, known)
+        except Refused as refusal:
+            if not earlier:
+                raise
+            return Resolved(part, known, earlier=tuple(earlier), refusal=refusal)
+        all_found += found
+        moved += _moved(found, float(part.time_s[0]) if part is not parts[0] else None)
+    return Resolved(parts[-1], known, None, all_found, moved, tuple(earlier))
 
 
 def _contradiction(
@@ -136,33 +174,22 @@ def _contradiction(
     return difference, [*large, *found][:most]
 
 
-def _parts(earlier: Recording, later: Recording, array: KnownNoiseArray, known: Known) -> Resolved | None:
-    """Return the samples after a change within a recording beside those before it; None where these tell of none."""
-    assert known.prior is not None
-    _, before = _contradiction(earlier, array, known)
-    known_earlier = replace(known, prior=_widened(known.prior, before))
-    beside = _known_after(earlier, array, known_earlier)
-    assert beside.prior is not None
-    try:
-        _, found = _contradiction(later, array, beside)
-    except Refused as refusal:
-        return Resolved(later, beside, earlier=earlier, known_earlier=known_earlier, refusal=refusal)
-    if not found:
-        return None
-    beside = replace(beside, prior=_widened(beside.prior, found))
-    moved = _moved(before, None) + _moved(found, float(later.time_s[0]))
-    return Resolved(later, beside, _widened(known.prior, [*before, *found]), None, moved, earlier, known_earlier)
+def _split(
+    whole: Recording, array: KnownNoiseArray, known: Known, posterior: Posterior, resolved: Resolved
+) -> tuple[Recording, Recording] | None:
+    """Return the samples before and after a change, by the errors that they have; those during it are in neither.
 
-
-def _split(whole: Recording, array: KnownNoiseArray, known: Known, since_s: float) -> tuple[Recording, Recording]:
-    """Return the samples before and after a change, by the errors that they have; those during it are in neither."""
+    None where they tell of no change within the recording.
+    """
+    since_s = time_of_change(whole, array, known, posterior, resolved.found[0][0])
     prior, count = known.prior, whole.sample_count
-    assert prior is not None
+    if since_s is None or prior is None:
+        return None
     place = int(np.searchsorted(whole.time_s, since_s))
     margin = min(count // _PART_UNSURE, place // 2, (count - place) // 2)
     last, first = place - margin, place + margin
     with suppress(Refused):
-        for _ in range(_MOST_TIMES):
+        for _ in range(_MOST_TRIES):
             later = whole.take(slice(first, None))
             before = posterior_of(whole.take(slice(last)), array, known)
             strongest = _contradiction(later, array, known, most=1)[1]

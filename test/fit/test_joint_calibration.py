@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from moved_sensors import moved
+from moved_sensors import joined, moved
 from narrow_turns import FINE, WIDE, array_of, drawn, turned
 from numpy.testing import assert_allclose, assert_array_equal
 
+from tam_calibration.core.variance_factors import WHITE
 from tam_calibration.correction.calibration import EffectSize, KnownSource
 from tam_calibration.effects.removal import added_to
 from tam_calibration.fit import calibrate, joint_calibration
@@ -221,3 +222,19 @@ def test_what_a_known_source_showed_stays(wu_scenario, pier, narrow):
     assert_array_equal(found.array.positions_m, shown.positions_m)
     assert_array_equal(found.array.axis_offsets_m, shown.axis_offsets_m)
     assert_allclose(found.held_out.tensor_rmse_T_per_m, found.floor.tensor_rmse_T_per_m, rtol=0.1)
+
+
+def test_what_lasts_after_a_change_may_be_another(wu_scenario, pier):
+    """A bias that moves by 200 nT and back: told as two, and nothing is left that lasts."""
+    limit = from_degrees(30.0)
+    motion = Manoeuvre(limit, limit, 240.0)
+    before, after = (
+        simulate(replace(wu_scenario, errors=errors, motion=motion, sample_count=600, rate_hz=10.0, seed=9)).recording
+        for errors in (wu_scenario.errors, moved(wu_scenario.errors, "bias", 3, 10))
+    )
+    recording = dated(joined(joined(before, after, 200), before, 400), PIER_S + DAY_S / 2, 21.0)
+    found = calibrate(recording, wu_scenario.array, prior=pier)
+    assert [(each.kind, each.sensor) for each in found.update.moved] == [("bias", 4), ("bias", 4)]
+    assert [each.since_s for each in found.update.moved] == recording.time_s[[200, 400]].tolist()
+    assert found.variance_factors == WHITE and not found.warnings
+    assert found.update.moved[1].change == pytest.approx(-found.update.moved[0].change, abs=3e-9)

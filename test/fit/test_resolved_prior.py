@@ -62,7 +62,7 @@ def test_a_change_within_the_recording_has_a_time(wu_scenario, array, prior, kin
     found = resolved.moved[0]
     assert (found.kind, found.sensor, found.since_s) == (kind, 4, resolved.recording.time_s[0])
     assert resolved.recording.sample_count == pytest.approx(600 - first, abs=1)
-    assert resolved.earlier.sample_count + resolved.recording.sample_count == 600
+    assert resolved.earlier[0][0].sample_count + resolved.recording.sample_count == 600
 
 
 def changed_within(scenario, kind, times, first):
@@ -97,7 +97,7 @@ def test_what_lasts_does_not_count_twice(wu_scenario, array, prior, twice):
         replace(array, mounting_error=1e-4) if twice == "mounting" else array,
         known,
     )
-    assert resolved.earlier is not None and resolved.known.prior.calibration is prior.calibration
+    assert len(resolved.earlier) == 1 and resolved.known.prior.calibration is prior.calibration
 
 
 def test_what_moved_before_and_within_is_told_apart(wu_scenario, array, prior):
@@ -213,10 +213,32 @@ def test_samples_during_a_change_count_for_neither_side(wu_scenario, array, prio
     resolved = resolve(recording, array, Known(prior))
     [found] = resolved.moved
     assert (found.kind, found.sensor, found.since_s) == ("bias", 4, resolved.recording.time_s[0])
-    assert resolved.earlier.sample_count == pytest.approx(300, abs=1)
+    assert resolved.earlier[0][0].sample_count == pytest.approx(300, abs=1)
     assert resolved.recording.sample_count == pytest.approx(301 - lasts, abs=1)
     calibration, truth = fitted(resolved, array), moved(wu_scenario.errors, "bias", 3, times).to_vector()
     assert (np.abs(calibration.errors.to_vector() - truth)[1:] < 4.5 * calibration.standard_errors[1:]).all()
+
+
+def there_and_back(scenario, sensors, times):
+    """Return a turn of 600 samples of which biases are others from sample 200 to 399."""
+    errors = scenario.errors
+    for sensor in sensors:
+        errors = moved(errors, "bias", sensor, times)
+    before, after = (turn(scenario, each, 9, 600, 30.0) for each in (scenario.errors, errors))
+    return joined(joined(before, after, 200), before, 400)
+
+
+@pytest.mark.parametrize(("sensors", "times"), [((3,), 1), ((3,), 100), ((0, 1, 2, 3), 100)])
+def test_a_tool_that_is_picked_up_and_dropped_is_told_as_two_changes(wu_scenario, array, prior, sensors, times):
+    """By 20 nT or 2 µT: where it may have moved more than once, each part beside what those before it tell."""
+    recording = there_and_back(wu_scenario, sensors, times)
+    resolved = resolve(recording, array, Known(prior), 3)
+    assert [each.since_s for each in resolved.moved] == list(np.repeat(recording.time_s[[200, 400]], len(sensors)))
+    assert {each.kind for each in resolved.moved} == {"bias"}
+    found = fitted(resolved, array)
+    difference = np.abs(found.errors.to_vector() - wu_scenario.errors.to_vector())
+    assert (difference[1:] < 4.5 * found.standard_errors[1:]).all()
+    assert len(resolve(recording, array, Known(prior)).earlier) == 1
 
 
 def test_a_time_that_does_not_settle_is_tried_five_times(wu_scenario, array, prior, monkeypatch):
@@ -232,7 +254,7 @@ def test_a_time_that_does_not_settle_is_tried_five_times(wu_scenario, array, pri
     taken = resolved_prior.posterior_of
     monkeypatch.setattr(resolved_prior, "posterior_of", lambda part, *rest: first.append(part) or taken(part, *rest))
     resolved = resolve(recording, array, Known(prior))
-    assert (resolved.earlier.sample_count, resolved.recording.sample_count) == (345, 249) and len(asked) == 5
+    assert (resolved.earlier[0][0].sample_count, resolved.recording.sample_count) == (345, 249) and len(asked) == 5
     assert {336, 240} <= {each.sample_count for each in first}
 
 
