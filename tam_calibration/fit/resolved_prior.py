@@ -113,7 +113,7 @@ def resolve(recording: SampleSource, array: Array, known: Known, most_times: int
             break
         parts = [*parts[:-1], *split]
         further = _in_sequence(parts, noisy, known)
-        if further is None:
+        if further is None or (further.refusal is not None and resolved.earlier):
             break
         resolved = further
         if resolved.refusal is None:

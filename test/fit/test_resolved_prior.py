@@ -15,6 +15,7 @@ from tam_calibration.fit.posterior import Known
 from tam_calibration.fit.prior import in_first_frame, prior_of
 from tam_calibration.fit.resolved_prior import resolve
 from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
 
@@ -239,6 +240,20 @@ def test_a_tool_that_is_picked_up_and_dropped_is_told_as_two_changes(wu_scenario
     difference = np.abs(found.errors.to_vector() - wu_scenario.errors.to_vector())
     assert (difference[1:] < 4.5 * found.standard_errors[1:]).all()
     assert len(resolve(recording, array, Known(prior)).earlier) == 1
+
+
+def test_a_further_change_after_which_no_fit_settles_is_none(wu_scenario, array, prior, monkeypatch):
+    """What was found before it stays."""
+    in_sequence = resolved_prior._in_sequence
+
+    def refused(parts, *rest):
+        found = in_sequence(parts, *rest)
+        return found if len(parts) == 2 else replace(found, refusal=Refused("the fit did not settle"))
+
+    recording = there_and_back(wu_scenario, (3,), 100)
+    monkeypatch.setattr(resolved_prior, "_in_sequence", refused)
+    resolved = resolve(recording, array, Known(prior), 3)
+    assert resolved.refusal is None and len(resolved.earlier) == 1
 
 
 def test_a_time_that_does_not_settle_is_tried_five_times(wu_scenario, array, prior, monkeypatch):
