@@ -54,11 +54,11 @@ def test_no_more_than_five_hundred_samples_are_fitted(wu_scenario, known, monkey
             fitted.append(recording)
             return module.Problem.__mro__[1].of(recording, array, known)
 
-    recording = turn(wu_scenario, wu_scenario.errors, 3, 1700)
+    recording = turn(wu_scenario, wu_scenario.errors, 3, 1001)
     monkeypatch.setattr(module, "Problem", Problem)
     large_change(recording, wu_scenario.array.with_stated_noise(), known, candidates_of(known.prior, True)[:1])
-    assert [each.sample_count for each in fitted] == [425]
-    assert fitted[0].time_s[-1] == recording.time_s[1696]
+    assert [each.sample_count for each in fitted] == [334]
+    assert fitted[0].time_s[-1] == recording.time_s[999]
 
 
 def test_what_no_sensors_can_be_is_none(wu_scenario, known):
@@ -67,3 +67,17 @@ def test_what_no_sensors_can_be_is_none(wu_scenario, known):
     spoilt = replace(recording, readings_T=np.zeros_like(recording.readings_T))
     candidates = candidates_of(known.prior, True)[:3]
     assert large_change(spoilt, wu_scenario.array.with_stated_noise(), known, candidates) == []
+
+
+def test_energy_counts_as_twice_the_logarithm_of_the_probability(wu_scenario, known, monkeypatch):
+    """Of four that one leaves more than another its probability is less by e²."""
+    recording, array = turn(wu_scenario, wu_scenario.errors, 3), wu_scenario.array.with_stated_noise()
+
+    def odds(*energies):
+        left = iter(energies)
+        monkeypatch.setattr(module, "sample_energies", lambda *_: np.array([next(left)]))
+        two = large_change(recording, array, known, candidates_of(known.prior, True)[:2])
+        probability = {change.hypothesis.name: change.probability for change in two}
+        return probability["scale factor of sensor 1"] / probability["non-orthogonality of sensor 1"]
+
+    assert odds(0.0, 4.0) / odds(0.0, 0.0) == pytest.approx(np.exp(2.0))

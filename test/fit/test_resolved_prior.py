@@ -214,6 +214,8 @@ def test_samples_during_a_change_count_for_neither_side(wu_scenario, array, prio
     resolved = resolve(recording, array, Known(prior))
     [found] = resolved.moved
     assert (found.kind, found.sensor, found.since_s) == ("bias", 4, resolved.recording.time_s[0])
+    assert (np.abs(found.change - times * SIZES["bias"] * DIRECTION) < 4.5 * found.standard_errors).all()
+    assert (found.standard_errors < 1e-9).all()
     assert resolved.earlier[0][0].sample_count == pytest.approx(300, abs=1)
     assert resolved.recording.sample_count == pytest.approx(301 - lasts, abs=1)
     calibration, truth = fitted(resolved, array), moved(wu_scenario.errors, "bias", 3, times).to_vector()
