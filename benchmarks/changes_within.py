@@ -38,6 +38,8 @@ from tam_calibration.simulation.attitude import Manoeuvre
 
 RESULTS = Path(__file__).parent / "results" / "changes_within.csv"
 COUNT, RATE_HZ = 600, 10.0
+"""A minute, in which a vehicle turns by half a circle, at the rate of a survey's fluxgates."""
+
 WHEN = (0.05, 0.95)
 """Part of the recording after which something moves."""
 
@@ -45,6 +47,8 @@ SIZES_T = from_nanotesla(np.array([10.0, 10_000.0]))
 """Smallest and largest change of a reading."""
 
 TILTS_DEG = (5.0, 30.0)
+"""Limits of pitch and roll, from a vehicle that hardly tilts to one that does."""
+
 TURNS, STATED = 0.75, 0.75
 """Part of the recordings that are turns, and whose noise is stated."""
 
@@ -132,9 +136,9 @@ def outcome(case: str, seed: int, calibration: Calibration) -> Outcome:
 
 def figures_of(case: str, outcomes: list[Outcome]) -> list[Figure]:
     """Return the figures of a kind of change."""
-    kept = [each for each in outcomes if each.pulls is not None]
-    within = np.array([np.mean(np.abs(each.pulls) < WITHIN_95) for each in kept])
-    squares = np.array([np.mean(np.square(each.pulls)) for each in kept])
+    pulls = [each.pulls for each in outcomes if each.pulls is not None]
+    within = np.array([np.mean(np.abs(each) < WITHIN_95) for each in pulls])
+    squares = np.array([np.mean(np.square(each)) for each in pulls])
     root = float(np.sqrt(squares.mean()))
     spread = squares.std(ddof=1) / np.sqrt(len(squares)) / 2 / root
     return [
@@ -144,7 +148,7 @@ def figures_of(case: str, outcomes: list[Outcome]) -> list[Figure]:
             case, "update", "within 95 %", float(within.mean()), float(within.std(ddof=1) / np.sqrt(len(within))), ASKED
         ),
         Figure(case, "update", "errors over standard errors, rms", root, float(spread)),
-        Figure(case, "update", "refused", 1 - len(kept) / len(outcomes)),
+        Figure(case, "update", "refused", 1 - len(pulls) / len(outcomes)),
     ]
 
 

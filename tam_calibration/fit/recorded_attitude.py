@@ -112,6 +112,7 @@ def _nearest_rotation(matrix: FloatArray) -> FloatArray:
 
 
 _OPEN = 1e-12
+"""Information of a direction, that of each unknown alone one, up to which it is open: rounding leaves as much."""
 
 _LARGEST_ANGLE = from_degrees(10.0)
 """Of the field in the world of the attitude; more is not noise of the attitude."""

@@ -108,7 +108,8 @@ def resolve(recording: SampleSource, array: Array, known: Known, most_times: int
     parts: list[Recording] = []
     while resolved.refusal is None and len(parts) <= most_times:
         # What the first change was told as, another after it may have bent: all parts are gone through again.
-        split = _split(resolved.recording.whole(), noisy, known if not parts else resolved.known, posterior, resolved)
+        before = resolved.known if parts else known
+        split = _split(resolved.recording.whole(), noisy, before, posterior, resolved.found[0][0])
         if split is None:
             break
         parts = [*parts[:-1], *split]
@@ -175,13 +176,13 @@ def _contradiction(
 
 
 def _split(
-    whole: Recording, array: KnownNoiseArray, known: Known, posterior: Posterior, resolved: Resolved
+    whole: Recording, array: KnownNoiseArray, known: Known, posterior: Posterior, change: Change
 ) -> tuple[Recording, Recording] | None:
     """Return the samples before and after a change, by the errors that they have; those during it are in neither.
 
     None where they tell of no change within the recording.
     """
-    since_s = time_of_change(whole, array, known, posterior, resolved.found[0][0])
+    since_s = time_of_change(whole, array, known, posterior, change)
     prior, count = known.prior, whole.sample_count
     if since_s is None or prior is None:
         return None

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from live_mission import UNCHANGING
 
-from tam_calibration.fit import calibrate
-from tam_calibration.fit.change_time import time_of_change
+from tam_calibration.fit import calibrate, change_time
+from tam_calibration.fit.change_time import samples_between, time_of_change
 from tam_calibration.fit.contradiction import Change
 from tam_calibration.fit.posterior import Known, posterior_of
 from tam_calibration.fit.prior import prior_of
@@ -67,3 +67,16 @@ def test_what_was_so_from_the_start_has_no_time(known, wu_scenario, size_T):
 def test_a_change_within_the_recording_must_convince(known, wu_scenario, count, first, size_nT, is_told):
     """By e⁵ beside the number of times that were tried: three tenths of the noise, of 60 samples more than twice."""
     assert (told(known, wu_scenario, count, first, size_nT * 1e-9) is not None) == is_told
+
+
+@pytest.mark.parametrize(("energy", "between"), [(46.8, (10, 10)), (46.9, (8, 13))])
+def test_samples_fit_unless_chance_is_one_in_a_million(known, wu_scenario, monkeypatch, energy, between):
+    """Of ten channels an energy of 46.9: samples beside a change that leave more lie between its two sides."""
+    old, new = np.full(20, 1e3), np.full(20, 1e3)
+    old[:10] = new[10:] = 9.3
+    old[8:10] = new[10:13] = energy
+    left = iter([old, new])
+    monkeypatch.setattr(change_time, "sample_energies", lambda *_: next(left))
+    recording, array = turned(wu_scenario, 2, 20), wu_scenario.array.with_stated_noise()
+    posterior = posterior_of(recording, array, known)
+    assert samples_between(recording, array, known.variance_factors, posterior, posterior) == between

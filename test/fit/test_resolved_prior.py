@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from moved_sensors import DIRECTION, SIZES, day_old, joined, moved, turn
+from moved_sensors import DIRECTION, SIZES, joined, moved, turn
 
 from tam_calibration.correction.update import KINDS
 from tam_calibration.fit import resolved_prior
@@ -13,23 +13,11 @@ from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.posterior import Known
 from tam_calibration.fit.prior import in_first_frame, prior_of
-from tam_calibration.fit.resolved_prior import resolve
+from tam_calibration.fit.resolved_prior import MOST_TIMES, resolve
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
-
-
-@pytest.fixture(scope="module")
-def array(wu_scenario):
-    """Return the array with its noise."""
-    return wu_scenario.array.with_stated_noise()
-
-
-@pytest.fixture(scope="module")
-def prior(wu_scenario):
-    """Return a day-old calibration of the whole sphere."""
-    return day_old(wu_scenario)
 
 
 @pytest.mark.parametrize("sensor", [0, 2])
@@ -235,7 +223,8 @@ def there_and_back(scenario, sensors, times):
 def test_a_tool_that_is_picked_up_and_dropped_is_told_as_two_changes(wu_scenario, array, prior, sensors, times):
     """By 20 nT or 2 µT: where it may have moved more than once, each part beside what those before it tell."""
     recording = there_and_back(wu_scenario, sensors, times)
-    resolved = resolve(recording, array, Known(prior), 3)
+    resolved = resolve(recording, array, Known(prior), MOST_TIMES)
+    assert MOST_TIMES == 3
     assert [each.since_s for each in resolved.moved] == list(np.repeat(recording.time_s[[200, 400]], len(sensors)))
     assert {each.kind for each in resolved.moved} == {"bias"}
     found = fitted(resolved, array)
